@@ -37,7 +37,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.plan import estimate_disk_bytes
-from labrig.runner.session import Session
+from labrig.runner.supervised_record import begin_session
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,9 @@ def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun
     if order.rig is not None:
 
         def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
-            recorder = _open_record(order, plan, changes, rig.clock, rig.describe())
-            return recorder.path, conduct(experiment, protocol, Session(rig, recorder, reporter))
+            open_record = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
+            session = begin_session(rig, open_record, reporter)
+            return session.recorder.path, conduct(experiment, protocol, session)
 
         return record_on_rig(experiment, protocol, order.rig, plan.work, order.command_line, act)
     clock = SystemClock()
@@ -142,9 +143,9 @@ def record_on_rig(
     command_line: tuple[str, ...],
     act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
 ) -> FinishedRun:
-    """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
+    """Open a rig without power, let `act` record a run on it, and close it; signals stop the axes first."""
     doing = " ".join(("labrig", *command_line[1:]))
-    opening = Opening(max_current_ma=protocol.current_limits_ma)
+    opening = Opening(max_current_ma=protocol.current_limits_ma, power=False)
     ended: FinishedRun | None = None
     try:
         with (

@@ -3,6 +3,8 @@
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from datetime import datetime
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -30,7 +32,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment
 from labrig.runner.plan import estimate_disk_bytes
-from labrig.runner.session import Session
+from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
 
 _NOT_THE_RIG = ("faults",)
@@ -89,24 +91,28 @@ def resume_run(
     require_free_bytes(path, int(share * estimate_disk_bytes(plan, description) + 1e6 * least_free_mb))
 
     def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
-        recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
-        _begin_session(recorder, rig, command_line)
-        return recorder.path, conduct_remainder(experiment, remainder, Session(rig, recorder, reporter))
+        session = begin_session(
+            rig, partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe()), reporter
+        )
+        return session.recorder.path, conduct_remainder(experiment, remainder, session)
 
     return finish(
         record_on_rig(experiment, recorded, description, plan.work, command_line, act), command_line
     )
 
 
-def _begin_session(recorder: Recorder, rig: Rig, command_line: tuple[str, ...]) -> None:
-    """Record that a run is continued now: with which code, by which command, on which devices."""
-    changes = find_code_changes()
+def _reopen_record(
+    path: Path, started: datetime, command_line: tuple[str, ...], devices: Mapping[str, object]
+) -> Recorder:
+    """Reopen the record of a run that is continued now: with which code, by which command, on which devices."""
+    recorder, changes = Recorder.reopen(path, " ".join(("labrig", *command_line[1:]))), find_code_changes()
     recorder.begin_session(
-        rig.clock.utc(),
+        started,
         code_diff=collect_code_diff(changes),
         provenance=collect_provenance(command_line, changes),
-        devices=rig.describe(),
+        devices=devices,
     )
+    return recorder
 
 
 def _suggest_alternative(run: Run, experiment: Experiment) -> str:

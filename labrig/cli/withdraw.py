@@ -25,7 +25,7 @@ from labrig.record.seal import find_root
 from labrig.record.writer import Recorder
 from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.conduct import Outcome, conduct_withdrawal
-from labrig.runner.session import Session
+from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
 
 
@@ -126,16 +126,16 @@ def _find_folder(given: Path, runs_dir: Path) -> Path:
 def _withdraw(
     description: RigDescription, left: Run, path: tuple[AxisPositions, ...], standing: AxisPositions
 ) -> tuple[Path, Outcome, NeedleReport]:
-    opening = Opening(camera=False, reset_faults=True, hold_inputs=False)
+    opening = Opening(camera=False, reset_faults=True, hold_inputs=False, power=False)
     ended: tuple[Path, Outcome, NeedleReport] | None = None
     try:
         with (
             open_rig_for_person(description, "labrig devices withdraw", opening=opening) as (rig, _),
             progress("withdrawal", 1.0) as reporter,
         ):
-            recorder = _begin_record(rig, left)
-            outcome = conduct_withdrawal(Session(rig, recorder, reporter), left.path.name, path, standing)
-            ended = recorder.path, outcome, report_needle(rig, recorder.path)
+            session = begin_session(rig, partial(_begin_record, rig, left, rig.describe()), reporter)
+            outcome = conduct_withdrawal(session, left.path.name, path, standing)
+            ended = session.recorder.path, outcome, report_needle(rig, session.recorder.path)
     except MachineError as failure:
         if ended is None:
             raise
@@ -143,7 +143,7 @@ def _withdraw(
     return ended
 
 
-def _begin_record(rig: Rig, left: Run) -> Recorder:
+def _begin_record(rig: Rig, left: Run, devices: Mapping[str, object]) -> Recorder:
     """Begin the record of a withdrawal beside the run whose needle is withdrawn."""
     started = rig.clock.utc()
     folder = left.path.resolve()
@@ -154,7 +154,7 @@ def _begin_record(rig: Rig, left: Run) -> Recorder:
         "started": started.isoformat(timespec="seconds"),
         "provenance": collect_provenance(tuple(sys.argv), changes),
         "plugins": {plugin.title: plugin.origin for plugin in rig.description.plugins},
-        "devices": rig.describe(),
+        "devices": devices,
         WITHDRAWS: folder.name,
     }
     create = partial(

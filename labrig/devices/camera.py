@@ -2,26 +2,37 @@
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from labrig.clock import Clock
 from labrig.devices.camera_settings import CONTROL_NAMES, CameraDescription, Setting
+from labrig.devices.worker import SAME_THREAD, StillBusyError, Worker
 from labrig.errors import CameraError
 
 Picture = npt.NDArray[np.uint8]
+
+_T = TypeVar("_T")
 
 _RATE_TOLERANCE = 0.01
 """Cameras state their rate as a fraction of integers; some report 29.97 for 30 Hz."""
 
 _MICROSECOND_S = 1e-6
 
+_PATIENCE_S, _PATIENCE_PICTURES = 3.0, 10
+"""A camera hangs that has given no picture for this time and that of so many pictures [s]."""
+
 _MOVED_MM = 0.5
 """Travel after which a picture must differ from the one before."""
+
+
+def _do_nothing() -> None:
+    """Nobody supervises: no drive has power."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +125,8 @@ class Camera:
         Its section of the rig file.
     clock : Clock
         Stamps the frames.
+    worker : Worker
+        Asks the source from now on.
 
     Raises
     ------
@@ -121,23 +134,33 @@ class Camera:
         When a setting is not accepted; names it, the requested value and the one in use.
     """
 
-    def __init__(self, source: PictureSource, description: CameraDescription, clock: Clock) -> None:
+    def __init__(
+        self,
+        source: PictureSource,
+        description: CameraDescription,
+        clock: Clock,
+        worker: Worker = SAME_THREAD,
+    ) -> None:
         self._source = source
         self._clock = clock
+        self._worker = worker
+        self._name = f"the camera {description.address}".strip()
+        self._limit_s = _PATIENCE_S + _PATIENCE_PICTURES / description.rate_hz
+        self._hanging: CameraError | None = None
         self._shape = (description.height_px, description.width_px)
         self._sequence = 0
         self._shown: tuple[bytes, tuple[float, float]] | None = None
         self.settings = _negotiate(source, description.settings())
 
-    def read_settings(self) -> dict[str, Setting | None]:
+    def read_settings(self, meanwhile: Callable[[], None] = _do_nothing) -> dict[str, Setting | None]:
         """Return the value in use of each requested setting; None if the camera cannot tell.
 
         Raises `CameraError`.
         """
-        return {name: self._source.get(name) for name in self.settings.asked}
+        return self._ask(lambda: {name: self._source.get(name) for name in self.settings.asked}, meanwhile)
 
-    def capture(self) -> Frame:
-        """Take a picture.
+    def capture(self, meanwhile: Callable[[], None] = _do_nothing) -> Frame:
+        """Take a picture, and call `meanwhile` again and again until it is there.
 
         Raises
         ------
@@ -145,7 +168,7 @@ class Camera:
             When none comes, or its size or depth is wrong.
         """
         asked_s = self._clock.now_s()
-        exposure = self._source.read()
+        exposure = self._ask(self._source.read, meanwhile)
         if exposure is None:
             raise CameraError(
                 "the camera gave no picture", "check its cable and whether another program uses it"
@@ -162,6 +185,18 @@ class Camera:
         frame = Frame(image, t_s, self._sequence, exposure.t_bound_s, exposure.fraction)
         self._sequence += 1
         return frame
+
+    def _ask(self, call: Callable[[], _T], meanwhile: Callable[[], None]) -> _T:
+        """Ask the source; a camera that hung once is not asked again. Raises `CameraError`."""
+        if self._hanging is None:
+            try:
+                return self._worker.do(call, meanwhile, self._limit_s)
+            except StillBusyError:
+                self._hanging = CameraError(
+                    f"{self._name} hangs: it has not answered for {self._limit_s:.1f} s",
+                    "unplug the camera and plug it in again",
+                )
+        raise self._hanging
 
     def _wait_for(self, exposed_s: float, asked_s: float) -> float:
         """Wait until the time of an exposure and return it in whole microseconds; refuse one before the call."""
@@ -210,9 +245,11 @@ class Camera:
                 "unplug the camera and plug it in again",
             )
 
-    def close(self) -> None:
-        """Release the camera."""
-        self._source.close()
+
+def close_source(source: PictureSource, worker: Worker) -> None:
+    """Release a camera; one that hangs is left to the end of the process."""
+    with suppress(StillBusyError):
+        worker.do(source.close, _do_nothing, _PATIENCE_S)
 
 
 def _negotiate(source: PictureSource, asked: Mapping[str, Setting]) -> CameraSettings:

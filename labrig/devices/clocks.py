@@ -3,12 +3,16 @@
 No other file of labrig reads the time or sleeps.
 """
 
+import sys
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 
 MAX_STEP_S = 0.1
 """Longest simulated time that passes at once; the simulated world integrates over such steps."""
+
+_READINGS = 3
+"""Readings of the two clocks when rig time begins, of which one is not held up."""
 
 _MAX_STEP_US = round(MAX_STEP_S * 1e6)
 
@@ -18,6 +22,7 @@ class SystemClock:
 
     def __init__(self) -> None:
         self._zero_s = time.monotonic()
+        self._suspended_zero_s = max(_read_suspended_s() for _ in range(_READINGS))
 
     def now_s(self) -> float:
         """Return the rig time [s]."""
@@ -27,9 +32,23 @@ class SystemClock:
         """Sleep for `duration_s` seconds."""
         time.sleep(max(0.0, duration_s))
 
+    def suspended_s(self) -> float:
+        """Return for how long the computer has been suspended since [s]; 0 outside Linux, which alone can tell."""
+        return _read_suspended_s() - self._suspended_zero_s
+
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""
         return datetime.now(UTC)
+
+
+def _read_suspended_s() -> float:
+    """Return for how long the computer has been suspended since it was started [s]: CLOCK_MONOTONIC stands then.
+
+    It is read last, so that a program that is held up between the two finds less, and no suspension that was none.
+    """
+    if not sys.platform.startswith("linux"):
+        return 0.0
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
 
 class SimulatedClock:
@@ -58,6 +77,10 @@ class SimulatedClock:
             self._now_us = min(self._now_us + _MAX_STEP_US, end_us)
             for listener in self._listeners:
                 listener()
+
+    def suspended_s(self) -> float:
+        """Return 0: simulated time stands still with the computer."""
+        return 0.0
 
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""

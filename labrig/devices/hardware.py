@@ -12,6 +12,7 @@ from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.hardware import SimulatedHardware
+from labrig.devices.worker import Worker, WorkerThread
 
 
 class Hardware(Protocol):
@@ -24,6 +25,14 @@ class Hardware(Protocol):
     @property
     def operator(self) -> Operator | None:
         """The operator that answers by itself; None if a person has to answer."""
+
+    @property
+    def camera_worker(self) -> Worker:
+        """Asks the camera."""
+
+    @property
+    def disk_worker(self) -> Worker:
+        """Does everything else that may block."""
 
     def open_link(self) -> CanLink:
         """Connect to the bus. Raises `BusError`."""
@@ -54,6 +63,8 @@ class BenchHardware:
 
     def __init__(self, rig: RigDescription) -> None:
         self.clock = SystemClock()
+        self.camera_worker = WorkerThread("camera", self.clock)
+        self.disk_worker = WorkerThread("disk", self.clock)
         self._rig = rig
 
     def open_link(self) -> CanLink:
@@ -73,7 +84,9 @@ class BenchHardware:
         """Do nothing: real gels keep their tracks."""
 
     def close(self) -> None:
-        """Nothing to release besides link and source."""
+        """End the workers, once everything is on disk; a camera that hangs is not waited for."""
+        self.camera_worker.close(0.0)
+        self.disk_worker.close()
 
 
 def make_hardware(rig: RigDescription, seed: int) -> Hardware:

@@ -9,6 +9,7 @@ for `LONGEST_EXCHANGE_S` after somebody has supervised last: an exchange without
 """
 
 import math
+from dataclasses import dataclass
 from datetime import datetime
 from threading import get_ident
 
@@ -23,6 +24,25 @@ LONGEST_EXCHANGE_S = 2.0
 
 _RECENT_S = 5.0
 """A gap that ended longer ago explains nothing any more [s]."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A time without a heartbeat.
+
+    Parameters
+    ----------
+    duration_s : float
+        How long [s].
+    suspended_s : float
+        For how much of it the computer was suspended [s].
+    """
+
+    duration_s: float
+    suspended_s: float
+
+
+NO_GAP = Gap(0.0, 0.0)
 
 
 class HeartbeatClock:
@@ -45,7 +65,8 @@ class HeartbeatClock:
         self._timeout_s = heartbeat.timeout_ms / 1000
         self._can_id = 0x700 + heartbeat.computer_node_id
         self._last_s = -math.inf
-        self._gap_end_s, self._gap_s = -math.inf, 0.0
+        self._gap_end_s, self._gap = -math.inf, NO_GAP
+        self._suspended_s = clock.suspended_s()
         self._is_silent = False
         self._supervised_s = clock.now_s()
         self._thread = get_ident()
@@ -53,6 +74,10 @@ class HeartbeatClock:
     def now_s(self) -> float:
         """Return the rig time [s]."""
         return self._clock.now_s()
+
+    def suspended_s(self) -> float:
+        """Return for how long the computer has been suspended since rig time began [s]."""
+        return self._clock.suspended_s()
 
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""
@@ -85,21 +110,33 @@ class HeartbeatClock:
             return
         if get_ident() != self._thread:
             return
-        if self._last_s + self._timeout_s < now_s and self._last_s >= 0:
-            self._gap_end_s, self._gap_s = now_s, now_s - self._last_s
-        self._last_s = now_s
+        gap = self._find_gap(now_s)
+        if gap.duration_s > self._timeout_s:
+            self._gap_end_s, self._gap = now_s, gap
+        self._last_s, self._suspended_s = now_s, self.suspended_s()
         self._link.send(self._can_id, _OPERATIONAL)
 
-    def standstill_s(self) -> float:
-        """Return for how long labrig has sent no heartbeat, now or just before, if the drives stop at that; else 0 [s].
+    def was_suspended(self) -> bool:
+        """Tell whether the computer has been suspended since the last heartbeat, for longer than the drives bear."""
+        return self._last_s >= 0 and self.suspended_s() - self._suspended_s > self._timeout_s
 
-        A program that is stopped, a computer that is suspended, and a labrig that waits for a disk show in this gap.
+    def find_gap(self) -> Gap:
+        """Return the gap in labrig's own heartbeat, now or just before, if the drives stop at that.
+
+        A program that is stopped, a computer that is suspended, and a labrig that waits for a disk show in it.
         """
         now_s = self.now_s()
-        gap_s = now_s - self._last_s if self._last_s >= 0 else 0.0
-        if now_s - self._gap_end_s <= _RECENT_S:
-            gap_s = max(gap_s, self._gap_s)
-        return gap_s if gap_s > self._timeout_s else 0.0
+        gap = self._find_gap(now_s)
+        if now_s - self._gap_end_s <= _RECENT_S and self._gap.duration_s > gap.duration_s:
+            gap = self._gap
+        return gap if gap.duration_s > self._timeout_s else NO_GAP
+
+    def _find_gap(self, now_s: float) -> Gap:
+        """Return what has passed since the last heartbeat."""
+        if self._last_s < 0:
+            return NO_GAP
+        suspended_s = self.suspended_s() - self._suspended_s
+        return Gap(now_s - self._last_s + suspended_s, suspended_s)
 
     def silence(self) -> None:
         """Send no more heartbeats, so that every drive stops by itself: the last resort if stopping may have failed."""

@@ -11,9 +11,11 @@ import platform
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from labrig.devices.axis import Axis
+from labrig.devices.worker import Do
 from labrig.errors import DiskError, LabrigError, MachineError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.posix import NO_LINKS
@@ -47,12 +49,15 @@ class MotionLog:
         Returns the calendar time.
     doing : str
         What the rig is used for.
+    do : callable
+        Does what waits for the disk.
     """
 
-    def __init__(self, state_path: Path | None, utc: Callable[[], datetime], doing: str) -> None:
+    def __init__(self, state_path: Path | None, utc: Callable[[], datetime], doing: str, do: Do) -> None:
         self._path = None if state_path is None else motion_log_path(state_path)
         self._utc = utc
         self._doing = doing
+        self._do = do
 
     @contextmanager
     def note_motion(self, axis: Axis, what: str) -> Iterator[None]:
@@ -89,7 +94,7 @@ class MotionLog:
             }
         )
         try:
-            _append_whole(self._path, line)
+            self._do(partial(_append_whole, self._path, line))
         except OSError as error:
             raise DiskError(
                 f"cannot write {self._path}, the log of what was moved by hand: {error.strerror}",

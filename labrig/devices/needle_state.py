@@ -8,10 +8,12 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from labrig.devices.axis_description import AXES
+from labrig.devices.worker import Do, do_at_once
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
 from labrig.input_file import open_file, parse_json, read_file
@@ -107,17 +109,20 @@ class NeedleState:
         The file; None for a rig that is new in every run.
     state : RigState
         The state without a file.
+    do : callable
+        Does what waits for the disk.
     """
 
-    def __init__(self, path: Path | None, state: RigState = NEW) -> None:
+    def __init__(self, path: Path | None, state: RigState = NEW, do: Do = do_at_once) -> None:
         self._path = path
+        self._do = do
         self.state = state if path is None else _load(path)
 
     def update(self, **changes: object) -> None:
         """Change the state and put it on disk before returning. Raises `DiskError`."""
         self.state = _drop_void_roll_zero(replace(self.state, **changes))  # type: ignore[arg-type]
         if self._path is not None:
-            _save(self._path, self.state)
+            self._do(partial(_save, self._path, self.state))
 
     def mark_in_tissue(self, run: str) -> None:
         """Remember, across a crash, that `run` is putting a needle into tissue."""

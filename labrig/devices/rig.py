@@ -5,19 +5,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import NoReturn, Self
+from typing import NoReturn, Self, TypeVar
 
 from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.axis_description import AXES
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
-from labrig.devices.camera import Camera, Frame, PictureSource
+from labrig.devices.camera import Camera, Frame, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.commands import CommandFormatter
 from labrig.devices.control import StopRequests, acquire_rig
 from labrig.devices.drive import Homing, Identity, open_drive, raise_together, wait_for_all
 from labrig.devices.hardware import Hardware, make_hardware
-from labrig.devices.heartbeat import HeartbeatClock
+from labrig.devices.heartbeat import Gap, HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed
 from labrig.devices.load_guard import LoadGuard
 from labrig.devices.motion_log import MotionLog
@@ -52,6 +52,8 @@ from labrig.errors import (
     fault_of,
 )
 
+_T = TypeVar("_T")
+
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
 
@@ -61,7 +63,12 @@ _HOMING_LOOK_S = 0.005
 _LOOK_S = 0.15
 """Time after the last reading at which a rig that waits or asks reads its axes again [s]."""
 
+_PROMPT_S = 0.25
+"""What is done aside and takes longer is interrupted by signals too, and by requests to stop [s]."""
+
 _STOOD_STILL = "labrig itself stood still"
+_SUSPENDED = "the computer was suspended"
+_STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
 _TARGET_LOOK_S = 0.05
 """Shortest time between two readings of targets [s]."""
 
@@ -83,6 +90,8 @@ class Opening:
     hold_inputs : bool
         Whether limits of inputs hold. A withdrawal goes as the person at the rig confirms: an open door or a force
         must not keep the needle in the tissue.
+    power : bool
+        Whether power is switched on at once; a run does so when it has its record.
     """
 
     axes: tuple[str, ...] = AXES
@@ -90,6 +99,7 @@ class Opening:
     max_current_ma: Mapping[str, int] = field(default_factory=dict)
     reset_faults: bool = False
     hold_inputs: bool = True
+    power: bool = True
 
 
 WHOLE = Opening()
@@ -108,16 +118,19 @@ class Guards:
         Whether positions, targets and the bus are watched; this asks the drives more often.
     force : bool
         Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
+    record_first : bool
+        Whether power is switched on only when the run has its record.
     """
 
     dead_man: bool = True
     watch: bool = True
     force: bool = True
+    record_first: bool = True
 
     @property
     def level(self) -> int:
         """The number by which a record names them; 0, or nothing, for one of before."""
-        return 2 if self.force else int(self.dead_man)
+        return 3 if self.record_first else 2 if self.force else int(self.dead_man)
 
     @classmethod
     def recorded(cls, level: int, *, exact: bool) -> Self:
@@ -125,7 +138,7 @@ class Guards:
 
         What a bench answered while it was watched cannot be asked again at other instants.
         """
-        return cls(dead_man=level > 0, watch=level > 0 and exact, force=level > 1)
+        return cls(dead_man=level > 0, watch=level > 0 and exact, force=level > 1, record_first=level > 2)
 
 
 GUARDED = Guards()
@@ -189,8 +202,8 @@ class Rig:
         self._hardware = hardware
         self._interrupted = interrupted
         self._stop_requests = stop_requests
-        self.needle = needle or NeedleState(description.state_path)
-        self._motions = MotionLog(description.state_path, hardware.clock.utc, doing)
+        self.needle = needle or NeedleState(description.state_path, do=self.do_aside)
+        self._motions = MotionLog(description.state_path, hardware.clock.utc, doing, self.do_aside)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
@@ -201,7 +214,11 @@ class Rig:
             for name, axis in description.axes.items()
             if name in opening.axes
         }
-        self._camera = None if source is None else Camera(source, description.camera, self._heartbeat)
+        self._camera = (
+            None
+            if source is None
+            else Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
+        )
         self._watch: BusWatch | None = None
         if guards.watch:
             nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
@@ -219,6 +236,8 @@ class Rig:
         self._alert = alert
         self._positions: dict[str, tuple[float, float]] = {}
         self._unknown_motion = ""
+        self._lost_zeros: set[str] = set()
+        self._has_power = self._is_ending = False
 
     # State
 
@@ -295,10 +314,18 @@ class Rig:
         """Return the present state of the devices, ready for JSON; for one that does not answer, the reason."""
         camera = self._camera
         return {
-            "axes": {axis.name: _ask_device(partial(_read_axis, axis)) for axis in self.axes},
-            "camera": None if camera is None else _ask_device(camera.read_settings),
+            "axes": {axis.name: _ask_device(partial(self._read_axis, axis)) for axis in self.axes},
+            "camera": None if camera is None else _ask_device(partial(camera.read_settings, self._hold)),
             "state": asdict(self.state),
         }
+
+    def _read_axis(self, axis: Axis) -> dict[str, object]:
+        """Return position and state of an axis; the position alone while power is off."""
+        if not self._has_power:
+            return {f"position_{axis.unit}": axis.drive.position()}
+        read = axis.read()
+        position = {f"position_{axis.unit}": read.position}
+        return {**position, "statusword": read.statusword, "drive_state": read.state.name}
 
     def _describe_camera(self, camera: Camera) -> dict[str, object]:
         return {
@@ -368,7 +395,7 @@ class Rig:
             self._bounds[name], self._supervised[name], axis.expected, reading
         )
         if error is not None and error.fault is POSITION_JUMPED:
-            self.needle.note_reference(name, known=False)
+            self._lost_zeros.add(name)
         return error
 
     def take_picture(self) -> tuple[Frame, dict[str, AxisReadback]]:
@@ -381,7 +408,7 @@ class Rig:
         DriveError, BusError
         """
         before_s = self._read_s
-        frame = self.camera.capture()
+        frame = self.camera.capture(self._make_meanwhile())
         states = self.read_states()
         self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
         return frame.between(before_s, self._read_s), states
@@ -415,13 +442,50 @@ class Rig:
 
         Raises `InterruptedRunError`, `BusError`, `DriveError`.
         """
-        self._check()
+        self._supervise(requests=True)
+
+    def _supervise(self, *, requests: bool) -> None:
+        self._check(requests=requests)
         self._heartbeat.beat()
         if not self._is_watching:
             return
         if self.clock.now_s() - self._read_s >= _LOOK_S:
             self._look()
         self._load.require_moving(self.axes, self.clock)
+
+    def do_aside(self, call: Callable[[], _T]) -> _T:
+        """Do what may block (a disk, a long computation) in another thread, and supervise meanwhile.
+
+        Once the run is ending, the axes stand still, and nothing but what `call` raises is raised.
+
+        Raises
+        ------
+        InterruptedRunError, SafetyStopError, BusError, DriveError
+            The axes have been stopped, and `call` goes on. Signals and requests to stop are looked for when it takes
+            longer than `_PROMPT_S`: what takes no longer is in the record as a whole or not at all.
+        """
+        return self._hardware.disk_worker.do(call, self._make_meanwhile())
+
+    def _make_meanwhile(self) -> Callable[[], None]:
+        """Return what is to be called again and again while something is done aside that begins now."""
+        if self._is_ending:
+            return self._hold
+        prompt_s = self.clock.now_s() + _PROMPT_S
+
+        def supervise() -> None:
+            try:
+                self._supervise(requests=self.clock.now_s() > prompt_s)
+            except (InterruptedRunError, MachineError) as error:
+                self._stop_because_of(error)
+
+        return supervise
+
+    def _hold(self) -> None:
+        """Supervise axes that stand still and are not going to move; if anything is wrong, the beat ends."""
+        try:
+            self._supervise(requests=False)
+        except MachineError:
+            self._heartbeat.silence()
 
     def ask(self, request: OperatorRequest) -> Answer:
         """Let the operator do something; meanwhile the axes hold still and are supervised.
@@ -450,16 +514,12 @@ class Rig:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return self._link.network.take_frames()
 
-    def _check(self) -> None:
+    def _check(self, *, requests: bool) -> None:
+        self._require_awake()
         if self._link.trouble is not None:
             raise self._link.trouble
-        signal_name = self._interrupted()
-        if signal_name is not None:
-            raise InterruptedRunError(f"interrupted by {signal_name}")
-        if self._stop_requests is not None and self._stop_requests.poll():
-            raise SafetyStopError(
-                "stopped by labrig devices stop", "find out who stopped it and why, then start again"
-            )
+        if requests:
+            self._check_requests()
         watch = self._watch if self._is_watching else None
         if watch is not None:
             watch.require_no_command()
@@ -467,6 +527,16 @@ class Rig:
             axis.drive.check()
         if watch is not None:
             watch.require_operational()
+
+    def _check_requests(self) -> None:
+        """Raise what a signal, or another labrig, asks for."""
+        signal_name = self._interrupted()
+        if signal_name is not None:
+            raise InterruptedRunError(f"interrupted by {signal_name}")
+        if self._stop_requests is not None and self._stop_requests.poll():
+            raise SafetyStopError(
+                "stopped by labrig devices stop", "find out who stopped it and why, then start again"
+            )
 
     def stop(self) -> None:
         """Stop every axis and verify that each stands still; a failure of one axis does not affect the others.
@@ -502,6 +572,7 @@ class Rig:
         if explained is error and _has_lost_drives(error):
             recalled = self._recall_needle(self._name_lost(error))
             self._alert(f"{recalled.motion}\nlast positions: {recalled.where}")
+        self._is_ending = True
         for end in (self.stop, self._forget_lost_zeros):
             try:
                 end()
@@ -512,25 +583,31 @@ class Rig:
         raise explained from error
 
     def _forget_lost_zeros(self) -> None:
-        """Forget the references of axes that another program may have homed. Raises `DiskError`."""
-        if self._watch is not None:
-            self.needle.forget_references(self._watch.without_zero)
+        """Remember which axes have lost their reference. Raises `DiskError`."""
+        homed = set() if self._watch is None else self._watch.without_zero
+        self.needle.forget_references({*self._lost_zeros, *homed})
 
     def _explain_own_standstill(
         self, error: InterruptedRunError | MachineError
     ) -> InterruptedRunError | MachineError:
-        """Blame a lost heartbeat on labrig if labrig itself stood still, not on wiring or drives."""
-        fault, standstill_s = fault_of(error), self._heartbeat.standstill_s()
-        is_lost_beat = fault is not None and fault.code == HEARTBEAT_LOST.code
-        if not (self._guards.watch and standstill_s and is_lost_beat) or error.message.startswith(
-            _STOOD_STILL
-        ):
+        """Blame what a gap in labrig's own heartbeat has caused on what held labrig up, not on wiring or drives."""
+        fault, gap = fault_of(error), self._heartbeat.find_gap()
+        if fault is None or not (self._guards.watch and gap.duration_s) or _is_explained(error):
+            return error
+        if gap.suspended_s > self.description.can.heartbeat.timeout_ms / 1000:
+            return error.reword(f"{_tell_suspension(gap)}: {error.message}", _STAY_AWAKE)
+        if fault.code != HEARTBEAT_LOST.code:
             return error
         return error.reword(
-            f"{_STOOD_STILL} for {standstill_s:.1f} s, so the drives stopped by themselves: {error.message}",
+            f"{_STOOD_STILL} for {gap.duration_s:.1f} s, so the drives stopped by themselves: {error.message}",
             "find out what held labrig up: Ctrl+Z, a debugger, a suspended computer, a disk that hangs; then start "
             "again",
         )
+
+    def _require_awake(self) -> None:
+        """Raise `SafetyStopError` once the computer has been suspended for so long that the drives have stopped."""
+        if self._heartbeat.was_suspended():
+            raise SafetyStopError(_tell_suspension(self._heartbeat.find_gap()), _STAY_AWAKE)
 
     def _name_lost(self, error: MachineError | InterruptedRunError) -> str:
         """Return which drives do not answer, for a sentence."""
@@ -661,6 +738,14 @@ class Rig:
     def connect(self) -> None:
         """Verify, configure and enable every drive; it holds its position, and nothing moves.
 
+        Raises as `verify` and `enable`.
+        """
+        self.verify()
+        self.enable()
+
+    def verify(self) -> None:
+        """Verify and configure every drive; power stays off.
+
         Raises
         ------
         DriveError
@@ -674,6 +759,16 @@ class Rig:
         if self._guards.dead_man:
             self._do_with_all(self._verify_dead_man)
         self._recall_references()
+
+    def enable(self) -> None:
+        """Switch power on, unless it is on; each axis holds its position, and is supervised from now on.
+
+        Raises
+        ------
+        DriveError, BusError, SecondMasterError
+        """
+        if self._has_power:
+            return
         if self._watch is not None:
             self._watch.require_free()
             self._watch.forget_states()
@@ -681,7 +776,7 @@ class Rig:
             self._load.get_ready(self.axes)
         for axis in self.axes:
             axis.drive.enable()
-        self._is_watching = self._guards.watch
+        self._has_power, self._is_watching = True, self._guards.watch
 
     def _do_with_all(
         self, step: Callable[[Axis], None], find_more: Callable[[], list[MachineError]] = list
@@ -765,6 +860,11 @@ class Rig:
                 axis.drive.set_limits(axis.limits)
         self.needle.forget_references(axis.name for axis in self.axes if not axis.referenced)
 
+    def end(self) -> None:
+        """Stop every axis for good: what is done aside from now on only holds them. Raises as `stop` does."""
+        self._is_ending = True
+        self.stop()
+
     def close(self) -> None:
         """Stop every axis and switch its power stage off: nothing supervises the drives from now on.
 
@@ -785,6 +885,15 @@ class Rig:
             raise SafetyStopError(
                 "power not known to be off: " + "; ".join(failures), "press the emergency stop"
             )
+
+
+def _is_explained(error: MachineError | InterruptedRunError) -> bool:
+    """Tell whether an error names a standstill of labrig already."""
+    return error.message.startswith((_STOOD_STILL, _SUSPENDED))
+
+
+def _tell_suspension(gap: Gap) -> str:
+    return f"{_SUSPENDED} for {gap.suspended_s:.0f} s, so the drives stopped by themselves"
 
 
 def _has_lost_drives(error: InterruptedRunError | MachineError) -> bool:
@@ -809,12 +918,6 @@ def _try_each(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[st
         except MachineError as error:
             failures.append(error.message)
     return failures
-
-
-def _read_axis(axis: Axis) -> dict[str, object]:
-    read = axis.read()
-    position = {f"position_{axis.unit}": read.position}
-    return {**position, "statusword": read.statusword, "drive_state": read.state.name}
 
 
 def _ask_device(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
@@ -873,7 +976,7 @@ def open_rig(
         stack.callback(link.close)
         source = hardware.open_source() if opening.camera else None
         if source is not None:
-            stack.callback(source.close)
+            stack.callback(close_source, source, hardware.camera_worker)
         rig = Rig(
             description,
             hardware=hardware,
@@ -887,7 +990,9 @@ def open_rig(
             alert=alert,
         )
         stack.push(_close_on_exit(rig))
-        rig.connect()
+        rig.verify()
+        if opening.power:
+            rig.enable()
         yield rig
 
 

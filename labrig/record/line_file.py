@@ -51,8 +51,11 @@ class LineFile:
 
     def append_raw(self, line: bytes) -> int:
         """Append encoded lines, or nothing of them on a full disk, and return the new length."""
-        self._unsynced = True
-        append_or_restore(self._descriptor, line, self._length)
+        try:
+            append_or_restore(self._descriptor, line, self._length)
+        finally:
+            # Afterwards: a sync that began before has not seen the lines.
+            self._unsynced = True
         self._before = (self._length, self._sha256.copy())
         self._length += len(line)
         self._sha256.update(line)

@@ -1,7 +1,7 @@
 """Force a record to disk in a thread of its own, so that a busy disk holds up neither axes nor camera.
 
-A durable line must refer to a durable picture. So pictures are forced to disk first, while more are taken. Then, for a
-few milliseconds, no line is appended while the last pictures and all lines follow.
+A durable line of a picture must refer to a durable picture. So pictures are forced to disk first, while more are taken.
+Then no picture's line is appended while the last pictures and those lines follow; all other lines go on.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,16 +17,21 @@ class Syncable(Protocol):
         """Make what is written so far durable. Raises `OSError`."""
 
 
-def sync_in_order(pictures: Syncable, lines: Sequence[Syncable], appending: Lock) -> None:
-    """Make pictures and lines durable, no line before its picture.
+def sync_in_order(
+    pictures: Syncable, picture_lines: Syncable, lines: Sequence[Syncable], appending: Lock
+) -> None:
+    """Make pictures and lines durable, no line of a picture before the picture.
 
     Parameters
     ----------
     pictures : Syncable
         A picture is written before its line.
+    picture_lines : Syncable
+        The lines of pictures.
     lines : sequence of Syncable
+        All other lines.
     appending : Lock
-        Held while a line is appended.
+        Held while the line of a picture is appended.
 
     Raises
     ------
@@ -35,8 +40,10 @@ def sync_in_order(pictures: Syncable, lines: Sequence[Syncable], appending: Lock
     """
     pictures.sync()
     with appending:
-        for file in (pictures, *lines):
-            file.sync()
+        pictures.sync()
+        picture_lines.sync()
+    for file in lines:
+        file.sync()
 
 
 class Rounds:

@@ -6,7 +6,7 @@ import os
 import shutil
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from functools import partial
 from itertools import count
@@ -59,8 +59,8 @@ from labrig.record.syncing import Rounds, sync_in_order
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 
-# How many periods the disk may take for one round of fsyncs. A wait holds up the supervision of the axes, and a disk
-# that other programs keep busy is usually fast again after some seconds.
+# How many periods the disk may take for one round of fsyncs. A wait holds up the procedure, and a disk that other
+# programs keep busy is usually fast again after some seconds.
 _MOST_PERIODS_BEHIND = 10
 
 _OF_A_PICTURE = frozenset({"frame", "file", "sha256", "offset", "shape", "t_s"})
@@ -330,7 +330,7 @@ class Recorder:
         self._require_open()
         self._create_file(CAN_LOG)
         self._create_file(CAN_SUMS)
-        with self._guard_disk(self.path / CAN_LOG), self._appending:
+        with self._guard_disk(self.path / CAN_LOG):
             self._can_length = self._lines[CAN_LOG].append_raw(lines)
         # If this sum cannot be written, the next one covers this part too.
         self._can_crc32 = zlib.crc32(lines, self._can_crc32)
@@ -429,7 +429,8 @@ class Recorder:
 
     def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
         self._require_open()
-        with self._guard_disk(self.path / name), self._appending:
+        held = self._appending if name == FRAME_LINES else nullcontext()
+        with self._guard_disk(self.path / name), held:
             self._lines[name].append(fields)
 
     @contextmanager
@@ -444,7 +445,8 @@ class Recorder:
 
     def _make_round(self) -> Callable[[], None]:
         """Return the call that forces everything written so far to disk; files begun later wait for the next round."""
-        return partial(sync_in_order, self._pictures, tuple(self._lines.values()), self._appending)
+        others = tuple(lines for name, lines in self._lines.items() if name != FRAME_LINES)
+        return partial(sync_in_order, self._pictures, self._lines[FRAME_LINES], others, self._appending)
 
     def _release_reserve(self) -> None:
         # If even this fails, the fault of the disk is being raised already.

@@ -33,7 +33,7 @@ class Outcome:
 
 
 def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Session) -> Outcome:
-    """Run the procedure of an experiment; stop the axes and close the record however it ends.
+    """Switch power on, run the procedure of an experiment; stop the axes and close the record however it ends.
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
@@ -66,7 +66,7 @@ def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], obje
 def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     """Stop the axes, then close the record; a failure of either becomes part of the outcome."""
     try:
-        session.rig.stop()
+        session.rig.end()
     except MachineError as error:
         outcome = _add_failed_stop(outcome, error)
     after = session.rig.snapshot()
@@ -114,6 +114,7 @@ def conduct_without_rig(experiment: Experiment, recorder: RecordSink, clock: Clo
 def _run_procedure(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
     try:
         session.record(beginning)
+        session.rig.enable()
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)

@@ -1,5 +1,7 @@
 """Steps of the operator before and after a run: confirm that the needle is out, and place the graph paper."""
 
+from functools import partial
+
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
 from labrig.errors import CalibrationRefusedError
@@ -42,7 +44,11 @@ def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Sess
 
 
 def require_same_grid(
-    before: Picture | None, after: Picture | None, sentinel: GridSentinel | None, plane: PlaneMap
+    before: Picture | None,
+    after: Picture | None,
+    sentinel: GridSentinel | None,
+    plane: PlaneMap,
+    session: Session,
 ) -> None:
     """Refuse a run whose pictures of the paper differ by more than an error bar can cover.
 
@@ -53,7 +59,10 @@ def require_same_grid(
     """
     if sentinel is None or before is None or after is None:
         return
-    drift = compare_grids(*(check_grid(image, plane, sentinel.pitch_mm) for image in (before, after)))
+    checks = [
+        session.compute(partial(check_grid, image, plane, sentinel.pitch_mm)) for image in (before, after)
+    ]
+    drift = compare_grids(*checks)
     if drift.reason is not None:
         raise CalibrationRefusedError(
             drift.reason.rstrip("."), "what was measured in this run is not stated; run it again"

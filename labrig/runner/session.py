@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from labrig.devices.axis import AxisReadback
 from labrig.devices.operator import Answer, OperatorRequest, request_details
@@ -23,6 +23,8 @@ class Progress(Protocol):
         """Receive how much of the estimate is done (rig time [s]; pictures if nothing moves), and a sentence."""
         ...
 
+
+_T = TypeVar("_T")
 
 WhileMoving = Callable[[Mapping[str, AxisReadback]], None]
 
@@ -97,6 +99,16 @@ class Session:
         known = {**frame.time_fields(), **asdict(positions)}
         number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **known)
         return TakenPicture(number, frame.image, positions)
+
+    def compute(self, call: Callable[[], _T]) -> _T:
+        """Return what takes long to compute, or to read from a file; the axes are supervised meanwhile.
+
+        Raises
+        ------
+        InterruptedRunError, SafetyStopError, BusError, DriveError
+            The axes have been stopped.
+        """
+        return self.rig.do_aside(call)
 
     def draw(self, image: Picture, role: PictureRole, trial: int | None = None) -> Path:
         """Record a picture with a drawing on it, and return its file."""

@@ -14,6 +14,7 @@ from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig import Interrupted, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.worker import WorkerThread
 from tests.devices.rigs import BENCH, Person, Signal
 
 SCREW = ("encoder_pulses_per_turn=500", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")
@@ -65,6 +66,8 @@ class ServedPlant:
 
     def __init__(self, description: RigDescription) -> None:
         self.clock = SystemClock()
+        self.camera_worker = WorkerThread("camera", self.clock)
+        self.disk_worker = WorkerThread("disk", self.clock)
         self._description = description
 
     def open_link(self) -> CanLink:
@@ -83,7 +86,9 @@ class ServedPlant:
         """Do nothing."""
 
     def close(self) -> None:
-        """Nothing is held."""
+        """End the workers."""
+        self.camera_worker.close(0.0)
+        self.disk_worker.close()
 
 
 @contextmanager
@@ -108,3 +113,4 @@ def bench_rig(
         yield rig
     finally:
         link.close()
+        hardware.close()

@@ -1,60 +1,22 @@
 """The computer's heartbeat while drives are slow, and that it ends when nobody supervises."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from threading import Thread
 
-import can
 import pytest
 
 from labrig.devices import canopen_objects as co
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.heartbeat import LONGEST_EXCHANGE_S, HeartbeatClock
 from labrig.devices.rig_file import RigDescription
-from labrig.devices.simulated.bus import InProcessBus
+from tests.devices.beats import listening, require_no_fault
 from tests.devices.cia402.sections import section_of
-from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
+from tests.devices.rigs import opened_rig, simulated_rig
 
 PERIOD_S, TIMEOUT_S = 0.1, 0.5
 ONE_WAY_S = 0.01
 ON_TIME_S = 2 * PERIOD_S
 """Longest gap between two beats: what waits looks once a period whether one is due."""
-
-
-@dataclass
-class Heard:
-    """The beats on a bus [s]."""
-
-    times_s: list[float] = field(default_factory=list)
-
-    @property
-    def longest_gap_s(self) -> float:
-        """The longest time between two beats [s]."""
-        return max(later - earlier for earlier, later in pairwise(self.times_s))
-
-
-@contextmanager
-def listening(opened: OpenedRig) -> Iterator[Heard]:
-    """Listen on the wire for the beats of the computer."""
-    heard, clock = Heard(), opened.hardware.clock
-
-    def hear(message: can.Message) -> None:
-        if message.arbitration_id == 0x77F:
-            heard.times_s.append(clock.now_s())
-
-    tap = InProcessBus(opened.hardware.wire, hear)
-    yield heard
-    tap.shutdown()
-
-
-def require_no_fault(opened: OpenedRig) -> None:
-    """Require that no drive has reported an error."""
-    assert not any(
-        event.kind == "emergency" for node in opened.hardware.drives.values() for event in node.journal
-    )
 
 
 def rig_of(kind: str, folder: Path) -> RigDescription:

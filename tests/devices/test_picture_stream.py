@@ -127,10 +127,10 @@ def test_the_camera_of_a_rig_file_takes_the_pictures(stream: PictureStream) -> N
     shower.start()
     try:
         clock = SystemClock()
-        camera = Camera(FILES.open(section, CameraContext(clock)), section, clock)
+        source = FILES.open(section, CameraContext(clock))
         asked_s = clock.now_s()
-        frame = camera.capture()
-        camera.close()
+        frame = Camera(source, section, clock).capture()
+        source.close()
     finally:
         over.set()
         shower.join()

@@ -146,6 +146,10 @@ class _Clock:
         """Let it pass."""
         self.time_s += duration_s
 
+    def suspended_s(self) -> float:
+        """Return 0."""
+        return 0.0
+
     def utc(self) -> datetime:
         """Return the date of it."""
         return datetime.fromtimestamp(1000 + self.time_s, UTC)

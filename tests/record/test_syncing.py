@@ -63,8 +63,17 @@ def test_no_line_is_durable_before_its_picture() -> None:
 
     disk.take()
     disk.meanwhile = camera
-    sync_in_order(Part(disk, "pictures"), [Part(disk, "lines")], appending)
+    sync_in_order(Part(disk, "pictures"), Part(disk, "lines"), [], appending)
     assert disk.durable == {"pictures": 2, "lines": 2}
+
+
+def test_only_the_lines_of_pictures_wait_for_the_disk() -> None:
+    """States, events and CAN frames are appended while theirs or others are being made durable."""
+    disk, appending, held = Disk(), Lock(), []
+    disk.meanwhile = lambda: held.append(appending.locked())
+    pictures, lines = Part(disk, "pictures"), Part(disk, "lines")
+    sync_in_order(pictures, lines, [lines, lines], appending)
+    assert held == [False, True, True, False, False]
 
 
 def test_a_round_that_is_due_during_another_is_left_out() -> None:

@@ -42,6 +42,10 @@ class ReplayedClock:
         """Go on to a time; never back."""
         self.now_us = max(self.now_us, time_us)
 
+    def suspended_s(self) -> float:
+        """Return 0: a record does not hold it."""
+        return 0.0
+
     def utc(self) -> datetime:
         """Return the calendar time at which the session was started."""
         return self._started

@@ -13,6 +13,7 @@ from labrig.devices.replayed.bus import RecordedBus, attach
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig_file import RigDescription
+from labrig.devices.worker import SAME_THREAD
 
 _REAL_SLACK_US = 100_000
 """How much a replay may lag behind a record of real time, in which every wait was a little longer than asked."""
@@ -33,6 +34,7 @@ class ReplayedHardware:
 
     def __init__(self, rig: RigDescription, recording: Recording, comparison: Comparison) -> None:
         self.clock = comparison.clock
+        self.camera_worker = self.disk_worker = SAME_THREAD
         self.operator = ReplayedOperator(recording, comparison)
         self._comparison = comparison
         self.bus = RecordedBus(

@@ -62,6 +62,7 @@ def open_replayed(
         When connecting differs already, or the record ends while connecting.
     """
     hardware = ReplayedHardware(description, recording, comparison)
+    guards = Guards.recorded(recording.guards, exact=recording.exact)
     with closing(hardware.open_link()) as link:
         rig = Rig(
             description,
@@ -72,7 +73,9 @@ def open_replayed(
             interrupted=hardware.find_signal,
             opening=opening,
             needle=NeedleState(None, recording.state),
-            guards=Guards.recorded(recording.guards, exact=recording.exact),
+            guards=guards,
         )
-        rig.connect()
+        rig.verify()
+        if not guards.record_first:
+            rig.enable()
         yield rig, hardware

@@ -12,6 +12,7 @@ from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import SimulatedOperator
 from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.worker import SAME_THREAD, Worker
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 
@@ -36,6 +37,8 @@ class SimulatedHardware:
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
         self.clock = SimulatedClock()
+        self.camera_worker: Worker = SAME_THREAD
+        self.disk_worker: Worker = SAME_THREAD
         self._rig = rig
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.wire = InProcessWire()

@@ -12,6 +12,7 @@ sheath stands elsewhere than origin and linear encoder allow, the insertion ends
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 
 from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
@@ -65,7 +66,7 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
     CalibrationRefusedError
         When the grid pictures before and after show that the camera was bumped.
     """
-    view = load_tip_view(session.rig.description)
+    view = session.compute(partial(load_tip_view, session.rig.description))
     before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     roll_zero = _obtain_roll_zero(protocol, session)
     missed: list[SteeringCommand] = []
@@ -73,7 +74,7 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
         command = _insert_once(protocol, session, view, roll_zero, trial)
         missed += [command] if command.stop != "target_reached" else []
     after = photograph_grid(protocol.sentinel, GridRole.AFTER, session)
-    require_same_grid(before, after, protocol.sentinel, view.plane)
+    require_same_grid(before, after, protocol.sentinel, view.plane, session)
     if missed:
         made = protocol.repetitions
         reason = missed[0].stop if missed[0].stop in _UNSURE else "target_missed"
@@ -119,7 +120,7 @@ def _insert_once(
     )
     aim = _find_aim(protocol, session, view, trial)
     settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
-    state, command = start_steering(settings)
+    state, command = session.compute(partial(start_steering, settings))
     insertion = _Insertion(protocol, session, view, roll_zero, trial, settings)
     insertion.record_start(aim, state)
     if command.stop is not None:
@@ -152,7 +153,10 @@ def _steer(
         seen = insertion.find_tip(picture, state)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         before = state
-        state, command = step_steering(state, TipSighting(inserted_mm, seen.position_mm), insertion.settings)
+        sighting = TipSighting(inserted_mm, seen.position_mm)
+        state, command = insertion.session.compute(
+            partial(step_steering, state, sighting, insertion.settings)
+        )
         insertion.record_sighting(picture, seen, before, state)
     return state, command
 
@@ -232,7 +236,9 @@ class _Insertion:
         require_light(picture.image)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         expected = state.predict(inserted_mm, self.settings)
-        return find_tip(self.view, picture.image, expected, state.tip, self.bevel_rad)
+        return self.session.compute(
+            partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel_rad)
+        )
 
     def find_sheath(self, picture: TakenPicture) -> TrialOrigin | None:
         """Find and record the sheath's pose before the needle leaves it; None if the protocol does not ask for it."""
@@ -241,8 +247,16 @@ class _Insertion:
             return None
         require_light(picture.image)
         linear_mm = picture.positions.linear_mm
-        origin = find_sheath(
-            picture.image, self.view.plane, sheath, linear_mm, trial=self.trial, frame=picture.frame
+        origin = self.session.compute(
+            partial(
+                find_sheath,
+                picture.image,
+                self.view.plane,
+                sheath,
+                linear_mm,
+                trial=self.trial,
+                frame=picture.frame,
+            )
         )
         self.session.record(InsertionSheath(origin=origin))
         return origin
@@ -252,7 +266,7 @@ class _Insertion:
         if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
             return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
         self.settings = with_start(self.settings, origin.tip_mm, origin.heading_rad)
-        state, command = start_steering(self.settings)
+        state, command = self.session.compute(partial(start_steering, self.settings))
         self._record_plan(state, origin.frame, because="origin")
         return state, command
 
@@ -270,7 +284,8 @@ class _Insertion:
             if origin is None or origin.tip_mm is None
             else (origin.tip_mm, origin.heading_rad or 0.0),
         )
-        file = self.session.draw(draw_plan(image, self.view.plane, drawn), InsertionRole.PLAN, self.trial)
+        picture = self.session.compute(partial(draw_plan, image, self.view.plane, drawn))
+        file = self.session.draw(picture, InsertionRole.PLAN, self.trial)
         arcs = len(state.plan.arcs)
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
         self.session.ask(ConfirmPlan(str(file), self.view.compute_pixel(aim.target_mm), plan))

@@ -5,6 +5,7 @@ Deflections are measured from the sheath, found in each hole before the needle l
 
 import math
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from labrig.analysis.origin import find_sheath, lateral_offset_mm
 from labrig.analysis.result import TrialOrigin
@@ -64,7 +65,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
         When the camera was bumped during the search.
     """
     rig, steps = session.rig, order.steps
-    plane = load_plane_map(rig.description)
+    plane = session.compute(partial(load_plane_map, rig.description))
     confirm_needle_out(session)
     session.ask(MountNeedle(order.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
@@ -88,7 +89,8 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
             "most that is certified",
             "insert at more rolls or further, and look at the pictures",
         )
-    require_same_grid(before, photograph_grid(order.sentinel, GridRole.AFTER, session), order.sentinel, plane)
+    after = photograph_grid(order.sentinel, GridRole.AFTER, session)
+    require_same_grid(before, after, order.sentinel, plane, session)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
     rig.needle.certify_roll_zero(certified)
     return certified
@@ -119,7 +121,7 @@ def _measure_stray_mm(
         reason = "" if origin is None else (origin.reason or "")
         raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")
     settings = CurvatureSettings(order.needle.diameter_mm, order.sheath.diameter_mm)
-    measured = measure_curvature(picture.image, plane, settings)
+    measured = session.compute(partial(measure_curvature, picture.image, plane, settings))
     if measured.tip_mm is None:
         raise MeasurementRefusedError(
             f"picture {picture.frame} does not show the needle: {measured.reason}",
@@ -134,8 +136,9 @@ def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Sess
         return None
     picture = session.take_picture(RollZeroRole.SHEATH)
     require_light(picture.image)
-    origin = find_sheath(
-        picture.image, plane, order.sheath, picture.positions.linear_mm, trial=step, frame=picture.frame
+    linear_mm = picture.positions.linear_mm
+    origin = session.compute(
+        partial(find_sheath, picture.image, plane, order.sheath, linear_mm, trial=step, frame=picture.frame)
     )
     session.record(RollZeroSheath(origin=origin))
     return origin

@@ -1,0 +1,171 @@
+"""What blocks for a time of the injected clock: a camera that hangs, a disk that is busy."""
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from concurrent.futures import wait as wait_in_real_time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from threading import Event, Lock
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+
+from labrig.devices.camera import Picture, PictureSource
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription
+from labrig.devices.simulated.hardware import SimulatedHardware
+from labrig.devices.uvc.source import UvcSource
+from labrig.devices.worker import WorkerThread
+from labrig.simulation.world import World
+from tests.devices.captures import FakeControls
+from tests.devices.rigs import OpenedRig, Person, Signal, simulated_rig
+
+_T = TypeVar("_T")
+
+_REAL_LIMIT_S = 60.0
+"""A test fails whose rig time stands still for so long, as when the supervising thread itself is blocked [s]."""
+
+
+class Blockade:
+    """Blocks threads until rig time has passed.
+
+    Parameters
+    ----------
+    clock : SimulatedClock
+        Rig time, which somebody else lets pass.
+    """
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        self._clock = clock
+        self._lock = Lock()
+        self._blocked: list[tuple[float, Event]] = []
+        clock.on_advance(self._release)
+
+    def hold(self, duration_s: float) -> None:
+        """Block this thread for so much rig time [s]."""
+        over = Event()
+        with self._lock:
+            self._blocked.append((self._clock.now_s() + duration_s, over))
+        assert over.wait(_REAL_LIMIT_S), "rig time stands still"
+
+    def _release(self) -> None:
+        with self._lock:
+            due = [held for held in self._blocked if held[0] <= self._clock.now_s()]
+            self._blocked = [held for held in self._blocked if held not in due]
+        for _, over in due:
+            over.set()
+
+    def wait(self, future: Future[Any], longest_s: float) -> bool:
+        """Wait for a call of a worker: rig time passes only while a thread is blocked."""
+        limit_s = time.monotonic() + _REAL_LIMIT_S
+        while not self._blocked and not future.done():
+            wait_in_real_time([future], 0.001)
+            assert time.monotonic() < limit_s, "a call neither ends nor is blocked"
+        if not future.done():
+            self._clock.sleep(longest_s)
+        return future.done()
+
+
+class BusyDisk(WorkerThread):
+    """A worker each call of which waits for the disk first."""
+
+    def __init__(self, blockade: Blockade, clock: SimulatedClock) -> None:
+        super().__init__("disk", clock, blockade.wait)
+        self.busy_s = 0.0
+        self._blockade = blockade
+
+    def do(self, call: Callable[[], _T], meanwhile: Callable[[], None], limit_s: float = np.inf) -> _T:
+        """Do it, once the disk is ready."""
+
+        def wait_and_call() -> _T:
+            if self.busy_s:
+                self._blockade.hold(self.busy_s)
+            return call()
+
+        return super().do(wait_and_call, meanwhile, limit_s)
+
+
+@dataclass
+class WorldCapture:
+    """A device of OpenCV's that shows the simulated world, and can hang."""
+
+    world: World
+    blockade: Blockade
+    hangs_s: float = 0.0
+    _properties: dict[int, float] = field(default_factory=dict)
+
+    def grab(self) -> bool:
+        """Take a picture; a device that hangs takes none until then."""
+        if self.hangs_s:
+            self.blockade.hold(self.hangs_s)
+            return False
+        return True
+
+    def retrieve(self) -> tuple[bool, Picture]:
+        """Return the picture."""
+        return True, self.world.picture()
+
+    def get(self, propId: int) -> float:
+        """Return what was set; there are no stamps."""
+        return 0.0 if propId == cv2.CAP_PROP_POS_MSEC else self._properties.get(propId, 0.0)
+
+    def set(self, propId: int, value: float) -> bool:
+        """Take every setting."""
+        self._properties[propId] = value
+        return True
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+
+class ThreadedHardware(SimulatedHardware):
+    """Simulated drives and world, with the workers of a bench and a UVC camera."""
+
+    def __init__(self, rig: RigDescription) -> None:
+        assert rig.world is not None
+        super().__init__(rig, rig.world, seed=1)
+        self.blockade = Blockade(self.clock)
+        self.camera_worker = WorkerThread("camera", self.clock, self.blockade.wait)
+        self.disk = self.disk_worker = BusyDisk(self.blockade, self.clock)
+        self.capture = WorldCapture(self.world, self.blockade)
+
+    def open_source(self) -> PictureSource:
+        """Open the camera through the driver of USB cameras."""
+        return UvcSource(
+            self.capture,
+            FakeControls(),
+            self.clock,
+            exposure_s=0.008,
+            rate_hz=30.0,
+            monotonic_s=self.clock.now_s,
+        )
+
+    def close(self) -> None:
+        """Take the drives off the bus, and end the workers."""
+        super().close()
+        self.camera_worker.close(0.0)
+        self.disk_worker.close()
+
+
+@contextmanager
+def threaded_rig(
+    description: RigDescription | None = None,
+) -> Iterator[tuple[OpenedRig, ThreadedHardware]]:
+    """Open a rig whose camera and disk can block; it is not closed by this."""
+    description = description or simulated_rig()
+    hardware = ThreadedHardware(description)
+    link, signal, person = hardware.open_link(), Signal(), Person()
+    rig = Rig(
+        description,
+        hardware=hardware,
+        link=link,
+        source=hardware.open_source(),
+        person=person,
+        interrupted=signal,
+    )
+    yield OpenedRig(rig, hardware, signal, person), hardware
+    link.close()
+    hardware.close()

@@ -1,0 +1,122 @@
+"""Runs whose disk is busy or whose camera hangs: the beat goes on, and labrig itself says what is wrong."""
+
+from pathlib import Path
+
+from labrig.devices.rig import Rig
+from labrig.errors import CameraError
+from labrig.experiments.registry import find_experiment
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.check import check_run
+from labrig.record.line_file import LineFile
+from labrig.record.reader import open_run
+from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.supervised_record import begin_session
+from tests.devices.beats import listening, require_no_fault
+from tests.devices.blocking import Blockade, threaded_rig
+from tests.devices.rigs import simulated_rig
+from tests.runner.sessions import Told, sweep
+
+SHORT = (
+    "insertion.length_mm=10",
+    "insertion.speed_mm_s=2",
+    "insertion.frame_every_mm=2",
+    "sheath.depth_mm=2",
+    "analysis.window_start_mm=0",
+    "analysis.window_end_mm=0",
+    "analysis.min_window_mm=5",
+)
+BUSY_S = 0.5
+QUADCOUNTS_PER_MM = 4000
+LONGEST_GAP_S = 0.2
+"""Two periods of the heartbeat."""
+
+
+class SlowLines(LineFile):
+    """A file whose fsync takes half a second of rig time."""
+
+    blockade: Blockade | None = None
+
+    def sync(self) -> None:
+        """Force it to disk."""
+        if self.blockade is not None:
+            self.blockade.hold(BUSY_S)
+        super().sync()
+
+
+def record(folder: Path, rig: Rig) -> Recorder:
+    """Begin the record of a sweep."""
+    protocol = sweep(*SHORT)
+    return Recorder.create(
+        folder,
+        "run",
+        {"experiment": protocol.experiment, "started": rig.clock.utc(), "trials_planned": 1},
+        dump_yaml(protocol),
+        dump_yaml(rig.description),
+        {},
+    )
+
+
+def conduct_sweep(rig: Rig, recorder: Recorder, told: Told) -> Outcome:
+    """Conduct a sweep of one insertion."""
+    protocol = sweep(*SHORT)
+    return conduct(find_experiment(protocol.experiment), protocol, begin_session(rig, lambda: recorder, told))
+
+
+def slow_down(recorder: Recorder, blockade: Blockade) -> None:
+    """Make every fsync of a record's lines slow."""
+    for name, lines in recorder._lines.items():
+        lines.close()
+        slow = SlowLines.reopen(lines.path)
+        slow.blockade = blockade
+        recorder._lines[name] = slow
+
+
+def test_an_fsync_of_500_ms_delays_no_beat(tmp_path: Path) -> None:
+    """The run succeeds, and its record is sound."""
+    with threaded_rig() as (opened, hardware), listening(opened) as heard:
+        opened.rig.verify()
+        recorder = record(tmp_path, opened.rig)
+        slow_down(recorder, hardware.blockade)
+        outcome = conduct_sweep(opened.rig, recorder, Told())
+        opened.rig.close()
+        assert (outcome.exit_status, outcome.reason) == ("success", "")
+        assert heard.longest_gap_s <= LONGEST_GAP_S
+        require_no_fault(opened)
+    assert not check_run(recorder.path).damage
+
+
+def test_a_disk_that_takes_500_ms_for_everything_delays_no_beat(tmp_path: Path) -> None:
+    """Record, state file and motion log: each waits for the disk, and the axes are supervised meanwhile."""
+    remembering = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    with threaded_rig(remembering) as (opened, hardware), listening(opened) as heard:
+        hardware.disk.busy_s = BUSY_S
+        opened.rig.connect()
+        opened.rig.needle.mark_out()
+        opened.rig.reference_axes()
+        with opened.rig.note_motion("insertion", "move by 1 mm"):
+            opened.rig.insertion.start_jog(1.0, 1.0)
+            opened.rig.wait(1.5)
+        opened.rig.close()
+        assert heard.longest_gap_s <= LONGEST_GAP_S
+        require_no_fault(opened)
+
+
+def test_a_camera_that_hangs_stops_the_run_and_is_named(tmp_path: Path) -> None:
+    """The axes hold at their targets until labrig gives the camera up; the drives do not stop by themselves."""
+    with threaded_rig() as (opened, hardware), listening(opened) as heard:
+        opened.rig.verify()
+        recorder = record(tmp_path, opened.rig)
+
+        def hang_on_the_way() -> None:
+            needle_mm = hardware.drives["insertion"].shaft_counts / QUADCOUNTS_PER_MM
+            hardware.capture.hangs_s = 10.0 if needle_mm > 4.0 else 0.0
+
+        hardware.clock.on_advance(hang_on_the_way)
+        outcome = conduct_sweep(opened.rig, recorder, Told())
+        opened.rig.close()
+        assert isinstance(outcome.error, CameraError)
+        assert "the camera hangs: it has not answered for 3.3 s" in outcome.reason
+        assert heard.longest_gap_s <= LONGEST_GAP_S
+        require_no_fault(opened)
+    assert open_run(recorder.path).manifest["exit_status"] == "failed"

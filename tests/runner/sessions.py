@@ -83,11 +83,11 @@ class RunBench:
 
 @contextmanager
 def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[RunBench]:
-    """Open a simulated rig and a record."""
+    """Open a simulated rig and a record, as a run has them before power is switched on."""
     description = simulated_rig(*overrides)
     with opened_rig(description) as opened:
         opened.rig._opening = Opening(max_current_ma=protocol.current_limits_ma)
-        opened.rig.connect()
+        opened.rig.verify()
         recorder = Recorder.create(
             tmp_path,
             "run",

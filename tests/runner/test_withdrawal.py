@@ -104,6 +104,7 @@ def _turn_in_gel(rig: RunBench) -> None:
     session = rig.session
     for request in (MountNeedle("N-1"), ConfirmAxesAtZero()):
         session.ask(request)
+    rig.opened.rig.enable()
     rig.opened.rig.reference_axes()
     session.ask(PlaceSpecimen("gel-10", 10))
     session.ask(ShiftToHole("gel-10", 0, 0))

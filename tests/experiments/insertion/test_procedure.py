@@ -45,6 +45,7 @@ def open_certified_rig(
     with bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
         opened.opened.hardware.world.mount_needle("N1")
+        rig.enable()
         rig.reference_axes()
         rig.needle.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before"))
         yield opened

@@ -30,15 +30,16 @@ def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) 
 
 
 def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
-    """The states of drives and camera are recorded at the start and at the end of a run."""
+    """The states of drives and camera are recorded before power is on, and at the end of a run."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         before: Any = rig.opened.rig.snapshot()
         _, run = rig.conduct(protocol)
     after = run.manifest["devices_after"]
     assert isinstance(after, dict)
+    assert set(before["axes"]["rotation"]) == {"position_rad"}
+    assert set(after["axes"]["rotation"]) == {"position_rad", "statusword", "drive_state"}
     for snapshot in (before, after):
-        assert set(snapshot["axes"]["rotation"]) == {"position_rad", "statusword", "drive_state"}
         assert snapshot["camera"]["exposure_us"] == 8000
     assert abs(after["axes"]["insertion"]["position_mm"]) < 0.05
     assert after["state"]["referenced"] == ["insertion", "rotation", "linear"]

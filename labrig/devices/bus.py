@@ -26,9 +26,6 @@ _NOTIFIER_CYCLE_S = 0.1
 _LOOK_S = 0.01
 """On a bus inside the process, time passes only during a sleep; a late answer is polled at this interval."""
 
-_ATTEND_S = 0.02
-"""Longest wait for an answer until `CanLink.attend` is called again, on a real bus [s]."""
-
 _MOST_FRAMES_KEPT = 200_000
 """Most frames that wait for the record; beyond that the oldest are dropped."""
 
@@ -146,7 +143,7 @@ class CanLink:
     in_process : bool
         Whether waiting for an answer must let time pass.
     attend : callable
-        Called whenever an answer is awaited, and again and again until it comes.
+        Called at each answer, but not while none comes.
     """
 
     network: BusNetwork
@@ -183,16 +180,16 @@ class CanLink:
         while True:
             left_s = deadline_s - self.clock.now_s()
             try:
-                if self.in_process or left_s <= 0:
-                    return answers.get_nowait()
-                self.attend()
-                return answers.get(timeout=min(left_s, _ATTEND_S))
+                is_last_look = self.in_process or left_s <= 0
+                answer = answers.get_nowait() if is_last_look else answers.get(timeout=left_s)
             except Empty:
                 if left_s <= 0:
                     return None
                 if self.in_process:
                     self.clock.sleep(_LOOK_S)
-                    self.attend()
+            else:
+                self.attend()
+                return answer
 
     def close(self) -> None:
         """Leave the bus. Raises `BusError` if closing fails, unless the bus had failed before."""

@@ -4,8 +4,9 @@ Each heartbeat is one frame, sent while rig time passes, and only while nothing 
 thread but the one that supervises can send it: a labrig that hangs, is stopped or is killed sends none. (With
 python-can's periodic sending the kernel would continue while the program is stopped.)
 
-A long exchange with drives, such as opening a rig, sends the beats that are due while it awaits answers. It may do so
-for `LONGEST_EXCHANGE_S` after somebody has supervised last: an exchange without end does not count as supervision.
+A long exchange with drives, such as opening a rig, sends the beats that are due between two answers, and none while a
+drive does not answer. It may do so for `LONGEST_EXCHANGE_S` after somebody has supervised last: an exchange without end
+is no supervision.
 """
 
 import math
@@ -67,7 +68,7 @@ class HeartbeatClock:
         self._last_s = -math.inf
         self._gap_end_s, self._gap = -math.inf, NO_GAP
         self._suspended_s = clock.suspended_s()
-        self._is_silent = False
+        self._is_silent = self._has_lost_drives = False
         self._supervised_s = clock.now_s()
         self._thread = get_ident()
 
@@ -88,7 +89,9 @@ class HeartbeatClock:
         steps = max(1, math.ceil(duration_s / self._period_s - _EARLY_S))
         for _ in range(steps):
             self._clock.sleep(duration_s / steps)
-            self.beat()
+            if not self._has_lost_drives:
+                self.note_supervision()
+            self._send_if_due(self.now_s())
 
     def beat(self) -> None:
         """Send a heartbeat if one is due and the bus carries frames; only a supervisor calls it. Raises `BusError`."""
@@ -96,14 +99,25 @@ class HeartbeatClock:
         self._send_if_due(self._supervised_s)
 
     def attend(self) -> None:
-        """Send a heartbeat if one is due, and somebody has supervised of late. Raises `BusError`."""
+        """Send a heartbeat if one is due, the first has been sent, no drive is lost, and somebody supervised of late.
+
+        Raises `BusError`.
+        """
         now_s = self.now_s()
-        if now_s - self._supervised_s <= LONGEST_EXCHANGE_S:
+        if (
+            not self._has_lost_drives
+            and self._last_s >= 0
+            and now_s - self._supervised_s <= LONGEST_EXCHANGE_S
+        ):
             self._send_if_due(now_s)
 
     def note_supervision(self) -> None:
         """Note that somebody supervises now: a long exchange with drives may follow."""
-        self._supervised_s = self.now_s()
+        self._supervised_s, self._has_lost_drives = self.now_s(), False
+
+    def note_loss(self) -> None:
+        """Note that a drive is lost: the exchange by which it and the others are stopped does not keep it moving."""
+        self._has_lost_drives = True
 
     def _send_if_due(self, now_s: float) -> None:
         if now_s - self._last_s < self._period_s - _EARLY_S or self._is_silent or not self._link.carries:

@@ -569,6 +569,8 @@ class Rig:
     def _stop_because_of(self, error: InterruptedRunError | MachineError) -> NoReturn:
         """Stop everything and raise the error, with what failed meanwhile. Tell first if drives are lost."""
         explained = self._explain_own_standstill(error)
+        if _has_lost_drives(error):
+            self._heartbeat.note_loss()
         if explained is error and _has_lost_drives(error):
             recalled = self._recall_needle(self._name_lost(error))
             self._alert(f"{recalled.motion}\nlast positions: {recalled.where}")
@@ -775,6 +777,7 @@ class Rig:
         if self._guards.force and self._guards.watch:
             self._load.get_ready(self.axes)
         for axis in self.axes:
+            self._heartbeat.note_supervision()
             axis.drive.enable()
         self._has_power, self._is_watching = True, self._guards.watch
 

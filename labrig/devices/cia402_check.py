@@ -86,7 +86,12 @@ def check_current(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> 
             f"name its object in the rig file, or set the limit in {drive.tool}",
         )
     if axis.max_current_ma is None:
-        return CheckResult(check, CheckStatus.PASS, f"{now}; limit {own_ma} mA, the drive's own")
+        return CheckResult(
+            check,
+            CheckStatus.WARN,
+            f"{now}; limit {own_ma} mA, the drive's own; not guarded against a stall",
+            f"write axes.{name}.max_current_ma: the least with which the axis still moves freely, and some more",
+        )
     return CheckResult(
         check, CheckStatus.PASS, f"{now}; limit {axis.max_current_ma} mA, the drive's own {own_ma} mA"
     )

@@ -8,7 +8,7 @@ from labrig.clock import Clock
 from labrig.devices.axis import Axis
 from labrig.devices.drive import raise_together
 from labrig.devices.input_channel import InputValue
-from labrig.devices.position_supervision import InMotion
+from labrig.devices.position_supervision import TIME_MARGIN_S, InMotion, PositionReading, bound_lag
 from labrig.devices.stall import LoadReading, StallBounds, supervise_stall
 from labrig.errors import MachineError
 
@@ -30,14 +30,23 @@ class LoadGuard:
         self._looked_s: dict[str, float] = {}
         self._since_s: dict[str, float | None] = {}
 
-    def get_ready(self, axes: Iterable[Axis]) -> None:
-        """Read which current limit is in force for each axis, and require that no input is beyond its limits.
+    def get_ready(self, axes: Iterable[Axis], limits_ma: Mapping[str, int]) -> None:
+        """Read which current limits are in force, and require that no input is beyond its limits.
+
+        Parameters
+        ----------
+        axes : iterable of Axis
+            The axes.
+        limits_ma : mapping of str to int
+            Axis -> limit that rig file, protocol or command name [mA]; an axis without one has no stall.
 
         Raises
         ------
         ForceGuardError, DriveError, BusError
         """
         for axis in axes:
+            if axis.name not in limits_ma:
+                continue
             drive, limit_ma = axis.drive, axis.drive.current_limit_ma()
             if limit_ma is not None and drive.lag() is not None and drive.current_ma() is not None:
                 self._bounds[axis.name] = StallBounds(
@@ -78,6 +87,17 @@ class LoadGuard:
         if bounds is None or not isinstance(expected, InMotion):
             return math.inf
         return bounds.period_s(expected.speed)
+
+    def note_position(self, axis: Axis, reading: PositionReading) -> None:
+        """Take a position that is read anyway: an axis that cannot lag by it needs no look for a while."""
+        bounds, expected = self._bounds.get(axis.name), axis.expected
+        if bounds is None or not isinstance(expected, InMotion):
+            return
+        # A fast axis has gone too far while its position was read.
+        if bounds.is_suspect(2 * TIME_MARGIN_S * expected.speed):
+            return
+        if not bounds.is_suspect(bound_lag(expected, reading)):
+            self._looked_s[axis.name], self._since_s[axis.name] = reading.until_s, None
 
     def require_moving(self, axes: Iterable[Axis], clock: Clock) -> None:
         """Look at each axis in motion that is due, and require that it is not stalled; one that is is stopped quickly.

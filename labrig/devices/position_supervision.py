@@ -203,6 +203,12 @@ def supervise_position(
     return SupervisionState(expected, rest, reading), error
 
 
+def bound_lag(expected: InMotion, reading: PositionReading) -> float:
+    """Return the largest following error that an axis in motion may have by a reading of its position [mm or rad]."""
+    low, high = _profile_range(expected, reading)
+    return max(high - reading.position, reading.position - low) + expected.give
+
+
 def _find_jump(
     axis: AxisBounds, last: PositionReading | None, reading: PositionReading
 ) -> DriveStrayedError | None:
@@ -235,8 +241,13 @@ def _strayed(
 
 
 def _bounds_in_motion(axis: AxisBounds, expected: InMotion, reading: PositionReading) -> tuple[float, float]:
-    low, high = expected.profile.range_within(
-        reading.from_s - TIME_MARGIN_S, reading.until_s + expected.ahead_s + TIME_MARGIN_S
-    )
+    low, high = _profile_range(expected, reading)
     lag, beyond = axis.max_following_error + expected.give, axis.window + expected.give
     return max(low - lag, expected.way[0] - beyond), min(high + lag, expected.way[1] + beyond)
+
+
+def _profile_range(expected: InMotion, reading: PositionReading) -> tuple[float, float]:
+    """Return between which positions the profile was when a position was measured, however late the computer was."""
+    return expected.profile.range_within(
+        reading.from_s - TIME_MARGIN_S, reading.until_s + expected.ahead_s + TIME_MARGIN_S
+    )

@@ -391,6 +391,7 @@ class Rig:
         """Return the error of an axis that is not where it should be; one that jumped has lost its reference."""
         axis = self._axes[name]
         reading = PositionReading(self._read_s, self.clock.now_s(), position)
+        self._load.note_position(axis, reading)
         self._supervised[name], error = supervise_position(
             self._bounds[name], self._supervised[name], axis.expected, reading
         )
@@ -775,7 +776,8 @@ class Rig:
             self._watch.require_free()
             self._watch.forget_states()
         if self._guards.force and self._guards.watch:
-            self._load.get_ready(self.axes)
+            limits_ma = {axis.name: self._max_current_ma(axis) for axis in self.axes}
+            self._load.get_ready(self.axes, {name: ma for name, ma in limits_ma.items() if ma is not None})
         for axis in self.axes:
             self._heartbeat.note_supervision()
             axis.drive.enable()

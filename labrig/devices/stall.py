@@ -9,7 +9,8 @@ What is decided here
 - A blocked axis lags by its speed times the time. It is looked at `READINGS_TO_FAULT` times until its drive would fail
   by its following error, but not more often than every `SHORTEST_PERIOD_S`: a faster axis is stopped by its drive
   first, which says following error (0x8611).
-- Without a current limit that the motor can reach there is no stall, only the drive's following error.
+- An axis for which nobody has named a current limit has no stall, only the drive's following error: its drive's own
+  limit is often one that the motor never reaches, and looking costs time.
 """
 
 import math
@@ -23,7 +24,7 @@ CURRENT_FRACTION = 0.8
 LAG_FRACTION = 0.5
 """Of the following error at which the drive goes to fault."""
 
-READINGS_TO_FAULT = 5
+READINGS_TO_FAULT = 4
 SHORTEST_PERIOD_S = 0.01
 
 

@@ -203,6 +203,21 @@ class DriveConformance:
             assert abs(reported.position - bench.drive.read().position) <= bench.window
             assert all(count >= 0 for count in bench.drive.counts().values())
 
+    def test_its_load_is_reported_with_the_position(self) -> None:
+        """Once asked for, a report has the motor current, if the drive measures one, and the inputs that are named."""
+        with self._bench() as bench:
+            bench.drive.require_limits()
+            bench.drive.report_load()
+            bench.get_ready()
+            start = bench.start_moving()
+            bench.drive.expect_report()
+            bench.opened.link.send(_SYNC, b"")
+            reported, measured_ma, lag = bench.drive.read(), bench.drive.current_ma(), bench.drive.lag()
+            assert (reported.current_ma is None) is (measured_ma is None)
+            assert set(reported.inputs) == set(bench.opened.section.inputs) == set(bench.drive.read_inputs())
+            assert lag is None or abs(lag) <= bench.opened.section.max_following_error
+            bench.move_to(start)
+
     def test_stopping_holds_and_keeps_power(self) -> None:
         """After a stop that is only sent, and after one that is answered, the axis stands still and can move again."""
         with self._ready() as bench:
@@ -305,6 +320,12 @@ class DriveConformance:
             assert limit_ma is not None
             assert 0.9 * (own_ma // 2) < limit_ma <= own_ma // 2
             bench.drive.close()
+            assert bench.drive.current_limit_ma() == own_ma
+            bench.drive.set_current_limit(own_ma // 2)
+            halved_ma = bench.drive.current_limit_ma()
+            bench.drive.set_current_limit(own_ma)
+            assert halved_ma is not None
+            assert 0.9 * (own_ma // 2) < halved_ma <= own_ma // 2 + 1
             assert bench.drive.current_limit_ma() == own_ma
 
     def test_a_closed_drive_has_neither_power_nor_fault(self) -> None:

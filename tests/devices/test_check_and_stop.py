@@ -373,7 +373,10 @@ def test_currents_and_inputs_are_checked() -> None:
     limits = ("axes.rotation.max_current_ma=800", "axes.linear.max_current_ma=12000")
     open_door = "faults=[{fault: input, axis: linear, source: general-A}]"
     results = _by_name(check_rig(simulated_rig(*channels, *limits, open_door)))
-    assert results["current insertion"].value == "0 mA; limit 10000 mA, the drive's own"
+    assert results["current insertion"].status is CheckStatus.WARN
+    assert (
+        "limit 10000 mA, the drive's own; not guarded against a stall" in results["current insertion"].value
+    )
     assert results["current rotation"].value == "0 mA; limit 800 mA, the drive's own 10000 mA"
     assert results["current linear"].status is CheckStatus.FAIL
     assert "10000 mA, the rig file says max_current_ma 12000" in results["current linear"].value

@@ -44,6 +44,6 @@ def test_both_directions_are_judged() -> None:
 
 
 def test_a_fast_axis_is_looked_at_more_often() -> None:
-    """Five times until the drive fails by its following error, but at most a hundred times a second."""
-    assert BOUNDS.period_s(2.0) == pytest.approx(0.2)
+    """Four times until the drive fails by its following error, but at most a hundred times a second."""
+    assert BOUNDS.period_s(2.0) == pytest.approx(0.25)
     assert BOUNDS.period_s(100.0) == 0.01

@@ -121,7 +121,7 @@ def test_a_question_that_differs_is_named(insertion: Run) -> None:
     ("override", "what", "recorded", "now"),
     [
         ("insertions_per_specimen=2", "question", "nothing", "ShiftToHole"),
-        ("insertion.frame_every_mm=20", "frame", "frame: t_s = 9.", "frame: t_s = 24."),
+        ("insertion.frame_every_mm=20", "state", "insertion_mm = 5.", "insertion_mm = 5."),
         ("insertion.frame_every_mm=3", "frame", "frame: t_s = 9.", "frame: t_s = 8."),
     ],
 )

@@ -36,10 +36,12 @@ class PdoEngine:
         self._receive_ids: dict[int, int] = {}
         self._request_ids: dict[int, int] = {}
         self._watched: tuple[int, ...] = ()
+        self._mapped: dict[int, list[Entry]] = {}
         self.configure()
 
     def configure(self) -> None:
         """Read COB-IDs and types from the object dictionary again."""
+        self._mapped.clear()
         values = self._objects.values
         self._receive_ids = {
             values[entry] & 0x7FF: n
@@ -55,7 +57,11 @@ class PdoEngine:
         self._watched = tuple(n for n in valid if values[co.TPDO_TYPES[n]] not in {_SYNCHRONOUS, _ON_REQUEST})
 
     def start(self) -> None:
-        """Start again, as on entering OPERATIONAL: PDOs that are sent on change are sent once."""
+        """Start again, as on entering OPERATIONAL: PDOs that are sent on change are sent once.
+
+        Mappings are read again: a node takes them only before.
+        """
+        self._mapped.clear()
         self._waiting.clear()
         self._sent.clear()
 
@@ -110,10 +116,14 @@ class PdoEngine:
         )
 
     def _find_mapped(self, mapping: tuple[Entry, ...]) -> list[Entry]:
+        known = self._mapped.get(mapping[0].index)
+        if known is not None:
+            return known
         values = self._objects.values
         places = [values[place] for place in mapping[1 : values[mapping[0]] + 1]]
         found = [self._objects.find(place >> 16, place >> 8 & 0xFF) for place in places]
-        return [entry for entry in found if entry is not None]
+        self._mapped[mapping[0].index] = [entry for entry in found if entry is not None]
+        return self._mapped[mapping[0].index]
 
     def _apply(self, n: int, data: bytes) -> None:
         start = 0

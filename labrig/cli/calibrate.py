@@ -89,6 +89,9 @@ def intrinsics(
         print_json(document)
     else:
         _print_intrinsics(document)
+        if found.board_warp is not None:
+            print_line(found.board_warp.sentence())
+        _print_views(document)
     _report_output(out, found.accepted, force)
     return 0 if found.accepted else 1
 
@@ -245,6 +248,9 @@ def _print_intrinsics(document: dict[str, Any]) -> None:
         f"residual {document['rms_px']:.3f} px rms"
         + ("" if held_out is None else f", held out {held_out:.3f} px rms")
     )
+
+
+def _print_views(document: dict[str, Any]) -> None:
     for view in document["views"]:
         state = f"{view['rms_px']:.3f} px" if view["used"] else f"left out: {view['reason']}"
         print_line(f"  {view['image']}  {state}")

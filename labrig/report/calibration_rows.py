@@ -22,6 +22,7 @@ def _list_lens_rows(lens: Intrinsics | None) -> Rows:
             for name in ("fx", "fy", "cx", "cy")
         ),
         ("k1, k2, p1, p2, k3", ", ".join(signed(value, 5) for value in lens.distortion)),
+        *(() if lens.board_warp is None else (("board", lens.board_warp.sentence()),)),
         (
             "reprojection error, rms",
             f"{number(lens.rms_px, 3)} px; held out {number(lens.holdout_rms_px, 3)} px",

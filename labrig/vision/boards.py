@@ -10,7 +10,7 @@ Decisions, with figures measured on OpenCV's own thirteen photographs of a board
   lies on the grid of the others. Light and dark alternate if the second harmonic holds at least 0.6 of the variance
   along a small circle (0.84 to 0.90 at true corners, at most 0.36 at most false ones).
 - `cornerSubPix` refines every corner with a window of a third of the smallest corner spacing. Half the spacing reaches
-  neighbouring corners (RMS 0.35 px, fx 1.9 px off); a third gives RMS 0.178 px. ChArUco corners are refined in the
+  neighbouring corners (RMS 0.35 px, fx 1.9 px off); a third gives RMS 0.170 px. ChArUco corners are refined in the
   same way, because OpenCV's own were half a pixel off in some versions.
 """
 

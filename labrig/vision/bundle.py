@@ -1,14 +1,16 @@
-"""Camera and poses from corners by least squares, with the covariance of every parameter.
+"""Camera, poses and warp of the board from corners by least squares, with the covariance of every parameter.
 
-There are two lens models. "brown" is OpenCV's with five coefficients, fitted by OpenCV. "zhang" is the model of Zhang
-2000 (IEEE PAMI 22:1330): two radial coefficients and a skew of the pixel axes. OpenCV has no skew, so Gauss-Newton fits
-it here, starting from OpenCV's answer. The covariance is that of least squares; the residuals and their degrees of
-freedom give the noise. OpenCV's own standard deviations count a corner as one observation, not two.
+There are two lens models. "brown" is OpenCV's with five coefficients. "zhang" is the model of Zhang 2000 (IEEE PAMI
+22:1330): two radial coefficients and a skew of the pixel axes. OpenCV has neither the skew nor the warp of the board
+(`board_warp`), so Gauss-Newton fits them here, starting from OpenCV's answer for a flat board. The warp is known a
+priori within a standard deviation, which is one more observation for each of its parameters; its weight is that of the
+corners' noise. The covariance is that of least squares; the residuals and their degrees of freedom give the noise.
+OpenCV's own standard deviations count a corner as one observation, not two.
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -26,24 +28,42 @@ FREE: dict[LensModel, list[int]] = {"brown": list(range(9)), "zhang": [0, 1, 2, 
 _FLAGS: dict[LensModel, int] = {"brown": 0, "zhang": cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3}
 _POSE = 6
 _MAX_STEPS = 30
-# Convergence: the largest effect of a step on all residuals together [px].
-_STEP_TOLERANCE_PX = 1e-9
+_MAX_HALVINGS = 10
+# A sum of squares that grows by no more than this share grows by rounding.
+_ROUNDING = 1e-12
+# Convergence: the largest effect of a step on all residuals together [px]; rough if it starts from another fit.
+_STEP_TOLERANCE_PX = 1e-8
+_ROUGH_TOLERANCE_PX = 1e-4
+# Keeps a step finite in directions that the views do not determine.
+_DAMPING = 1e-12
 # Above this condition number of the scaled normal equations a parameter is undetermined.
 _LARGEST_CONDITION = 1e13
 
 
 @dataclass(frozen=True, eq=False)
 class ObservedView:
-    """The corners of one photograph: board points (N, 3) [mm], pixels (N, 2)."""
+    """The corners of one photograph.
+
+    Attributes
+    ----------
+    name : str
+    board : ndarray (N, 3)
+        Points of the flat board [mm].
+    pixels : ndarray (N, 2)
+    warp_shapes : ndarray (N, W)
+        Height of each point [mm], along z of the board, for one prior standard deviation of each parameter of the
+        warp. No columns for a board that is taken for flat.
+    """
 
     name: str
     board: _FloatArray
     pixels: _FloatArray
+    warp_shapes: _FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted camera and the poses of the boards in front of it.
+    """A fitted camera, the poses of the boards in front of it, and their common warp.
 
     Attributes
     ----------
@@ -55,6 +75,10 @@ class Fit:
     rms_px : float
     covariance : ndarray (10, 10) or None
         Of the parameters; zero for a parameter that the model fixes. None if the views do not determine them.
+    warp : ndarray (W,)
+        In prior standard deviations, in the order of `ObservedView.warp_shapes`.
+    warp_sigma : ndarray (W,)
+        Standard deviations of `warp`, 1 where the views say nothing.
     """
 
     model: LensModel
@@ -62,6 +86,8 @@ class Fit:
     poses: _FloatArray
     rms_px: float
     covariance: _FloatArray | None
+    warp: _FloatArray = field(default_factory=lambda: np.empty(0))
+    warp_sigma: _FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def matrix(self) -> _FloatArray:
@@ -89,8 +115,19 @@ class Fit:
         )
 
 
-def fit_camera(views: Sequence[ObservedView], size: tuple[int, int], model: LensModel) -> Fit:
-    """Fit a camera to views of a board.
+def fit_camera(
+    views: Sequence[ObservedView], size: tuple[int, int], model: LensModel, start: Fit | None = None
+) -> Fit:
+    """Fit a camera to views of a board. Views that do not determine it give what the fit started from.
+
+    Parameters
+    ----------
+    views : sequence of ObservedView
+    size : (int, int)
+    model : "brown" or "zhang"
+    start : Fit, optional
+        Camera and poses of these views to start from, for a quick fit to about 0.001 sigma; without it, OpenCV's fit
+        for a flat board.
 
     Raises
     ------
@@ -103,6 +140,28 @@ def fit_camera(views: Sequence[ObservedView], size: tuple[int, int], model: Lens
             f"{corners} corners are too few for a camera, {-(-unknown // 2)} are the least",
             "photograph the board in more poses, and more of it",
         )
+    fit = _fit_flat_board(views, size, model) if start is None else start
+    equations = _build_normal_equations(fit, views)
+    if (
+        equations.freedom > 0
+        and np.linalg.cond(_scale(equations.weigh_prior(fit)[0])[0]) < _LARGEST_CONDITION
+    ):
+        tolerance_px = _STEP_TOLERANCE_PX if start is None else _ROUGH_TOLERANCE_PX
+        found, at_minimum = _minimise(fit, equations, views, tolerance_px)
+        if np.isfinite(found.parameters).all() and found.parameters[:2].min() > 0.0:
+            return _add_covariance(found, at_minimum, views)
+    rms = float(np.sqrt(equations.squares / corners))
+    return replace(fit, rms_px=rms, covariance=None, warp_sigma=np.ones(len(fit.warp)))
+
+
+def _scale(matrix: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+    """Return a normal matrix with ones on its diagonal, and the root of its diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    return np.asarray(matrix / np.outer(scale, scale)), np.asarray(scale)
+
+
+def _fit_flat_board(views: Sequence[ObservedView], size: tuple[int, int], model: LensModel) -> Fit:
+    """Return OpenCV's fit, which has neither skew nor warp."""
     boards = [view.board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     try:
@@ -116,10 +175,9 @@ def fit_camera(views: Sequence[ObservedView], size: tuple[int, int], model: Lens
             "photograph the board tilted in several ways",
         ) from error
     focal = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
-    start = np.concatenate((focal, np.ravel(lens)[:5], [0.0]))
+    found = np.concatenate((focal, np.ravel(lens)[:5], [0.0]))
     poses = np.array([np.ravel(np.vstack(pose)) for pose in zip(turns, shifts, strict=True)], dtype=float)
-    fit = Fit(model, start, poses, 0.0, None)
-    return _add_covariance(_minimise(fit, views) if model == "zhang" else fit, views)
+    return Fit(model, found, poses, 0.0, None, np.zeros(views[0].warp_shapes.shape[1]))
 
 
 @contextmanager
@@ -133,9 +191,16 @@ def _single_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> _FloatArray:
-    """Return the pixels (N, 2) of a board's points (N, 3) [mm] in a pose (6,)."""
-    return _project(fit, pose, board)[0]
+def project(fit: Fit, pose: _FloatArray, view: ObservedView) -> _FloatArray:
+    """Return the pixels (N, 2) where a view's corners appear with the board in a pose (6,)."""
+    return _project(fit, pose, view)[0]
+
+
+def _bend_board(fit: Fit, view: ObservedView) -> _FloatArray:
+    """Return the points (N, 3) of the warped board [mm]."""
+    bent = view.board.copy()
+    bent[:, 2] += view.warp_shapes @ fit.warp
+    return bent
 
 
 def find_pose(fit: Fit, view: ObservedView) -> _FloatArray | None:
@@ -144,7 +209,7 @@ def find_pose(fit: Fit, view: ObservedView) -> _FloatArray | None:
     fy, cy = fit.parameters[1], fit.parameters[3]
     # The skew shifts a pixel along u in proportion to its distance from row cy.
     straight[:, 0] -= fit.parameters[9] * (view.pixels[:, 1] - cy) / fy
-    solved, turn, shift = cv2.solvePnP(view.board, straight, fit.matrix, fit.distortion)
+    solved, turn, shift = cv2.solvePnP(_bend_board(fit, view), straight, fit.matrix, fit.distortion)
     return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
 
 
@@ -153,7 +218,7 @@ def estimate_focal_change(fit: Fit, view: ObservedView, pose: _FloatArray) -> tu
 
     The rest of the lens is held. The deviation is infinite if the view does not separate focal length from distance.
     """
-    pixels, by_lens, by_pose = _project(fit, pose, view.board)
+    pixels, by_lens, by_pose = _project(fit, pose, view)
     by_focal = by_lens[:, :, :2] @ fit.parameters[:2]
     jacobian = np.concatenate((by_focal[:, :, None], by_pose), axis=2).reshape(-1, 1 + _POSE)
     scale = np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
@@ -168,8 +233,24 @@ def estimate_focal_change(fit: Fit, view: ObservedView, pose: _FloatArray) -> tu
     return float(step[0] / scale[0]), float(np.sqrt(inverse[0, 0] * variance) / scale[0])
 
 
-def _project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+def predict_sigma_px(fit: Fit, view: ObservedView, pose: _FloatArray) -> float:
+    """Return the root mean square error that the uncertainty of the lens gives the corners of a view, its pose fitted.
+
+    Infinite if the views do not determine the lens.
+    """
+    if fit.covariance is None:
+        return float("inf")
+    _, by_lens, by_pose = _project(fit, pose, view)
+    values, vectors = np.linalg.eigh(fit.covariance)
+    moves = by_lens.reshape(-1, len(PARAMETERS)) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    camera = by_pose.reshape(-1, _POSE)
+    left = moves - camera @ np.linalg.lstsq(camera, moves, rcond=None)[0]
+    return float(np.sqrt(np.sum(left**2) / len(view.pixels)))
+
+
+def _project(fit: Fit, pose: _FloatArray, view: ObservedView) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
     """Return pixels (N, 2) and their derivatives with respect to ten parameters (N, 2, 10) and the pose (N, 2, 6)."""
+    board = _bend_board(fit, view)
     flat, slopes = cv2.projectPoints(board, pose[:3], pose[3:], fit.matrix, fit.distortion)
     pixels = np.asarray(flat, dtype=np.float64).reshape(-1, 2)
     slopes = np.asarray(slopes, dtype=np.float64).reshape(len(pixels), 2, -1)
@@ -185,57 +266,101 @@ def _project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> tuple[_FloatArr
     return pixels, by_lens, by_pose
 
 
-def _build_normal_equations(
-    fit: Fit, views: Sequence[ObservedView]
-) -> tuple[_FloatArray, _FloatArray, float]:
-    """Return the normal matrix, its right side, and the sum of squared residuals [px^2]."""
+def _differentiate_warp(view: ObservedView, pose: _FloatArray, by_pose: _FloatArray) -> _FloatArray:
+    """Return the derivatives (N, 2, W) of the pixels with respect to the warp.
+
+    A point that rises along the board's z moves as if the whole board were shifted that way.
+    """
+    normal = np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64)[:, 2]
+    return np.asarray((by_pose[:, :, 3:] @ normal)[:, :, None] * view.warp_shapes[:, None, :])
+
+
+@dataclass(frozen=True, eq=False)
+class _NormalEquations:
+    """Lens, warp and poses in this order: matrix, right side, sum of squared residuals [px^2], and their freedom.
+
+    The prior of the warp is not in them; it adds an observation for each of its parameters.
+    """
+
+    matrix: _FloatArray
+    side: _FloatArray
+    squares: float
+    warp: slice
+    freedom: int
+
+    @property
+    def variance(self) -> float:
+        """Variance of a corner's coordinate [px^2]; zero if there are no more observations than unknowns."""
+        return self.squares / self.freedom if self.freedom > 0 else 0.0
+
+    def weigh_prior(self, fit: Fit) -> tuple[_FloatArray, _FloatArray]:
+        """Return matrix and right side with the prior of the warp."""
+        matrix, side = self.matrix.copy(), self.side.copy()
+        matrix[self.warp, self.warp] += self.variance * np.eye(len(fit.warp))
+        side[self.warp] -= self.variance * fit.warp
+        return matrix, side
+
+
+def _build_normal_equations(fit: Fit, views: Sequence[ObservedView]) -> _NormalEquations:
     free = FREE[fit.model]
-    count = len(free) + _POSE * len(views)
+    shared = len(free) + len(fit.warp)
+    count = shared + _POSE * len(views)
     normal, side, squares = np.zeros((count, count)), np.zeros(count), 0.0
     for index, (view, pose) in enumerate(zip(views, fit.poses, strict=True)):
-        pixels, by_lens, by_pose = _project(fit, pose, view.board)
-        start = len(free) + _POSE * index
-        columns = np.concatenate((np.arange(len(free)), np.arange(start, start + _POSE)))
-        jacobian = np.concatenate((by_lens[:, :, free], by_pose), axis=2).reshape(-1, len(columns))
+        pixels, by_lens, by_pose = _project(fit, pose, view)
+        start = shared + _POSE * index
+        columns = np.concatenate((np.arange(shared), np.arange(start, start + _POSE)))
+        by_warp = _differentiate_warp(view, pose, by_pose)
+        jacobian = np.concatenate((by_lens[:, :, free], by_warp, by_pose), axis=2).reshape(-1, len(columns))
         residuals = (view.pixels - pixels).ravel()
         normal[np.ix_(columns, columns)] += jacobian.T @ jacobian
         side[columns] += jacobian.T @ residuals
         squares += float(residuals @ residuals)
-    return normal, side, squares
+    freedom = 2 * sum(len(view.pixels) for view in views) + len(fit.warp) - count
+    return _NormalEquations(normal, side, squares, slice(len(free), shared), freedom)
 
 
-def _minimise(fit: Fit, views: Sequence[ObservedView]) -> Fit:
-    """Move a fit to its minimum by Gauss-Newton."""
-    free = FREE[fit.model]
+def _minimise(
+    fit: Fit, equations: _NormalEquations, views: Sequence[ObservedView], tolerance_px: float
+) -> tuple[Fit, _NormalEquations]:
+    """Return the minimum next to a fit by Gauss-Newton, and the equations there; a step that makes it worse is halved.
+
+    The noise of the corners, which weighs the prior, is estimated anew at each step.
+    """
     for _ in range(_MAX_STEPS):
-        normal, side, _ = _build_normal_equations(fit, views)
-        scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-        step = np.linalg.lstsq(normal / np.outer(scale, scale), side / scale, rcond=None)[0] / scale
-        parameters = fit.parameters.copy()
-        parameters[free] += step[: len(free)]
-        fit = replace(
-            fit, parameters=parameters, poses=fit.poses + step[len(free) :].reshape(fit.poses.shape)
-        )
-        if np.abs(step * scale).max() <= _STEP_TOLERANCE_PX:
+        variance = equations.variance
+        matrix, side = equations.weigh_prior(fit)
+        scaled, scale = _scale(matrix)
+        step = np.linalg.solve(scaled + _DAMPING * np.eye(len(scale)), side / scale) / scale
+        limit = (1.0 + _ROUNDING) * (equations.squares + variance * float(fit.warp @ fit.warp))
+        for _ in range(_MAX_HALVINGS):
+            moved = _move(fit, step)
+            equations = _build_normal_equations(moved, views)
+            if equations.squares + variance * float(moved.warp @ moved.warp) <= limit:
+                break
+            step *= 0.5
+        fit = moved
+        if np.abs(step * scale).max() <= tolerance_px:
             break
-    if not (np.isfinite(fit.parameters).all() and fit.parameters[:2].min() > 0.0):
-        raise CalibrationRefusedError(
-            f"Zhang's model has no minimum for the {len(views)} views",
-            "photograph the board tilted in several ways",
-        )
-    return fit
+    return fit, equations
 
 
-def _add_covariance(fit: Fit, views: Sequence[ObservedView]) -> Fit:
+def _move(fit: Fit, step: _FloatArray) -> Fit:
+    free = FREE[fit.model]
+    shared = len(free) + len(fit.warp)
+    parameters = fit.parameters.copy()
+    parameters[free] += step[: len(free)]
+    poses = fit.poses + step[shared:].reshape(fit.poses.shape)
+    return replace(fit, parameters=parameters, warp=fit.warp + step[len(free) : shared], poses=poses)
+
+
+def _add_covariance(fit: Fit, equations: _NormalEquations, views: Sequence[ObservedView]) -> Fit:
     """Return the fit with its residual and the covariance of its parameters."""
-    normal, _, squares = _build_normal_equations(fit, views)
-    corners = sum(len(view.pixels) for view in views)
-    free, freedom = FREE[fit.model], 2 * corners - len(normal)
-    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    scaled = normal / np.outer(scale, scale)
-    covariance = None
-    if freedom > 0 and np.linalg.cond(scaled) < _LARGEST_CONDITION:
-        inverse = np.linalg.inv(scaled) / np.outer(scale, scale) * (squares / freedom)
-        covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
-        covariance[np.ix_(free, free)] = inverse[: len(free), : len(free)]
-    return replace(fit, rms_px=float(np.sqrt(squares / corners)), covariance=covariance)
+    scaled, scale = _scale(equations.weigh_prior(fit)[0])
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale) * equations.variance
+    free = FREE[fit.model]
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[np.ix_(free, free)] = inverse[: len(free), : len(free)]
+    rms = float(np.sqrt(equations.squares / sum(len(view.pixels) for view in views)))
+    warp_sigma = np.sqrt(np.diag(inverse)[equations.warp])
+    return replace(fit, rms_px=rms, covariance=covariance, warp_sigma=warp_sigma)

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
+from labrig.vision.board_warp import BoardWarp
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation
 from labrig.vision.refraction import Gel, PaperPlace
@@ -56,6 +57,7 @@ class _IntrinsicsDocument(_Section):
     coverage: float | None = None
     different_views: int | None = None
     tilt_spread_deg: float | None = None
+    board_warp: BoardWarp | None = None
 
 
 class _GelPart(_Section):
@@ -114,7 +116,7 @@ def load_intrinsics(path: Path) -> Intrinsics:
         If the file is missing, not JSON, of another kind, newer than this program, or lacks a value.
     """
     found = _load(path, _INTRINSICS, _IntrinsicsDocument)
-    return Intrinsics(**{**found.model_dump(), "views": found.views})
+    return Intrinsics(**{**found.model_dump(), "views": found.views, "board_warp": found.board_warp})
 
 
 def save_plane(path: Path, plane: PlaneMap, provenance: Mapping[str, Any]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
+from labrig.vision.board_warp import BoardWarp
 
 _FloatArray = NDArray[np.float64]
 
@@ -85,6 +86,8 @@ class Intrinsics:
     different_views : int or None
     tilt_spread_deg : float or None
         Largest angle between two boards.
+    board_warp : BoardWarp or None
+        How far the board is from flat; None where it was taken for flat, as in calibrations of earlier versions.
     """
 
     image_size: tuple[int, int]
@@ -105,6 +108,7 @@ class Intrinsics:
     coverage: float | None = None
     different_views: int | None = None
     tilt_spread_deg: float | None = None
+    board_warp: BoardWarp | None = None
 
     def camera_matrix(self) -> _FloatArray:
         """Return the matrix (3, 3) from directions to ideal pixels."""
@@ -174,6 +178,8 @@ class Intrinsics:
             "coverage": self.coverage,
             "different_views": self.different_views,
             "tilt_spread_deg": self.tilt_spread_deg,
+            "board_warp": self.board_warp
+            and {**vars(self.board_warp), "sentence": self.board_warp.sentence()},
             "views": [
                 {"image": view.image, "rms_px": view.rms_px, "used": view.used, "reason": view.reason}
                 for view in self.views

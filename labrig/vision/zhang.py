@@ -1,31 +1,36 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
-Corners come from `boards`, camera and covariance from `bundle`. This file checks the views, leaves out those that the
-others contradict, and has the result judged (`lens_evidence`).
+Corners come from `boards`, camera and covariance from `bundle`, the board's warp from `board_warp`. This file checks
+the views, has the bad ones left out (`view_selection`), and has the result judged (`lens_evidence`).
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
+from labrig.vision.board_warp import BoardWarp, WarpModel
 from labrig.vision.boards import BoardSearch, board_points_mm, find_board
-from labrig.vision.bundle import Fit, LensModel, ObservedView, find_pose, fit_camera, project
+from labrig.vision.bundle import Fit, LensModel, ObservedView, project
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.lens_evidence import LEAST_DIFFERENT_VIEWS, judge_lens
-from labrig.vision.mixed_settings import OtherSetting, find_other_setting
+from labrig.vision.lens_evidence import judge_lens
+from labrig.vision.mixed_settings import OtherSetting, describe_change
 from labrig.vision.picture import Picture, size_of
+from labrig.vision.rounding import round_up
+from labrig.vision.view_selection import BadView, Selection, measure_rms_px, select_views
 
 _FloatArray = NDArray[np.float64]
 
+_STEADY_VIEWS = "photograph the board on a stiff plate, held still and sharp, with one setting of the camera"
 _LEAST_CORNERS = 6
-_FOLDS = 8
-# A view is a gross outlier if its predicted error exceeds the median by this factor, and exceeds this many pixels.
-_OUTLIER_FACTOR = 4.0
-_OUTLIER_PX = 0.5
+# Of more bad views than this share of all, the rest is no evidence.
+_LARGEST_BAD_SHARE = 1.0 / 3.0
+# Focal lengths of single views may scatter this much more than their sigmas allow; 0.5 to 1.8 times in good sets.
+_LARGEST_SCATTER = 3.0
 
 
 def calibrate_from_pictures(
@@ -79,7 +84,8 @@ def calibrate_from_pictures(
             "show the whole board, flat and sharp, with its white margin",
             "count inner corners, not squares",
         )
-    found = calibrate_intrinsics(boards, pixels, size, names, model=model)
+    turned = search is not None and search.partial
+    found = calibrate_intrinsics(boards, pixels, size, names, model=model, turned=turned or columns == rows)
     rest = iter(found.views)
     views = tuple(missed[index] if index in missed else next(rest) for index in range(len(pictures)))
     return replace(found, views=views)
@@ -110,6 +116,7 @@ def calibrate_intrinsics(
     names: Sequence[str] | None = None,
     *,
     model: LensModel = "brown",
+    turned: bool = False,
 ) -> Intrinsics:
     """Calibrate a camera from corners of a flat board seen in several poses.
 
@@ -124,12 +131,15 @@ def calibrate_intrinsics(
     names : sequence of str, optional
         Names of the views; without them, "view 0", "view 1", ...
     model : "brown" or "zhang"
-        OpenCV's five coefficients of distortion, or Zhang's two with a skew of the pixel axes.
+        OpenCV's five coefficients of distortion and a board that may be warped, or Zhang's two with a skew of the
+        pixel axes and a flat board, as he published it.
+    turned : bool
+        Whether the board's points of some views may be turned by 90 degrees against those of others.
 
     Returns
     -------
     Intrinsics
-        `accepted` is False, with reasons, if measurements should not rely on it. A view that grossly
+        `accepted` is False, with reasons, if measurements should not rely on it. A view that
         contradicts the others is left out and listed with the reason.
 
     Raises
@@ -140,29 +150,49 @@ def calibrate_intrinsics(
         If no camera explains the views at all.
     """
     views = _check_views(board_points_mm, pixels, image_size, names)
-    kept = list(range(len(views)))
-    residuals: dict[int, ViewResidual] = {}
-    while True:
-        chosen = [views[index] for index in kept]
-        fit, predicted = fit_camera(chosen, image_size, model), _predict_rms(chosen, image_size, model)
-        worst = _find_gross_outlier(predicted)
-        if worst is None:
-            break
-        rms = float(predicted[worst])
-        reason = f"its corners are {rms:.2f} px from where the other views put them"
-        view = views[kept[worst]]
-        residuals[kept[worst]] = ViewResidual(
-            view.name, rms, used=False, reason=reason, corners_px=_pairs(view.pixels)
-        )
-        del kept[worst]
-    mixed = find_other_setting(fit, chosen, lambda some: fit_camera(some, image_size, model))
-    for index, pose in zip(kept, fit.poses, strict=True):
-        residuals[index] = _describe_view(views[index], fit, pose, mixed)
+    warp = (
+        None
+        if model == "zhang"
+        else WarpModel.of_boards([view.board[:, :2] for view in views], turned=turned)
+    )
+    if warp is not None:
+        views = [replace(view, warp_shapes=warp.shapes(view.board[:, :2])) for view in views]
+    selection = select_views(views, image_size, model)
+    chosen = [views[index] for index in selection.kept]
+    predicted = selection.predicted_px
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
-    listed = tuple(residuals[index] for index in range(len(views)))
-    found = judge_lens(chosen, fit, holdout, image_size, listed)
-    # Numbers fitted to two settings describe neither.
-    return found if mixed is None else replace(found, accepted=False, reasons=(mixed.reason,))
+    found = judge_lens(chosen, selection.fit, holdout, image_size, _describe_views(views, selection))
+    if warp is not None:
+        found = replace(found, board_warp=_describe_warp(warp, selection.fit))
+    return _judge_views(found, selection)
+
+
+def _describe_warp(warp: WarpModel, fit: Fit) -> BoardWarp:
+    """Return the board's warp [mm]; the points of most views tell which side of the board faces the camera."""
+    turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
+    away = (
+        float(np.median([turn[:, 2] @ pose[3:] for turn, pose in zip(turns, fit.poses, strict=True)])) > 0.0
+    )
+    return warp.describe(fit.warp, fit.warp_sigma, away=away)
+
+
+def _judge_views(found: Intrinsics, selection: Selection) -> Intrinsics:
+    """Refuse a lens of views that contradict one another."""
+    if selection.other is not None:
+        # Numbers fitted to two settings describe neither.
+        return replace(found, accepted=False, reasons=(selection.other.reason,))
+    reasons = list(found.reasons)
+    bad, seen = len(selection.bad), len(selection.bad) + len(selection.kept)
+    if bad > _LARGEST_BAD_SHARE * seen:
+        reasons.append(
+            f"{bad} of {seen} views contradict the others and were left out, at most a third may be: {_STEADY_VIEWS}"
+        )
+    if selection.scatter > _LARGEST_SCATTER:
+        reasons.append(
+            f"the focal lengths of single views scatter {round_up(selection.scatter, 1)} times more than their "
+            f"corners allow, the limit is {_LARGEST_SCATTER:g}: {_STEADY_VIEWS}"
+        )
+    return replace(found, accepted=not reasons, reasons=tuple(reasons))
 
 
 def _check_views(
@@ -202,22 +232,33 @@ def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> ObservedView:
         extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if extents[1] <= 1e-6 * extents[0]:
             raise InputError(f"{name}: the {what} lie on one line", "give corners of more than one row")
-    return ObservedView(name, np.column_stack((flat, np.zeros(len(flat)))), seen)
+    return ObservedView(name, np.column_stack((flat, np.zeros(len(flat)))), seen, np.empty((len(flat), 0)))
 
 
-def _describe_view(
-    view: ObservedView, fit: Fit, pose: _FloatArray, mixed: OtherSetting | None
+def _describe_views(views: Sequence[ObservedView], selection: Selection) -> tuple[ViewResidual, ...]:
+    """Return what each view contributed, in the order of the views."""
+    described = {index: _describe_bad(views[index], bad) for index, bad in selection.bad.items()}
+    for index, pose in zip(selection.kept, selection.fit.poses, strict=True):
+        described[index] = _describe_kept(views[index], selection.fit, pose, selection.other)
+    return tuple(described[index] for index in range(len(views)))
+
+
+def _describe_bad(view: ObservedView, bad: BadView) -> ViewResidual:
+    return ViewResidual(view.name, bad.rms_px, used=False, reason=bad.reason, corners_px=_pairs(view.pixels))
+
+
+def _describe_kept(
+    view: ObservedView, fit: Fit, pose: _FloatArray, other: OtherSetting | None
 ) -> ViewResidual:
-    """Return what a view contributed to the fit."""
-    errors = project(fit, pose, view.board) - view.pixels
-    other = mixed is not None and view.name in mixed.others
+    reason = None
+    if other is not None and view.name in other.others:
+        reason = f"of another camera setting: its focal length is {describe_change(other.longer)}"
+    errors = project(fit, pose, view) - view.pixels
     return ViewResidual(
         view.name,
-        _rms(view, fit, pose),
+        measure_rms_px(fit, pose, view),
         used=True,
-        reason=f"of another camera setting: its focal length is {mixed.difference}"
-        if mixed and other
-        else None,
+        reason=reason,
         corners_px=_pairs(view.pixels),
         errors_px=_pairs(errors),
     )
@@ -225,35 +266,3 @@ def _describe_view(
 
 def _pairs(points: _FloatArray) -> tuple[tuple[float, float], ...]:
     return tuple((float(u), float(v)) for u, v in points)
-
-
-def _rms(view: ObservedView, fit: Fit, pose: _FloatArray) -> float:
-    errors = project(fit, pose, view.board) - view.pixels
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
-
-
-def _predict_rms(views: Sequence[ObservedView], size: tuple[int, int], model: LensModel) -> _FloatArray:
-    """Return the reprojection error of each view [px] through a camera that was fitted without it.
-
-    Only the pose is fitted to the view itself. Up to `_FOLDS` views are left out singly, more views in `_FOLDS`
-    groups. With fewer than three views nothing can be predicted, and the result is empty.
-    """
-    if len(views) < 3:
-        return np.empty(0)
-    predicted = np.full(len(views), np.inf)
-    folds = min(len(views), _FOLDS)
-    for fold in range(folds):
-        fit = fit_camera([view for index, view in enumerate(views) if index % folds != fold], size, model)
-        for index in range(fold, len(views), folds):
-            pose = find_pose(fit, views[index])
-            predicted[index] = np.inf if pose is None else _rms(views[index], fit, pose)
-    return predicted
-
-
-def _find_gross_outlier(predicted: _FloatArray) -> int | None:
-    """Return the index of the view that the others predict far worse than one another, or None."""
-    if len(predicted) <= LEAST_DIFFERENT_VIEWS:
-        return None
-    worst = int(np.argmax(predicted))
-    limit = max(_OUTLIER_PX, _OUTLIER_FACTOR * float(np.median(predicted)))
-    return worst if predicted[worst] > limit else None

@@ -33,11 +33,13 @@ from tests.benchmarks import (
     start_up,
     sweep,
     tip,
+    warp,
 )
 
 TABLES = {
     "start-up": start_up.print_table,
     "intrinsics": intrinsics.print_table,
+    "warp": warp.print_table,
     "real-insertions": real_insertions.print_table,
     "curvature": curvature.print_table,
     "circles": circles.print_table,

@@ -183,6 +183,9 @@ def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, 
     assert "held in 1 pose that can be told apart, at least 3 are needed" in document["reasons"][0]
     assert all(": " in reason for reason in document["reasons"])
     assert not out.exists()
+    printed = labrig("calibrate", "intrinsics", view, "--board", "7x5", "--square-mm", 25).out
+    assert "The views hardly tell the warp of the board" in document["board_warp"]["sentence"]
+    assert document["board_warp"]["sentence"] in printed
 
 
 def test_colour_is_measured_like_grey(good: Path, labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:

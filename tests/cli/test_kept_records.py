@@ -28,6 +28,9 @@ labrig import import --intrinsics $KEPT/$FOUND/intrinsics.json --plane $KEPT/$FO
   --needle-diameter-mm 1.2 --sheath-diameter-mm 2 --runs-dir $KEPT --json
 mv $KEPT/*-import $KEPT/import && labrig reanalyze $KEPT/import
 rm -r import $KEPT/*/report.html
+
+Where a later labrig measures better, its result stands beside the first one: analysis/002 of camera-calibration is the
+first with the warp of the board, by `labrig reanalyze $KEPT/camera-calibration`.
 """
 
 import json
@@ -92,13 +95,13 @@ def test_a_kept_record_is_sound(kept: Path, labrig: Labrig) -> None:
 
 
 def test_a_kept_record_is_measured_as_before(kept: Path, labrig: Labrig) -> None:
-    """A reanalysis gives every number of the kept result."""
+    """A reanalysis gives every number of the last kept result."""
     done = labrig("reanalyze", kept, "--json")
     (row,) = done.json()
-    assert (done.exit_code, row["ok"], Path(row["analysis"]).name) == (0, True, "002")
+    *_, before, after = sorted((kept / "analysis").iterdir())
+    assert (done.exit_code, row["ok"], Path(row["analysis"]).name) == (0, True, after.name)
     old, new = (
-        json.loads((kept / "analysis" / number / "result.json").read_text(encoding="utf-8"))
-        for number in ("001", "002")
+        json.loads((number / "result.json").read_text(encoding="utf-8")) for number in (before, after)
     )
     require_same("result", {key: old[key] for key in old.keys() - OF_THE_MEASUREMENT}, new)
 

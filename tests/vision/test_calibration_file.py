@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, FileFormatError, InputError
+from labrig.vision.board_warp import BoardWarp
 from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, PlaneMap, Radial, Variation
@@ -29,6 +30,7 @@ LENS = Intrinsics(
     ),
     accepted=False,
     reasons=("2 different views",),
+    board_warp=BoardWarp(1 / 3, -0.05, 0.02, 0.03, 0.35),
 )
 PLANE = PlaneMap(
     homography=np.array([[0.0, -0.1, 20 / 3], [0.1, 0.001, -3.0], [1e-6, 0.0, 1.0]]),
@@ -78,6 +80,15 @@ def test_a_lens_comes_back_to_the_last_digit(lens_file):
     """Every number, view and reason survives the file; unknown values are None."""
     assert load_intrinsics(lens_file) == LENS
     assert load_intrinsics(lens_file).fingerprint() == LENS.fingerprint()
+
+
+def test_a_lens_of_an_earlier_version_has_no_warp(lens_file):
+    """A file from before the board's warp was measured is read, and its warp is unknown."""
+    document = json.loads(lens_file.read_text())
+    assert document["board_warp"]["sentence"] == LENS.board_warp.sentence()
+    del document["board_warp"]
+    lens_file.write_text(json.dumps(document))
+    assert load_intrinsics(lens_file) == replace(LENS, board_warp=None)
 
 
 def test_a_plane_comes_back_to_the_last_digit(plane_file):

@@ -14,6 +14,7 @@ from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.refraction import Gel
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
+from tests.pages import write_page
 
 
 def _analyse(run: Run) -> tuple[CalibrationResult, Path]:
@@ -36,7 +37,10 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
     assert load_plane(folder / "plane.json", lens).mm_per_px == pytest.approx(0.0646, abs=0.001)
     assert content.intrinsics is not None
     assert content.intrinsics["fx"] == lens.fx
-    assert load_run_result(run) is not None
+    found = load_run_result(run)
+    assert found is not None
+    assert lens.board_warp is not None
+    assert lens.board_warp.sentence() in write_page(run, found, NOW).read_text(encoding="utf-8")
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:

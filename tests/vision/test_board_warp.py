@@ -1,0 +1,177 @@
+"""The warp of the board in the calibration of the lens, and bad views: what is told, what is left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labrig.vision.board_warp import BoardWarp
+from labrig.vision.zhang import calibrate_intrinsics
+from tests.vision.warped_boards import SimulatedBoard, SimulatedCamera, draw_views, parabolas
+
+CAMERA = SimulatedCamera()
+FLAT = SimulatedBoard()
+SLIGHT = SimulatedBoard(height_mm=parabolas(0.1, 0.05))
+
+
+def views_of(board, count, seed, camera=CAMERA, **how):
+    """Return the corners of a board in so many random poses."""
+    return draw_views(camera, board, count, np.random.default_rng(seed), **how)
+
+
+def calibrate(views, **how):
+    """Return the calibration from views of the whole board, named by their numbers."""
+    names = [str(index) for index in range(len(views))]
+    return calibrate_intrinsics([FLAT.points_mm] * len(views), views, CAMERA.size, names, **how)
+
+
+def left_out(found):
+    """Return the numbers of the views that were left out."""
+    return [int(view.image) for view in found.views if not view.used]
+
+
+def test_sigma_of_the_focal_length_holds_for_warped_boards():
+    """For warps of 0 to 0.5 mm, the errors of fx are about as large as their stated standard deviations."""
+    shares = []
+    for draw in range(24):
+        warp_mm = 0.5 * (draw % 3) / 2
+        found = calibrate(views_of(SimulatedBoard(height_mm=parabolas(warp_mm, 0.5 * warp_mm)), 8, (8, draw)))
+        shares.append((found.fx - CAMERA.fx) / found.sigma["fx"])
+        assert found.board_warp.row_mm == pytest.approx(warp_mm, abs=4.0 * found.board_warp.sigma_row_mm)
+        assert found.board_warp.column_mm == pytest.approx(
+            0.5 * warp_mm, abs=4.0 * found.board_warp.sigma_column_mm
+        )
+    # Of 24 draws, the rms of a standard normal variable is 0.65 to 1.4 in 999 of 1000 cases.
+    assert 0.65 < np.sqrt(np.mean(np.square(shares))) < 1.4
+
+
+def test_warp_is_positive_towards_the_camera_whatever_the_numbering():
+    """A middle that stands towards the camera is positive, also if the board's rows are numbered upwards."""
+    board = SimulatedBoard(height_mm=parabolas(0.4, -0.2))
+    views = views_of(board, 8, 1)
+    mirrored = [FLAT.points_mm * (1.0, -1.0)] * 8
+    for found in (calibrate(views), calibrate_intrinsics(mirrored, views, CAMERA.size)):
+        assert found.board_warp.row_mm == pytest.approx(0.4, abs=0.05)
+        assert found.board_warp.column_mm == pytest.approx(-0.2, abs=0.05)
+
+
+def test_parts_of_a_board_share_its_warp():
+    """Views that show parts of the board with an origin of their own find the warp of the whole board."""
+    board = SimulatedBoard(height_mm=parabolas(0.4, 0.2))
+    points = FLAT.points_mm
+    views = views_of(board, 10, 2)
+    left, right = points[:, 0] <= 150.0, points[:, 0] >= 50.0
+    parts = [left if index % 2 else right for index in range(10)]
+    boards = [points[part] - points[part].min(axis=0) for part in parts]
+    found = calibrate_intrinsics(
+        boards, [view[part] for view, part in zip(views, parts, strict=True)], CAMERA.size
+    )
+    # The height over 150 mm of 200 mm.
+    assert found.board_warp.row_mm == pytest.approx(0.4 * 0.75**2, abs=0.05)
+
+
+def test_a_board_that_may_be_turned_has_one_warp():
+    """Where views may show the board turned by 90 degrees, the same height is fitted along rows and columns."""
+    square = SimulatedBoard(columns=7, rows=7, height_mm=parabolas(0.3, 0.3))
+    views = views_of(square, 8, 3)
+    turned = square.points_mm[:, ::-1] * (1.0, -1.0)
+    boards = [turned if index % 2 else square.points_mm for index in range(8)]
+    warp = calibrate_intrinsics(boards, views, CAMERA.size, turned=True).board_warp
+    assert warp.row_mm == warp.column_mm == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_warp_that_the_views_do_not_tell_is_left_at_zero():
+    """Of one view the warp stays at zero within its prior deviation, and the sentence says so."""
+    warp = calibrate(views_of(SimulatedBoard(height_mm=parabolas(0.5, 0.0)), 1, 4, tilt_deg=2.0)).board_warp
+    assert abs(warp.row_mm) < 0.5 * warp.prior_mm
+    assert warp.sigma_row_mm == pytest.approx(warp.prior_mm, rel=0.2)
+    assert "hardly tell the warp" in warp.sentence()
+    assert f"within {warp.prior_mm:.3f} mm" in warp.sentence()
+
+
+def test_an_untold_warp_widens_the_interval_of_the_focal_length():
+    """Two views hardly tell the warp, and fx is far less certain than for a board known to be flat."""
+    views = views_of(FLAT, 2, 5, tilt_deg=20.0)
+    flat = calibrate(views, model="zhang").sigma["fx"]
+    assert calibrate(views).sigma["fx"] > 2.0 * flat
+
+
+def test_the_sentence_states_both_heights_with_their_sigmas():
+    """A warp that is known reads as two heights with their standard deviations."""
+    sentence = BoardWarp(0.167, -0.045, 0.016, 0.021, 0.35).sentence()
+    assert "+0.167 ± 0.016 mm" in sentence
+    assert "-0.045 ± 0.021 mm" in sentence
+    assert "hardly" not in sentence
+
+
+def bend_by_hand(height_mm):
+    """Return a board that was bent in the hand for one photograph."""
+    return SimulatedBoard(height_mm=parabolas(height_mm, 0.0))
+
+
+def accelerate(view):
+    """Return the view as a rolling shutter takes it while the camera accelerates sideways."""
+    v = (view[:, 1] - view[:, 1].mean()) / np.ptp(view[:, 1])
+    return view + np.column_stack((16.0 * v**2, np.zeros(len(v))))
+
+
+LONGER = replace(CAMERA, fx=1.05 * CAMERA.fx, fy=1.05 * CAMERA.fy)
+BAD_FRAMES = {
+    "bent": lambda: views_of(bend_by_hand(4.0), 1, 11)[0],
+    "twisted": lambda: views_of(SimulatedBoard(height_mm=lambda x, y: 3.0 * x * y), 1, 12)[0],
+    "rolling shutter": lambda: accelerate(views_of(SLIGHT, 1, 13)[0]),
+    "another focus": lambda: views_of(SLIGHT, 1, 14, LONGER)[0],
+    "noise": lambda: views_of(SLIGHT, 1, 15, noise_px=1.5)[0],
+}
+
+
+@pytest.mark.parametrize("kind", BAD_FRAMES)
+def test_one_bad_frame_is_named_and_left_out(kind):
+    """A single bad frame is listed with the reason, the rest gives the camera, and nobody speaks of two cameras."""
+    views = views_of(SLIGHT, 9, 20)
+    found = calibrate([*views[:4], BAD_FRAMES[kind](), *views[4:]])
+    assert left_out(found) == [4]
+    assert found.views[4].reason
+    assert found.accepted, found.reasons
+    assert found.fx == pytest.approx(CAMERA.fx, abs=3.5 * found.sigma["fx"])
+
+
+def test_bad_frames_of_different_kinds_are_not_two_cameras():
+    """Frames that are each bad in their own way are left out one by one."""
+    views = views_of(SLIGHT, 9, 21)
+    found = calibrate([views_of(bend_by_hand(4.0), 1, 11)[0], *views, views_of(bend_by_hand(-4.0), 1, 12)[0]])
+    assert left_out(found) == [0, 10]
+    assert found.accepted, found.reasons
+
+
+def test_more_bad_views_than_a_third_are_refused():
+    """Where too many views contradict the others, the rest is no evidence."""
+    bad = [
+        views_of(SimulatedBoard(height_mm=parabolas(*heights)), 1, index)[0]
+        for index, heights in enumerate([(6.0, 0.0), (-6.0, 0.0), (0.0, 7.0), (5.0, -5.0)])
+    ]
+    found = calibrate([*views_of(SLIGHT, 6, 22), *bad])
+    assert not found.accepted
+    assert any(
+        "contradict the others and were left out, at most a third may be" in why for why in found.reasons
+    )
+
+
+def test_good_views_are_kept_where_the_others_hardly_tell_the_lens():
+    """Of four good views none is left out because the other three predict it badly."""
+    for seed in range(6):
+        assert left_out(calibrate(views_of(SLIGHT, 4, (23, seed)))) == []
+
+
+def test_views_whose_focal_lengths_scatter_are_refused():
+    """If the focus is different in every view, no group of them is the camera, and the scatter is stated."""
+    longer = (-0.03, -0.02, -0.012, -0.006, 0.0, 0.007, 0.013, 0.021, 0.03)
+    views = [
+        views_of(
+            SLIGHT, 1, 30 + index, replace(CAMERA, fx=(1 + share) * CAMERA.fx, fy=(1 + share) * CAMERA.fy)
+        )[0]
+        for index, share in enumerate(longer)
+    ]
+    found = calibrate(views)
+    assert not found.accepted
+    assert "two cameras" in found.reasons[0] or any("scatter" in why for why in found.reasons)

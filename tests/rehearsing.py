@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PATIENCE_S = 120.0
+PATIENCE_S = 240.0
 PATIENT = {
     "  bitrate: 1000000\n": "  bitrate: 1000000\n  answer_timeout_ms: 5000\n  heartbeat: {timeout_ms: 10000}\n",
     "limits: [-1, 50]": "limits: [-1, 18]",
@@ -27,7 +27,7 @@ _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 
 _BY_HAND = {
     r"Mount needle (\S+) in": r"needle \1",
-    r"Place specimen (.+) \(([\d.]+) % gelatin\)": r"specimen '\1' \2",
+    r"Place (?:specimen|block) (.+) \(([\d.]+) % gelatin\)": r"specimen '\1' \2",
     r"Shift specimen .+ to hole (\d+), ([\d.]+) mm": r"hole \1 \2",
     r"Hold the chessboard \((\d+) x (\d+) corners, ([\d.]+) mm .+ view (\d+) of": r"board \4 \1 \2 \3",
     r"Lay the graph paper \(([\d.]+) mm": r"paper \1",

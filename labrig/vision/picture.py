@@ -66,7 +66,7 @@ def read_picture(path: Path) -> Picture:
     return decode_picture(_read_bytes(path), path)
 
 
-def decode_picture(data: bytes, path: Path) -> Picture:
+def decode_picture(data: bytes, path: Path | str) -> Picture:
     """Return the picture in the content of a file; `path` names it in messages. Raises as `read_picture`."""
     if _is_truncated(data):
         raise PictureError(
@@ -146,7 +146,7 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
-def _check_pixels(data: bytes, path: Path) -> None:
+def _check_pixels(data: bytes, path: Path | str) -> None:
     """Refuse a picture whose header states no size or too many pixels, before memory is taken for them."""
     width, height = _read_size(data)
     if not width or not height:

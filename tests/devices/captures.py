@@ -164,10 +164,6 @@ class FedStream:
         image = self.arriving.get()
         return image is not None, image
 
-    def get(self, propId: int) -> float:
-        """Return the size."""
-        return float(SIZE_PX[0] if propId == cv2.CAP_PROP_FRAME_WIDTH else SIZE_PX[1])
-
     def release(self) -> None:
         """Count."""
         self.released += 1

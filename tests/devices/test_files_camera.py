@@ -13,8 +13,9 @@ from labrig.devices.camera_settings import CONTROL_NAMES
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files.camera import CAMERA as FILES
 from labrig.devices.files.settings import FilesCameraDescription
-from labrig.devices.files.stream import StreamSource, open_stream
+from labrig.devices.files.stream import ArrivingPictures, open_stream
 from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.stream_source import StreamSource
 from labrig.errors import CameraError, FileFormatError
 from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.yaml_file import dump_yaml
@@ -299,8 +300,9 @@ def test_a_stream_that_cannot_be_opened_is_named_without_its_password() -> None:
 
 def _stream(computer: Computer, timeout_s: float = 5.0) -> tuple[StreamSource, FedStream]:
     fed = FedStream()
+    pictures = ArrivingPictures(fed, "rtsp://h/x", computer)
     source = StreamSource(
-        fed, "rtsp://h/x", ComputerClock(computer), latency_s=0.5, timeout_s=timeout_s, monotonic_s=computer
+        pictures, ComputerClock(computer), bound_s=0.5, timeout_s=timeout_s, monotonic_s=computer
     )
     return source, fed
 
@@ -317,9 +319,8 @@ class _Arrivals(Computer):
 def test_a_picture_of_a_stream_is_newer_than_its_command_by_the_latency() -> None:
     """Pictures that arrive within the latency after the call are skipped: they may be older."""
     computer = _Arrivals()
-    source = StreamSource(
-        EndlessStream(), "rtsp://h/x", ComputerClock(computer), latency_s=0.5, monotonic_s=computer
-    )
+    pictures = ArrivingPictures(EndlessStream(), "rtsp://h/x", computer)
+    source = StreamSource(pictures, ComputerClock(computer), bound_s=0.5, monotonic_s=computer)
     asked_s = computer.now_s - 1000.0
     exposure = source.read()
     source.close()
@@ -357,4 +358,4 @@ def test_a_stream_that_nobody_reads_keeps_two_pictures() -> None:
     with pytest.raises(CameraError, match="after 10"):
         source.read()
     source.close()
-    assert source.dropped == 8
+    assert source.overtaken == 8

@@ -25,6 +25,10 @@ from tests.rehearsing import copy_rig
 
 REHEARSAL = BENCH.parent / "rig-rehearsal.yaml"
 _LONG_S = 60.0
+FILES = (
+    "camera={driver: files, source: 'http://127.0.0.1:29537/', width_px: 1280, height_px: 720, rate_hz: 10}"
+)
+"""Recorded pictures: no camera of a bench."""
 
 
 def test_the_example_names_two_ports_of_this_computer() -> None:
@@ -49,9 +53,9 @@ def test_the_example_has_the_drives_and_the_calibration_of_the_simulated_rig() -
         (("can.channel='socket://127.0.0.1:port'",), "can is slcan socket://127.0.0.1:port"),
         (("can.channel='socket://127.0.0.1'",), "can is slcan socket://127.0.0.1"),
         (("can.channel='socket://127.0.0.1:0'",), "can is slcan socket://127.0.0.1:0"),
-        (("camera.source='http://10.0.0.7/live'",), "camera is files http://10.0.0.7/live"),
-        (("camera.source='rtsp://127.0.0.1:8554/live'",), "camera is files rtsp://"),
-        (("camera.source=film.avi",), "camera is files film.avi"),
+        (("camera.source='http://10.0.0.7/live'",), "camera is mjpeg http://10.0.0.7/live"),
+        (("camera.source='https://127.0.0.1:29537/'",), "camera is mjpeg https://"),
+        ((FILES,), "camera is files http://127.0.0.1:29537/"),
     ],
 )
 def test_a_rig_elsewhere_is_not_served(overrides: tuple[str, ...], words: str) -> None:

@@ -9,8 +9,9 @@ from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.files.folder import PictureFolder, list_pictures, read_sidecar, require_rising
 from labrig.devices.files.playback import PlaybackSource, RecordedPictures
 from labrig.devices.files.settings import FilesCameraDescription
-from labrig.devices.files.stream import StreamSource, open_stream
+from labrig.devices.files.stream import ArrivingPictures, open_stream
 from labrig.devices.files.video import VideoFile
+from labrig.devices.stream_source import StreamSource
 from labrig.errors import CameraError
 
 
@@ -29,8 +30,10 @@ class FilesCamera(CameraKind[FilesCameraDescription]):
             When it cannot be read, or its times do not increase.
         """
         if section.is_stream:
-            capture = open_stream(section.source, section.address)
-            return StreamSource(capture, section.address, context.clock, latency_s=section.latency_s)
+            pictures = ArrivingPictures(open_stream(section.source, section.address), section.address)
+            source = StreamSource(pictures, context.clock, bound_s=section.latency_s)
+            source.wait_for_first()
+            return source
         return PlaybackSource(
             _open_pictures(section, context.folder / section.source), context.clock, section.start_s
         )

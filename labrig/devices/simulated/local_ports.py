@@ -29,7 +29,7 @@ def find_local_ports(rig: RigDescription) -> LocalPorts:
         put simulated drives on the bus of real ones.
     """
     can = _find_port(rig.can.channel, "socket") if rig.can.interface == "slcan" else None
-    camera = _find_port(rig.camera.address, "http") if rig.camera.driver == "files" else None
+    camera = _find_port(rig.camera.address, "http") if rig.camera.driver == "mjpeg" else None
     wrong = [
         f"{key} is {place or 'null'}"
         for key, place, port in (
@@ -60,7 +60,7 @@ def _make_hint(rig: RigDescription) -> str:
     return (
         "rehearse with a copy of the rig file that says "
         f"can: {{interface: slcan, channel: 'socket://{LOCAL_HOST}:{_CAN_PORT}', options: {{sleep_after_open: 0}}}}, "
-        f"camera: {{driver: files, source: 'http://{LOCAL_HOST}:{_CAMERA_PORT}/', width_px: {camera.width_px}, "
-        f"height_px: {camera.height_px}, rate_hz: 10, latency_s: 0.2}} and names a state_file and calibration files "
-        "of its own"
+        f"camera: {{driver: mjpeg, source: 'http://{LOCAL_HOST}:{_CAMERA_PORT}/', width_px: {camera.width_px}, "
+        f"height_px: {camera.height_px}, rate_hz: 10, stamp_error_s: 0.005}} and names a state_file and calibration "
+        "files of its own"
     )

@@ -57,7 +57,7 @@ class StreamSource:
     clock : Clock
         Rig time.
     bound_s : float
-        How much earlier than its time a picture may have been exposed [s].
+        How far the time of a picture may be from its exposure [s].
     timeout_s : float
         The longest wait for a picture [s].
     monotonic_s : callable
@@ -162,6 +162,7 @@ class StreamSource:
             if isinstance(picture, Dropped):
                 self._dropped = picture
                 return
+            self._dropped = Dropped("")
             self._size = {"width_px": picture.image.shape[1], "height_px": picture.image.shape[0]}
             self._queue.append(picture)
             if len(self._queue) > _QUEUED_PICTURES:

@@ -5,7 +5,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
-from threading import Thread
+from threading import Event, Thread
 
 import cv2
 import numpy as np
@@ -172,6 +172,37 @@ def test_pictures_that_are_all_dropped_are_an_error_that_says_why() -> None:
         CameraError, match=r"camera http://h/x: it gave none that can be used within 0\.05 s; .* 0\.200 s old"
     ):
         source.wait_for_first()
+
+
+class _FallenSilent(_Parts):
+    """A camera that gives no more pictures, and does not end, until it is told to."""
+
+    ended = Event()
+
+    def read_part(self) -> Part:
+        """Wait where there is no further one."""
+        if not self._arriving:
+            self.ended.wait(_LONG_S)
+        return super().read_part()
+
+
+def test_a_camera_that_has_recovered_is_not_blamed_for_a_dropped_picture() -> None:
+    """If it falls silent later, the error says only that."""
+    computer = Computer()
+    clock = _DayClock(computer)
+    late, timely = Part(DAY_S + 1, _jpeg()), Part(DAY_S + 9, _jpeg())
+    parts = _FallenSilent(computer, (1009.0, late), (1009.0, timely))
+    pictures = StampedPictures(
+        parts, "h", clock, latency_s=LATENCY_S, stamp_error_s=0.0, monotonic_s=computer
+    )
+    source = StreamSource(pictures, clock, bound_s=0.0, timeout_s=0.05, monotonic_s=computer)
+    source.wait_for_first()
+    computer.now_s += 1
+    with pytest.raises(CameraError, match=r"camera h: it gave no picture within 0\.05 s, after 2"):
+        source.read()
+    parts.ended.set()
+    source.close()
+    assert parts.closed == 1
 
 
 # What a sender may say

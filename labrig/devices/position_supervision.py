@@ -8,7 +8,8 @@ What is decided here
   a margin of `TIME_MARGIN_S` for the drive's own cycle, and the following error at which the drive itself would fail.
 - An axis in motion stays between its start and its target, plus its window. An axis at rest stays within two windows
   of its place: it arrives within one, and holds within another.
-- A position that changes faster than the axis can go is no motion: the encoder, its cable or its zero is at fault.
+- A position that changes faster than the axis can go is no motion: the encoder, its cable or its zero is at fault. In
+  motion the drive's own cycle counts here too: at its greatest speed an axis would have no margin otherwise.
 """
 
 import math
@@ -197,7 +198,8 @@ def supervise_position(
         rest = reading.position if rest is None else rest
         slack = _WINDOWS_AT_REST * axis.window
         low, high = rest - slack, rest + slack
-    error = _find_jump(axis, last, reading)
+    margin_s = TIME_MARGIN_S if isinstance(expected, InMotion) else 0.0
+    error = _find_jump(axis, last, reading, margin_s)
     if error is None and not low <= reading.position <= high:
         error = _strayed(axis, expected, (low, high), reading.position)
     return SupervisionState(expected, rest, reading), error
@@ -210,11 +212,11 @@ def bound_lag(expected: InMotion, reading: PositionReading) -> float:
 
 
 def _find_jump(
-    axis: AxisBounds, last: PositionReading | None, reading: PositionReading
+    axis: AxisBounds, last: PositionReading | None, reading: PositionReading, margin_s: float
 ) -> DriveStrayedError | None:
     if last is None:
         return None
-    longest_s = reading.until_s - last.from_s
+    longest_s = reading.until_s - last.from_s + margin_s
     reach = axis.max_speed * longest_s + _WINDOWS_AT_REST * axis.window
     if abs(reading.position - last.position) <= reach:
         return None

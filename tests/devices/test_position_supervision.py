@@ -117,6 +117,20 @@ def test_a_jump_is_told_from_motion() -> None:
     assert motion.fault is STRAYED
 
 
+def test_an_axis_at_its_greatest_speed_has_a_drives_cycle_of_margin() -> None:
+    """A reading that the drive made a little early, and the next a little late, are motion; a leap is none."""
+    fast = InMotion(
+        make_move_profile(1.0, 0.0, 0.0, 60.0, Limits(AXIS.max_speed, AXIS.acceleration, AXIS.acceleration)),
+        ahead_s=0.0,
+    )
+    early, late = (fast.profile.at(t_s)[0] for t_s in (1.98, 2.22))
+    assert late - early > AXIS.max_speed * 0.2 + 2 * WINDOW
+    assert judge(fast, early, late, start_s=2.0, step_s=0.2) is None
+    leap = judge(fast, early, late + 1.0, start_s=2.0, step_s=0.2)
+    assert leap is not None
+    assert leap.fault is POSITION_JUMPED
+
+
 def test_nothing_is_expected_of_an_axis_that_homes() -> None:
     """Nobody can tell where it has to be, and afterwards its positions count from another zero."""
     state = SupervisionState()

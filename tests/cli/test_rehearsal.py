@@ -19,14 +19,16 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminal
 CHAPTER = ROOT / "labrig" / "manual" / "commissioning.md"
 RIG = "calibration/rig-rehearsal.yaml"
 FAST = {
-    "sheath.speed_mm_s": 20,
+    "sheath.speed_mm_s": 30,
     "insertion.speed_mm_s": 10,
-    "insertion.withdraw_speed_mm_s": 20,
+    "insertion.withdraw_speed_mm_s": 30,
     "roll_zero.length_mm": 10,
-    "rig.axes.insertion.acceleration": 150,
-    "rig.axes.linear.acceleration": 150,
-    "rig.axes.rotation.acceleration": 60,
+    "rig.axes.insertion.max_speed": 40,
+    "rig.axes.insertion.acceleration": 200,
     "rig.axes.rotation.max_speed": 12.5,
+    "rig.axes.rotation.acceleration": 80,
+    "rig.axes.linear.max_speed": 40,
+    "rig.axes.linear.acceleration": 200,
 }
 """For insertions: less time for what the tests do not look at."""
 

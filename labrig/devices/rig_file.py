@@ -287,14 +287,17 @@ def unknown_entries(rig: RigDescription) -> dict[str, str]:
 
 
 def section_problems(rig: RigDescription) -> Iterator[tuple[str, Conflict]]:
-    """Yield what is wrong with files and settings of each axis, with the key at which it is."""
-    for name, axis in rig.axes.items():
+    """Yield what is wrong with the bus, and with files and settings of each axis, with the key at which it is."""
+    axes = rig.axes.items()
+    for conflict in rig.can.problems(len(axes)):
+        yield f"can.{conflict.key}", conflict
+    for name, axis in axes:
         for conflict in axis.problems(rig.can.heartbeat):
             yield f"axes.{name}.{conflict.key}", conflict
 
 
 def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
-    """Refuse a rig file with unknown entries of these axes, or with files or settings that their drives do not take.
+    """Refuse a rig file with unknown entries of these axes, or with values that their drives or the bus do not take.
 
     Raises
     ------
@@ -307,7 +310,8 @@ def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
             f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",
             "enter them in the rig file; labrig devices check --rig FILE says where to find each",
         )
-    problems = [(key, problem) for key, problem in section_problems(rig) if key.split(".")[1] in axes]
+    concerned = ("can.", *(f"axes.{name}." for name in axes))
+    problems = [(key, problem) for key, problem in section_problems(rig) if key.startswith(concerned)]
     if problems:
         raise InputError(
             f"rig {rig.name} cannot be opened: "

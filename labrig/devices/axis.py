@@ -241,7 +241,7 @@ class Axis:
         if reached:
             self._due_s = None
             self._expect_rest()
-        elif self._due_s is not None and self._clock.now_s() > self._due_s:
+        elif self._is_overdue():
             raise DriveError(
                 f"axis {self.name} stands at {read.position:.4g} {self.unit} "
                 "and has not arrived in good time",
@@ -279,6 +279,10 @@ class Axis:
         """Expect an axis that has arrived to stay at its target."""
         if isinstance(self.expected, InMotion):
             self.expected = AtRest(self.expected.profile.end_position)
+
+    def _is_overdue(self) -> bool:
+        """Tell whether an axis is still on its way when its move should long be done."""
+        return self._due_s is not None and self._inside_since_s is None and self._clock.now_s() > self._due_s
 
     def _has_arrived(self, *, arrived: bool) -> bool:
         """Tell whether every reading during the window time said so, with its position in the window."""

@@ -69,8 +69,8 @@ _PROMPT_S = 0.25
 _STOOD_STILL = "labrig itself stood still"
 _SUSPENDED = "the computer was suspended"
 _STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
-_TARGET_LOOK_S = 0.05
-"""Shortest time between two readings of targets [s]."""
+_TARGET_LOOK_S, _TARGET_EVERY = 0.05, 2
+"""Shortest time between two readings of targets [s], and how many readings of positions they come after."""
 
 
 @dataclass(frozen=True)
@@ -118,19 +118,24 @@ class Guards:
         Whether positions, targets and the bus are watched; this asks the drives more often.
     force : bool
         Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
-    record_first : bool
-        Whether power is switched on only when the run has its record.
+    steady : bool
+        Whether power is switched on only when the run has its record, and targets are read at every second reading.
     """
 
     dead_man: bool = True
     watch: bool = True
     force: bool = True
-    record_first: bool = True
+    steady: bool = True
+
+    @property
+    def target_every(self) -> int:
+        """After how many readings of positions targets are read; after each in records of before."""
+        return _TARGET_EVERY if self.steady else 1
 
     @property
     def level(self) -> int:
         """The number by which a record names them; 0, or nothing, for one of before."""
-        return 3 if self.record_first else 2 if self.force else int(self.dead_man)
+        return 3 if self.steady else 2 if self.force else int(self.dead_man)
 
     @classmethod
     def recorded(cls, level: int, *, exact: bool) -> Self:
@@ -138,7 +143,7 @@ class Guards:
 
         What a bench answered while it was watched cannot be asked again at other instants.
         """
-        return cls(dead_man=level > 0, watch=level > 0 and exact, force=level > 1, record_first=level > 2)
+        return cls(dead_man=level > 0, watch=level > 0 and exact, force=level > 1, steady=level > 2)
 
 
 GUARDED = Guards()
@@ -224,6 +229,7 @@ class Rig:
             nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
             self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
         self._read_s = self._target_s = 0.0
+        self._readings = 0
         self._is_watching = False
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
@@ -380,8 +386,9 @@ class Rig:
             return
         errors = [self._judge(name, position) for name, position in positions.items()]
         raise_together([error for error in errors if error is not None])
-        if self._read_s - self._target_s >= _TARGET_LOOK_S:
-            self._target_s = self._read_s
+        self._readings += 1
+        if self._readings >= self._guards.target_every and self._read_s - self._target_s >= _TARGET_LOOK_S:
+            self._readings, self._target_s = 0, self._read_s
             self._targets_due = [*self._targets_due[1:], self._targets_due[0]]
             moving = [name for name, axis in self._axes.items() if isinstance(axis.expected, InMotion)]
             for name in moving or self._targets_due[:1]:

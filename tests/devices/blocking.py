@@ -1,5 +1,6 @@
 """What blocks for a time of the injected clock: a camera that hangs, a disk that is busy."""
 
+import random
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -69,6 +70,24 @@ class Blockade:
         return future.done()
 
 
+class LateClock(SimulatedClock):
+    """Rig time of a busy computer: each sleep lasts up to `late_s` longer than asked [s]."""
+
+    def __init__(self, drives: SimulatedClock, late_s: float) -> None:
+        super().__init__()
+        self._drives = drives
+        self._late_s = late_s
+        self._random = random.Random(1)
+
+    def now_s(self) -> float:
+        """Return the time of the drives, which is that of the rig."""
+        return self._drives.now_s()
+
+    def sleep(self, duration_s: float) -> None:
+        """Let time pass, and some more."""
+        self._drives.sleep(duration_s + self._random.uniform(0.0, self._late_s))
+
+
 class BusyDisk(WorkerThread):
     """A worker each call of which waits for the disk first."""
 
@@ -124,13 +143,14 @@ class WorldCapture:
 class ThreadedHardware(SimulatedHardware):
     """Simulated drives and world, with the workers of a bench and a UVC camera."""
 
-    def __init__(self, rig: RigDescription) -> None:
+    def __init__(self, rig: RigDescription, late_s: float) -> None:
         assert rig.world is not None
         super().__init__(rig, rig.world, seed=1)
         self.blockade = Blockade(self.clock)
         self.camera_worker = WorkerThread("camera", self.clock, self.blockade.wait)
         self.disk = self.disk_worker = BusyDisk(self.blockade, self.clock)
         self.capture = WorldCapture(self.world, self.blockade)
+        self.clock = LateClock(self.clock, late_s) if late_s else self.clock
 
     def open_source(self) -> PictureSource:
         """Open the camera through the driver of USB cameras."""
@@ -152,11 +172,11 @@ class ThreadedHardware(SimulatedHardware):
 
 @contextmanager
 def threaded_rig(
-    description: RigDescription | None = None,
+    description: RigDescription | None = None, *, late_s: float = 0.0
 ) -> Iterator[tuple[OpenedRig, ThreadedHardware]]:
-    """Open a rig whose camera and disk can block; it is not closed by this."""
+    """Open a rig whose camera and disk can block, and whose computer may be late; it is not closed by this."""
     description = description or simulated_rig()
-    hardware = ThreadedHardware(description)
+    hardware = ThreadedHardware(description, late_s)
     link, signal, person = hardware.open_link(), Signal(), Person()
     rig = Rig(
         description,

@@ -26,7 +26,7 @@ SHORT = (
     "analysis.window_end_mm=0",
     "analysis.min_window_mm=5",
 )
-BUSY_S = 0.5
+BUSY_S, LATE_S = 0.5, 0.1
 QUADCOUNTS_PER_MM = 4000
 LONGEST_GAP_S = 0.2
 """Two periods of the heartbeat."""
@@ -99,6 +99,19 @@ def test_a_disk_that_takes_500_ms_for_everything_delays_no_beat(tmp_path: Path) 
             opened.rig.wait(1.5)
         opened.rig.close()
         assert heard.longest_gap_s <= LONGEST_GAP_S
+        require_no_fault(opened)
+
+
+def test_a_busy_computer_trips_nothing(tmp_path: Path) -> None:
+    """Whatever waits is late by up to 0.1 s, and whatever the disk does takes as long."""
+    with threaded_rig(late_s=LATE_S) as (opened, hardware), listening(opened) as heard:
+        rig = opened.rig
+        hardware.disk.busy_s = LATE_S
+        rig.verify()
+        outcome = conduct_sweep(rig, record(tmp_path, rig), Told())
+        rig.close()
+        assert (outcome.exit_status, outcome.reason) == ("success", "")
+        assert heard.longest_gap_s <= LONGEST_GAP_S + 2 * LATE_S
         require_no_fault(opened)
 
 

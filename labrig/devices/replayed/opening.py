@@ -76,6 +76,6 @@ def open_replayed(
             guards=guards,
         )
         rig.verify()
-        if not guards.record_first:
+        if not guards.steady:
             rig.enable()
         yield rig, hardware

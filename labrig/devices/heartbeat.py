@@ -20,8 +20,11 @@ from labrig.devices.can_description import HeartbeatDescription
 
 _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6
-LONGEST_EXCHANGE_S = 2.0
-"""Time after supervision for which an exchange with drives may send beats [s]."""
+LONGEST_EXCHANGE_S = 3.0
+"""Time after supervision for which an exchange with drives may send beats [s].
+
+The longest one starts three axes at once: 19 SDO transactions and waits each, 1.9 s in all if an answer takes 20 ms.
+"""
 
 _RECENT_S = 5.0
 """A gap that ended longer ago explains nothing any more [s]."""

@@ -69,8 +69,8 @@ _PROMPT_S = 0.25
 _STOOD_STILL = "labrig itself stood still"
 _SUSPENDED = "the computer was suspended"
 _STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
-_TARGET_LOOK_S, _TARGET_EVERY = 0.05, 2
-"""Shortest time between two readings of targets [s], and how many readings of positions they come after."""
+_TARGET_LOOK_S, _FORMER_TARGET_LOOK_S = 0.15, 0.05
+"""Shortest time between two readings of targets, now and in records of before [s]."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Guards:
     force : bool
         Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
     steady : bool
-        Whether power is switched on only when the run has its record, and targets are read at every second reading.
+        Whether power is switched on only when the run has its record, and targets are read less often.
     """
 
     dead_man: bool = True
@@ -128,9 +128,9 @@ class Guards:
     steady: bool = True
 
     @property
-    def target_every(self) -> int:
-        """After how many readings of positions targets are read; after each in records of before."""
-        return _TARGET_EVERY if self.steady else 1
+    def target_look_s(self) -> float:
+        """The shortest time between two readings of targets [s]."""
+        return _TARGET_LOOK_S if self.steady else _FORMER_TARGET_LOOK_S
 
     @property
     def level(self) -> int:
@@ -229,7 +229,6 @@ class Rig:
             nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
             self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
         self._read_s = self._target_s = 0.0
-        self._readings = 0
         self._is_watching = False
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
@@ -386,9 +385,8 @@ class Rig:
             return
         errors = [self._judge(name, position) for name, position in positions.items()]
         raise_together([error for error in errors if error is not None])
-        self._readings += 1
-        if self._readings >= self._guards.target_every and self._read_s - self._target_s >= _TARGET_LOOK_S:
-            self._readings, self._target_s = 0, self._read_s
+        if self._read_s - self._target_s >= self._guards.target_look_s:
+            self._target_s = self._read_s
             self._targets_due = [*self._targets_due[1:], self._targets_due[0]]
             moving = [name for name, axis in self._axes.items() if isinstance(axis.expected, InMotion)]
             for name in moving or self._targets_due[:1]:

@@ -213,7 +213,7 @@ class Rig:
         self._link = link
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
-        attended = replace(link, attend=self._heartbeat.attend)
+        attended = replace(link, attend=self._attend)
         self._axes = {
             name: Axis(name, axis, open_drive(attended, axis, name, self._heartbeat), self._heartbeat)
             for name, axis in description.axes.items()
@@ -354,8 +354,10 @@ class Rig:
         try:
             for axis in self.axes:
                 axis.drive.expect_report()
+            self._read_s = (
+                self.clock.now_s()
+            )  # before: a busy computer may be held up when the drives have measured
             self._link.send(_SYNC, b"")
-            self._read_s = self.clock.now_s()
             states = {name: axis.read() for name, axis in self._axes.items()}
             self._positions |= {name: (self._read_s, state.position) for name, state in states.items()}
             self._supervise_positions({name: state.position for name, state in states.items()})
@@ -458,6 +460,12 @@ class Rig:
         if self.clock.now_s() - self._read_s >= _LOOK_S:
             self._look()
         self._load.require_moving(self.axes, self.clock)
+
+    def _attend(self) -> None:
+        """Let the beat go on between two answers; without power, however long an exchange takes."""
+        if not self._has_power:
+            self._heartbeat.note_supervision()
+        self._heartbeat.attend()
 
     def do_aside(self, call: Callable[[], _T]) -> _T:
         """Do what may block (a disk, a long computation) in another thread, and supervise meanwhile.
@@ -784,7 +792,6 @@ class Rig:
             limits_ma = {axis.name: self._max_current_ma(axis) for axis in self.axes}
             self._load.get_ready(self.axes, {name: ma for name, ma in limits_ma.items() if ma is not None})
         for axis in self.axes:
-            self._heartbeat.note_supervision()
             axis.drive.enable()
         self._has_power, self._is_watching = True, self._guards.watch
 
@@ -794,7 +801,6 @@ class Rig:
         """Do something with every axis, and raise the failures of all together, with more that are found afterwards."""
         failures: list[MachineError] = []
         for axis in self.axes:
-            self._heartbeat.note_supervision()
             try:
                 step(axis)
             except MachineError as error:

@@ -26,7 +26,7 @@ def print_table() -> None:
     """Print the load of reading three axes at 100 Hz and of an idle rig; another process serves the drives."""
     rows = []
     for interface in BUSES:
-        with _serve_drives(interface) as rig:
+        with open_served_rig(interface) as rig:
             for what, limit, work in (("100 Hz status", 15, _read), ("idle", 2, _idle)):
                 rate_hz, share = _measure(rig, work)
                 rows.append([interface, what, f"{rate_hz:.1f}", f"{100 * share:.1f}", f"{limit}"])
@@ -34,13 +34,14 @@ def print_table() -> None:
 
 
 @contextmanager
-def _serve_drives(interface: str) -> Iterator[Rig]:
+def open_served_rig(interface: str, *further: str) -> Iterator[Rig]:
+    """Serve drives in another process, with further arguments of its command, and open a rig whose needle moves."""
     arguments, reached_by = BUSES[interface]
     command = [sys.executable, "-m", "labrig", "devices", "simulate", "--interface", interface]
     with (
         tempfile.TemporaryDirectory() as folder,
         subprocess.Popen(
-            [*command, "--nodes", "1,2,3", *arguments], stdout=subprocess.PIPE, text=True
+            [*command, "--nodes", "1,2,3", *arguments, *further], stdout=subprocess.PIPE, text=True
         ) as serving,
     ):
         try:

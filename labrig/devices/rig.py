@@ -354,9 +354,8 @@ class Rig:
         try:
             for axis in self.axes:
                 axis.drive.expect_report()
-            self._read_s = (
-                self.clock.now_s()
-            )  # before: a busy computer may be held up when the drives have measured
+            # Before the SYNC: a busy computer may be held up after the drives have measured.
+            self._read_s = self.clock.now_s()
             self._link.send(_SYNC, b"")
             states = {name: axis.read() for name, axis in self._axes.items()}
             self._positions |= {name: (self._read_s, state.position) for name, state in states.items()}

@@ -15,8 +15,9 @@ from tests.devices.rigs import opened_rig, simulated_rig
 
 PERIOD_S, TIMEOUT_S = 0.1, 0.5
 ONE_WAY_S = 0.01
-ON_TIME_S = 2 * PERIOD_S + 2 * ONE_WAY_S
-"""Longest gap between two beats: what waits looks once a period, and after an answer, whether one is due."""
+ON_TIME_S = 2 * PERIOD_S + 3 * ONE_WAY_S
+"""Longest gap between two beats: what waits looks once a period, and after an answer, whether one is due; and the beat
+has a way to go."""
 
 
 def rig_of(kind: str, folder: Path) -> RigDescription:

@@ -174,7 +174,8 @@ def test_calls_that_only_posix_has_stand_in_one_file() -> None:
             "a broad except",
             (
                 r"except (Base)?Exceptio[n]\b"
-                r"(?! as error:.*\n +(raise PluginError|failure = _keep|exit_code = _report|fault = ))|except[:]"
+                r"(?! as error:.*\n +(raise PluginError|failure = _keep|exit_code = _report|fault = "
+                r"|future\.set_exception))|except[:]"
             ),
         ),
         ("a real sleep in a test", r"time\.slee[p]\("),

@@ -13,8 +13,8 @@ What is decided here
   the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.
 - An axis without a reference does not move, and no axis is referenced while a needle is in tissue or may be;
-  the state file remembers that across crashes. Nothing but opening a rig switches power on, and a fault is reset
-  only where a rig is opened for commissioning or recovery and a person has confirmed it.
+  the state file remembers that across crashes. Nothing but `Rig.enable` switches power on: a run has its record by
+  then. A fault is reset only where a rig is opened for commissioning or recovery and a person has confirmed it.
 - Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
   where the axes stand. Backlash stands in the rig file; moves end from one side.
 - States of all axes are of one instant, that of a SYNC. The set-up of a drive may be pinned in the rig file.
@@ -34,5 +34,12 @@ What is decided here
   (`uvc/`, `mjpeg/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
 - A picture is never older than its command. If the camera gives the time of exposure, positions of the axes are
   interpolated between the readings before and after it; the bound of that time is recorded with the picture.
-- This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
+- One thread supervises: it talks to the drives, looks for signals, and alone sends heartbeats (`heartbeat`), also
+  between two answers of drives. Whatever may block is done by a worker while it goes on supervising (`Rig.do_aside`,
+  `worker`): one reads the camera, one does the rest, which is disk and long computations. The recorder has a third for
+  its fsyncs. A supervisor that hangs sends no beat, and the drives stop. Simulated and recorded time stand still while
+  something blocks, so that those rigs have no workers.
+- A camera that does not answer is given up and named; a suspended computer shows in the kernel's clocks, and is named
+  when it goes on. A bit rate at which the drives cannot be looked after does not open.
+- This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can has one on a real bus).
 """

@@ -213,16 +213,10 @@ class Rig:
         self._link = link
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
-        attended = replace(link, attend=self._attend)
-        self._axes = {
-            name: Axis(name, axis, open_drive(attended, axis, name, self._heartbeat), self._heartbeat)
-            for name, axis in description.axes.items()
-            if name in opening.axes
-        }
+        self._axes = self._open_axes(replace(link, attend=self._attend))
+        worker = hardware.camera_worker
         self._camera = (
-            None
-            if source is None
-            else Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
+            source if source is None else Camera(source, description.camera, self._heartbeat, worker)
         )
         self._watch: BusWatch | None = None
         if guards.watch:
@@ -243,6 +237,13 @@ class Rig:
         self._unknown_motion = ""
         self._lost_zeros: set[str] = set()
         self._has_power = self._is_ending = False
+
+    def _open_axes(self, link: CanLink) -> dict[str, Axis]:
+        return {
+            name: Axis(name, axis, open_drive(link, axis, name, self._heartbeat), self._heartbeat)
+            for name, axis in self.description.axes.items()
+            if name in self._opening.axes
+        }
 
     # State
 

@@ -38,8 +38,8 @@ Decided here:
   `Run.problems`. Everything else that is missing or changed, in a closed run even a last line, is in `Run.damage`. The
   manifest carries the same checksum over its content.
 - A line is handed to the kernel in one write before the call returns, and a picture is complete under its name before
-  its line is written. So a killed process loses nothing acknowledged. A thread of its own forces both to disk, so that
-  no axis waits for a busy disk: a power cut loses at most the last two `fsync_period_s` of rig time while the disk
+  its line is written. So a killed process loses nothing acknowledged. A thread of its own forces both to disk, and only
+  the lines of pictures wait for it: a power cut loses at most the last two `fsync_period_s` of rig time while the disk
   keeps up; see `Recorder`.
 - Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
 - Lists and searches read the folders. `.catalogue.sqlite3` beside them is a cache, each run under the time, size and

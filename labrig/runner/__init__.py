@@ -5,10 +5,13 @@ procedure is a function of a protocol and a `Session`: the opened rig, the recor
 moves, asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it
 starts, as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
 
-`conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
-failed (a device or the computer failed). The axes stop in every case. `conduct_remainder` continues an interrupted run.
-Draws of a simulated world come from seed and purpose, so the remainder is what it would have been. An experiment that
-moves nothing is recorded by `conduct_without_rig`.
+`conduct` switches power on and runs a procedure to an end that the record can state: success, aborted (a person or a
+signal stopped it) or failed (a device or the computer failed). The axes stop in every case. `conduct_remainder`
+continues an interrupted run. Draws of a simulated world come from seed and purpose, so the remainder is what it would
+have been. An experiment that moves nothing is recorded by `conduct_without_rig`.
+
+The record is written by a worker, and long computations are made by one (`Session.compute`), while the thread of the
+procedure supervises the rig (`supervised_record`).
 
 `replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
 nothing but the protocol, the rig file, the calibration and what the devices return.

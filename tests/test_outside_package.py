@@ -98,7 +98,8 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
     )
     page = (installed.example / ran["report"]).read_text(encoding="utf-8")
     assert "The marker came back" in page
-    assert page.count("<figcaption") == 4
+    assert "Motor current" in page
+    assert page.count("<figcaption") == 4 + 1  # a picture of each visit, and the motor currents
 
     run = ran["run"]
     (sound,) = json.loads(installed.call("labrig", "runs", "check", run, "--json"))

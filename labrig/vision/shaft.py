@@ -4,6 +4,10 @@ The shaft is darker than the gel and enters at the border from which the inserti
 (`shaft_trace`), straightened, and measured by its two edges (`shaft_edges`). This is done twice, so that the second
 strip follows the shaft itself. The sheath's tip is where the width drops from the sheath's to the needle's; the
 needle's tip is where the darkness ends (`shaft_ends`).
+
+A shaft may also begin inside the picture, where it comes out of something with an edge: the gel's own edge, a holder, a
+wall. A straight bar from border to border is a wall and no second shaft (`shaft_choice`). A bright wall may hide a
+stretch of the shaft; a tip at such a wall is refused.
 """
 
 from dataclasses import dataclass, replace
@@ -16,20 +20,29 @@ from labrig.vision.mask import fill_masked
 from labrig.vision.picture import Picture, as_grey, require_contrast
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_down
+from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft, find_only_shaft
 from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, fit_guide, straighten
-from labrig.vision.shaft_ends import Diameters, find_longest_run, find_needle_end, find_sheath_end
-from labrig.vision.shaft_trace import Orientation, Trace, Widths, trace_shafts
+from labrig.vision.shaft_ends import (
+    LARGEST_HOLE_MM,
+    Diameters,
+    find_longest_run,
+    find_needle_end,
+    find_sheath_end,
+    measure_brightening,
+)
+from labrig.vision.shaft_trace import Orientation, Trace, Widths, filter_bars, trace_shafts
 
 FloatArray = NDArray[np.float64]
 
-# A shaft that begins further inside the picture than this does not come from the border.
-_LARGEST_GAP_MM = 10.0
 # A guide that ends this close to the border was cut by it.
 _BORDER_PX = 2.0
+# An end in the last rows of the strip is no end.
+_LEAST_ROWS_BEYOND = 2
 # How far beyond the traced end the tip is searched for.
 _BEYOND_MM = 6.0
-# A second shaft of this length and this share of the first shaft's strength makes the picture ambiguous.
-_RIVAL_MM, _RIVAL_STRENGTH = 8.0, 0.6
+# A tip is not believed where the picture becomes brighter than the gel by more than this share: there a wall may hide
+# the rest. In photographs without a wall at the tip, uneven light gave up to 0.09.
+_HIDING = 0.13
 # The stated diameters hold within this factor.
 _DIAMETER_FACTOR = 1.7
 # Rows whose relative width differs more than this are not shaft but bevel, or a bubble at an edge.
@@ -133,7 +146,7 @@ def locate_shaft(
     diameter_mm : float
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
-        None if the picture shows no sheath.
+        Up to four times the needle's; None if the picture shows no sheath.
     masked : ndarray of bool (H, W), optional
         Pixels that are not the needle.
 
@@ -151,51 +164,36 @@ def locate_shaft(
     )
     diameters = Diameters(diameter_mm, sheath_diameter_mm)
     widths = diameters.widths(1.0 / plane.mm_per_px)
-    trace = _choose_shaft(trace_shafts(scene.picture, widths), widths, view)
-    guide = _refine_guide(scene, trace, widths, diameters)
-    return _measure(scene, guide, widths, diameters, view)
+    bars = filter_bars(scene.picture, widths)
+    entering: tuple[Trace, ...] = ()
+    try:
+        entering = trace_shafts(bars)
+        trace = choose_shaft(entering, widths, view.px)
+    except MeasurementRefusedError:
+        traces = (*entering, *trace_shafts(bars, from_border=False))
+        only = find_only_shaft(traces, scene.picture, widths)
+        if only is None:
+            raise
+        trace = only
+    return _measure_trace(scene, trace, widths, diameters, view)
 
 
-def _choose_shaft(traces: tuple[Trace, ...], widths: Widths, view: _Projector) -> Trace:
-    """Return the shaft; refuse two shafts, and a shaft that does not come from the border."""
-    first = traces[0]
-    start_mm = (first.points[0, 0] + 0.5) / widths.px_per_mm
-    if start_mm > _LARGEST_GAP_MM:
-        raise MeasurementRefusedError(
-            f"the shaft begins {start_mm:.1f} mm inside the picture, and {_LARGEST_GAP_MM:g} mm is the most for a "
-            "shaft that comes from the border"
-        )
-    if len(first.points) < LEAST_POINTS:
-        u, v = view.px(first.points[-1:])[0]
-        raise MeasurementRefusedError(
-            f"what enters the picture is not a shaft: it ends at ({u:.0f}, {v:.0f}) px"
-        )
-    for other in traces[1:]:
-        if _is_same(first, other, widths):
-            continue
-        length_mm = np.hypot(*np.diff(other.points, axis=0).T).sum() / widths.px_per_mm
-        if length_mm >= _RIVAL_MM and other.strength >= _RIVAL_STRENGTH * first.strength:
-            places = " and ".join(
-                f"({u:.0f}, {v:.0f})" for u, v in view.px(np.array([first.points[0], other.points[0]]))
-            )
-            raise MeasurementRefusedError(
-                f"two shafts enter the picture, at {places} px, and one is expected"
-            )
-    return first
+def _measure_trace(
+    scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters, view: _Projector
+) -> Shaft:
+    """Measure the shaft that a trace follows."""
+    # What hides a stretch of the shaft does not end it.
+    hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
+    guide = _refine_guide(scene, trace, widths, diameters, hole_mm)
+    return _measure(scene, guide, widths, diameters, view, hole_mm=hole_mm)
 
 
-def _is_same(first: Trace, other: Trace, widths: Widths) -> bool:
-    """Return whether another trace follows the same shaft: a slanting sheath can yield two traces."""
-    apart = np.linalg.norm(other.points[:, None] - first.points[None], axis=2).min(axis=1)
-    return bool(np.median(apart) < widths.widest_px / 2.0)
-
-
-def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
+def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters, hole_mm: float) -> Guide:
     """Return a guide along the middle of the shaft's edges, from the border to beyond the tip."""
     scale = widths.px_per_mm
     coarse = fit_guide(trace.points, scale, 0.0, 0.0)
     _, edges = scene.edges(coarse, widths)
-    run = find_longest_run(edges.counts, scale)
+    run = find_longest_run(edges.counts, scale, hole_mm)
     entry = find_sheath_end(edges.width / scale, run, scale, diameters)
     rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
     rows = rows[rows < rows[-1] - _BEVEL_ONSET * widths.needle_px] if len(rows) else rows
@@ -204,7 +202,7 @@ def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diamet
             f"both edges of the shaft are seen over {len(rows) / scale:.1f} mm, and {_LEAST_LENGTH_MM:g} mm is the "
             "least"
         )
-    before_mm = rows[0] / scale + _LARGEST_GAP_MM
+    before_mm = rows[0] / scale + LARGEST_GAP_MM
     middle = coarse.at(rows.astype(np.float64), edges.middle[rows])
     guide = fit_guide(middle, scale, before_mm, _BEYOND_MM).inside(
         scene.picture.shape[1], scene.picture.shape[0]
@@ -214,21 +212,30 @@ def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diamet
     return guide
 
 
-def _measure(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters, view: _Projector) -> Shaft:
+def _measure(
+    scene: _Scene,
+    guide: Guide,
+    widths: Widths,
+    diameters: Diameters,
+    view: _Projector,
+    *,
+    hole_mm: float,
+) -> Shaft:
     """Measure the shaft in the strip along its refined guide."""
     strip, edges = scene.edges(guide, widths)
     grid = np.arange(len(guide.places), dtype=np.float64)
     left_mm, right_mm = (view.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
     width_mm = np.hypot(*(right_mm - left_mm).T)
-    run = find_longest_run(edges.counts, widths.px_per_mm)
+    run = find_longest_run(edges.counts, widths.px_per_mm, hole_mm)
     entry = find_sheath_end(width_mm, run, widths.px_per_mm, diameters)
     even = run & _is_bar(width_mm, run, entry)
     sheath, bar = (even & (side > _STEP_BLUR * widths.needle_px) for side in (entry - grid, grid - entry))
     tip = find_needle_end(strip, edges, np.flatnonzero(run), widths)
-    if tip >= len(grid) - 1:
+    if tip >= len(grid) - _LEAST_ROWS_BEYOND:
         raise _no_tip_error(scene.picture, guide.places[-1], view)
     bar &= grid < tip
     _check_needle(bar, width_mm, tip, diameters)
+    _refuse_hidden_tip(measure_brightening(strip, tip, widths), guide, tip, view)
     arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))
     entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
     offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
@@ -267,6 +274,16 @@ def _no_tip_error(picture: Picture, end: FloatArray, view: _Projector) -> Measur
     return MeasurementRefusedError(
         f"the shaft fades without a clear end, it is still dark at ({u:.0f}, {v:.0f}) px"
     )
+
+
+def _refuse_hidden_tip(brighter: float, guide: Guide, tip: float, view: _Projector) -> None:
+    """Refuse an end where the picture becomes brighter than the gel."""
+    if brighter > _HIDING:
+        u, v = view.px(guide.at(np.array([tip]), np.zeros(1)))[0]
+        raise MeasurementRefusedError(
+            f"the shaft ends at ({u:.0f}, {v:.0f}) px, where the picture becomes {100.0 * brighter:.0f} % brighter, "
+            f"and {100.0 * _HIDING:.0f} % is the most for gel: a wall may hide the tip"
+        )
 
 
 def _check_needle(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: Diameters) -> None:

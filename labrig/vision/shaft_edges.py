@@ -165,7 +165,7 @@ def find_edges(strip: _Strip, widths: Widths) -> Edges:
     half = max(1, int(_CORE * widths.needle_px))
     core = _measure_level(smooth[:, middle - half : middle + half + 1], _CORE_QUANTILE, widths)
     sides = (smooth[:, middle::-1], smooth[:, middle:])
-    first = int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
+    first = measure_gel_onset(widths)
     gels = tuple(_measure_level(side[:, first:], _GEL_QUANTILE, widths) for side in sides)
     (left, left_found), (right, right_found) = (
         _find_outermost_crossing(side, 0.5 * (core + gel), first)
@@ -181,9 +181,14 @@ def find_edges(strip: _Strip, widths: Widths) -> Edges:
     )
 
 
+def measure_gel_onset(widths: Widths) -> int:
+    """Return how far from the middle of a strip [px] gel is beside the widest shaft."""
+    return int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
+
+
 def measure_gel_level(strip: _Strip, widths: Widths) -> FloatArray:
     """Return the grey level (N,) of the gel on both sides, row by row."""
-    first = int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
+    first = measure_gel_onset(widths)
     middle = strip.shape[1] // 2
     beside = np.hstack((strip[:, : middle - first + 1], strip[:, middle + first :]))
     return np.asarray(np.median(beside, axis=1), dtype=np.float64)

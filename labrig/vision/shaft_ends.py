@@ -6,15 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.shaft_edges import Edges, measure_gel_level, smooth_rows
-from labrig.vision.shaft_trace import Widths
+from labrig.vision.shaft_edges import Edges, measure_gel_level, measure_gel_onset, smooth_rows
+from labrig.vision.shaft_trace import WIDE_SHEATH, Widths
 
 FloatArray = NDArray[np.float64]
 
 # A needle without a stated sheath may look thicker than stated by this factor.
 _WIDEST = 1.35
+# The first guide of a wide sheath may be off its middle by half of this excess.
+_WIDE_MARGIN = 1.3
 # A hole in the shaft longer than this ends it.
-_GAP_MM = 3.0
+LARGEST_HOLE_MM = 3.0
 # Sheath and needle must each be visible over this length to be distinguished.
 _LEAST_PIECE_MM = 1.0
 # The tip is where the darkness falls to this share of that of the shaft's last stretch. The share is low because a
@@ -24,6 +26,8 @@ _TIP_REFERENCE_MM = 5.0
 _TIP_GAP_MM = 1.0
 _TIP_SIGMA = 0.1
 _TIP_REACH = 0.6
+# Brightness steps between two levels over the first length each, the second apart, up to the third from the tip.
+_LEVEL_MM, _STEP_MM, _NEAR_TIP_MM = 1.0, 0.5, 2.5
 
 
 @dataclass(frozen=True)
@@ -36,15 +40,19 @@ class Diameters:
     def widths(self, px_per_mm: float) -> Widths:
         """Return the widths in pixels."""
         widest = max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm)
+        if widest > WIDE_SHEATH * self.needle_mm:
+            widest *= _WIDE_MARGIN
         return Widths(self.needle_mm * px_per_mm, widest * px_per_mm, px_per_mm)
 
 
-def find_longest_run(counts: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_]:
-    """Return the longest run of `counts`; a hole too long for a shaft ends a run."""
+def find_longest_run(
+    counts: NDArray[np.bool_], px_per_mm: float, hole_mm: float = LARGEST_HOLE_MM
+) -> NDArray[np.bool_]:
+    """Return the longest run of `counts`; a hole longer than `hole_mm` ends a run."""
     rows = np.flatnonzero(counts)
     if not len(rows):
         raise MeasurementRefusedError("no stretch of the shaft shows both edges")
-    pieces = np.split(rows, np.flatnonzero(np.diff(rows) > _GAP_MM * px_per_mm) + 1)
+    pieces = np.split(rows, np.flatnonzero(np.diff(rows) > hole_mm * px_per_mm) + 1)
     run = np.zeros_like(counts)
     run[max(pieces, key=len)] = True
     return run
@@ -58,7 +66,8 @@ def find_sheath_end(
     Raises
     ------
     MeasurementRefusedError
-        If a sheath is stated and the width does not drop: no needle is out, or the picture shows no sheath.
+        If a sheath is stated and the width does not drop: no needle is out, or the picture shows no sheath. If the
+        sheath's tip is hidden.
     """
     if diameters.sheath_mm is None:
         return 0.0
@@ -72,6 +81,12 @@ def find_sheath_end(
     level = 0.5 * float(np.median(width[:step]) + np.median(width[step:]))
     near = max(step - piece // 2, 1)
     after = near + int(np.argmax(width[near:] < level))
+    hidden_mm = float(rows[after] - rows[after - 1]) / px_per_mm
+    if hidden_mm > LARGEST_HOLE_MM:
+        raise MeasurementRefusedError(
+            f"the sheath's tip is hidden: no edges are seen over {hidden_mm:.1f} mm, "
+            f"and {LARGEST_HOLE_MM:g} mm is the most"
+        )
     return float(
         rows[after - 1]
         + _interpolate(width[after - 1], width[after], level) * (rows[after] - rows[after - 1])
@@ -120,3 +135,21 @@ def find_needle_end(strip: NDArray[np.float32], edges: Edges, run: NDArray[np.in
     if last + 1 >= len(strip):
         return float(last)
     return last + _interpolate(darkness[last], darkness[last + 1], _TIP_LEVEL)
+
+
+def measure_brightening(strip: NDArray[np.float32], tip: float, widths: Widths) -> float:
+    """Return by which share both sides of a strip become brighter near the tip, as at the edge of a bright wall."""
+    scale = widths.px_per_mm
+    length, apart = max(1, round(_LEVEL_MM * scale)), round(_STEP_MM * scale)
+    reach = round(_NEAR_TIP_MM * scale) + length + apart // 2
+    near = strip[max(0, int(tip) - reach) : int(tip) + reach + 1]
+    if len(near) < 2 * length + apart:
+        return 0.0
+    first, middle = measure_gel_onset(widths), strip.shape[1] // 2
+    rises = []
+    for side in (near[:, : middle - first + 1], near[:, middle + first :]):
+        sums = np.cumsum(np.median(side, axis=1), dtype=np.float64)
+        levels = (sums[length:] - sums[:-length]) / length
+        before, behind = levels[: -length - apart], levels[length + apart :]
+        rises.append(float((behind / before.clip(1.0) - 1.0).max(initial=0.0)))
+    return min(rises)

@@ -3,7 +3,8 @@
 The trace works on optical density, in which uneven light is an additive, slow term, in a picture reduced until the
 needle is a few pixels wide. A bar of any direction shows there as the larger eigenvalue of the Hessian. A fan of short
 arcs follows the shaft. Each arc is judged by the bars under its whole length, so that a bubble or a weak stretch does
-not divert the trace.
+not divert the trace. Where the trace ends at something brighter than the gel, such as a wall or its reflection, the
+shaft is searched for behind it.
 
 In this file the insertion always points to the right (+u): `Orientation` turns pictures and points.
 """
@@ -33,15 +34,20 @@ _DARK_OFFSET = 8.0
 _GLINT = 0.5
 # Width of the smoothing in needle diameters: between the best widths for the needle and for its sheath.
 _BAR_SIGMA = 0.6
+# A sheath wider than this many needle diameters is a bar of its own width; the smoothing for it, in its diameters.
+WIDE_SHEATH = 2.1
+_WIDE_SIGMA = 0.35
 # The shaft is searched for this close to the border where it enters, as a straight bar of this length.
 _ENTRY_MM = 20.0
 _ENTRY_BAR_MM = 4.0
+_BEGINNING_MM = 8.0
 # A bar must stand out of the picture's own texture by this many standard deviations, and by this density.
 _LEAST_SIGNIFICANCE = 6.0
 _LEAST_DENSITY = 0.05
-# A bar at the entry weaker than this share of the strongest is an old track, not a shaft.
-_RIVAL = 0.5
-_MAX_CANDIDATES = 4
+# A bar at the entry with the first share of the strongest response may be the shaft, with the second share another one
+# that slants; a weaker one is an old track.
+_RIVAL, _SLANTING = 0.5, 0.3
+_MAX_CANDIDATES, _MAX_SEEDS = 4, 12
 # Least distance between two candidates, in needle diameters.
 _APART = 1.5
 # The fan: its length, the step after each fan, and the arcs that it tries.
@@ -55,6 +61,23 @@ _TURN_PENALTY = 0.08
 _WEAK = 0.3
 _GAP_MM = 2.0
 _USUAL_STEPS = 12
+# No needle turns as much as this over this length: the trace has gone over to something that crosses the shaft.
+_KINK_RAD, _KINK_STEPS = 0.7, 3
+# A shaft may be hidden by what lies at these distances behind the end of its trace, if its optical density is this much
+# below that of the gel over this length.
+_HIDDEN_FROM_MM, _HIDDEN_TO_MM, _HIDING_MM = 0.5, 4.0, 1.0
+_HIDING_SAMPLES = 8
+_HIDING = 0.12
+# The shaft is searched for again up to this far behind the end, over this length, at this share of its response; the
+# arcs of that fan; and the last stretch, whose heading it starts with.
+_LONGEST_HIDDEN_MM = 10.0
+_AGAIN_MM = 4.0
+_AGAIN_STEP_MM = 0.5
+_AGAIN = 0.6
+_AGAIN_TURNS_RAD = np.linspace(-0.16, 0.16, 9)
+_AGAIN_CURVATURES_PER_MM = np.linspace(-0.07, 0.07, 29)
+_HEADING_MM = 6.0
+_MOST_WALLS = 3
 
 
 @dataclass(frozen=True)
@@ -111,24 +134,39 @@ class Trace:
     ----------
     points : ndarray (N, 2)
         Pixels (u, v) of the turned picture about a millimetre apart, from the entry to the end.
+    responses : ndarray (N,)
+        Response of the bar filter at these points, an optical density.
     strength : float
-        Median response of the bar filter along the shaft, an optical density.
+        Median response from the place on at which the shaft was first seen.
+    hidden_mm : float
+        Longest stretch that something brighter than the gel hides.
     """
 
     points: FloatArray
+    responses: FloatArray
     strength: float
+    hidden_mm: float
+
+    @property
+    def weight(self) -> float:
+        """Return how likely this is the shaft: it grows with strength and length."""
+        return self.strength * float(np.sqrt(len(self.points)))
 
 
 @dataclass(frozen=True, eq=False)
-class _BarMap:
-    """The response of the bar filter at each pixel of the reduced picture."""
+class BarMap:
+    """The response of the bar filter at each pixel of the reduced picture, and its optical density."""
 
     any_direction: NDArray[np.float32]
     along_insertion: NDArray[np.float32]
+    density: NDArray[np.float32]
     factor: int
+    needle_px: float
+    widest_px: float
     px_per_mm: float
 
     def full_px(self, reduced: NDArray[np.complex128]) -> FloatArray:
+        """Return pixels (N, 2) of the picture at places u + iv of the reduced one."""
         points = np.column_stack((reduced.real, reduced.imag))
         return (points + 0.5) * self.factor - 0.5
 
@@ -140,9 +178,53 @@ class _BarMap:
         response = self.any_direction[np.where(inside, v, 0), np.where(inside, u, 0)]
         return np.where(inside, response, np.float32(0.0))
 
+    def density_at(self, places: NDArray[np.complex128]) -> NDArray[np.float32]:
+        """Return the optical density at places u + iv; outside the picture that of its border."""
+        h, w = self.density.shape
+        u, v = np.rint(places.real).astype(np.intp), np.rint(places.imag).astype(np.intp)
+        return np.asarray(self.density[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
 
-def trace_shafts(picture: Picture, widths: Widths) -> tuple[Trace, ...]:
-    """Follow every shaft that enters at the left border of a turned grey picture, strongest first.
+
+def trace_shafts(bars: BarMap, *, from_border: bool = True) -> tuple[Trace, ...]:
+    """Follow every shaft that enters at the left border of a turned picture, strongest first.
+
+    With `from_border` False, a shaft may begin anywhere.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        If nothing dark and long enters at that border.
+    """
+    means, least = _average_bars(bars)
+    reach = round(min(means.shape[1], (_ENTRY_MM if from_border else np.inf) * bars.px_per_mm))
+    seeds = _find_seeds(bars, means[:, :reach], least)
+    if not seeds:
+        raise MeasurementRefusedError(
+            "nothing dark and straight enters the picture: the best bar has an optical density of "
+            f"{max(float(means[:, :reach].max()), 0.0):.3f}, and {least:.3f} is needed to stand out"
+        )
+    # In the row of a needle may also lie another shaft's beginning.
+    beginnings = _find_seeds(bars, means[:, : round(_BEGINNING_MM * bars.px_per_mm)], least)
+    strong = [seed for seed, share in seeds if share >= _RIVAL][: _MAX_CANDIDATES if from_border else 1]
+    traces = [_trace_from(bars, seed) for seed in strong]
+    traces.sort(key=lambda trace: -trace.weight)
+    others: list[Trace] = []
+    for seed, _ in (*seeds[len(strong) :], *beginnings):
+        if len(others) < _MAX_CANDIDATES and not any(
+            _passes(bars, trace, seed) for trace in (*traces, *others)
+        ):
+            others.append(_trace_from(bars, seed))
+    return (*traces, *others)
+
+
+def _passes(bars: BarMap, trace: Trace, seed: complex) -> bool:
+    """Return whether a trace runs over a place of the reduced picture."""
+    away = trace.points - bars.full_px(np.array([seed]))
+    return bool(np.hypot(*away.T).min() < bars.widest_px * bars.factor)
+
+
+def filter_bars(picture: Picture, widths: Widths) -> BarMap:
+    """Return how much each place of a turned grey picture looks like a bar of the stated widths.
 
     Parameters
     ----------
@@ -154,14 +236,8 @@ def trace_shafts(picture: Picture, widths: Widths) -> tuple[Trace, ...]:
     Raises
     ------
     MeasurementRefusedError
-        If nothing dark and long enters at that border.
+        If needle or picture has too few pixels.
     """
-    bars = _filter_bars(picture, widths)
-    traces = [_trace_from(bars, seed) for seed in _find_seeds(bars, widths.needle_px / bars.factor)]
-    return tuple(sorted(traces, key=lambda trace: -trace.strength * np.sqrt(len(trace.points))))
-
-
-def _filter_bars(picture: Picture, widths: Widths) -> _BarMap:
     if widths.needle_px < _LEAST_WIDTH_PX:
         raise MeasurementRefusedError(
             f"the needle is {widths.needle_px:.1f} pixels wide, and {_LEAST_WIDTH_PX} is the least: use a closer view"
@@ -177,10 +253,20 @@ def _filter_bars(picture: Picture, widths: Widths) -> _BarMap:
     glint = int(np.ceil(widths.glint_px / factor)) | 1
     reduced = cv2.morphologyEx(reduced, cv2.MORPH_OPEN, np.ones((glint, glint), np.uint8))
     density = -np.log(reduced.astype(np.float32) + np.float32(_DARK_OFFSET))
-    across, along, mixed = _differentiate_twice(density, _BAR_SIGMA * widths.needle_px / factor)
+    needle_px, widest_px = widths.needle_px / factor, widths.widest_px / factor
+    ridge, along = _find_bars(density, _BAR_SIGMA * needle_px)
+    if widest_px > WIDE_SHEATH * needle_px:
+        wide_ridge, wide_along = _find_bars(density, _WIDE_SIGMA * widest_px)
+        ridge, along = np.maximum(ridge, wide_ridge), np.maximum(along, wide_along)
+    return BarMap(ridge, along, density, factor, needle_px, widest_px, widths.px_per_mm / factor)
+
+
+def _find_bars(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the response to bars of any direction and to bars along the insertion."""
+    across, along, mixed = _differentiate_twice(density, sigma)
     mean, half = 0.5 * (across + along), 0.5 * (across - along)
     ridge = np.sqrt(half * half + mixed * mixed) - mean
-    return _BarMap(np.maximum(ridge, 0.0), -across, factor, widths.px_per_mm / factor)
+    return np.maximum(ridge, 0.0), -across
 
 
 def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
@@ -201,54 +287,108 @@ def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[ND
     )
 
 
-def _find_seeds(bars: _BarMap, needle_px: float) -> list[complex]:
-    """Return places in the middle of straight bars near the border, strongest first."""
+def _average_bars(bars: BarMap) -> tuple[NDArray[np.float32], float]:
+    """Return the mean response of straight bars along the insertion, and the least one that stands out."""
     length = max(3, round(_ENTRY_BAR_MM * bars.px_per_mm))
-    reach = min(bars.along_insertion.shape[1], round(_ENTRY_MM * bars.px_per_mm))
-    means = cv2.blur(bars.along_insertion, (length, 1), borderType=cv2.BORDER_REFLECT)
-    least = max(_LEAST_DENSITY, _LEAST_SIGNIFICANCE * 1.4826 * float(np.median(np.abs(means))))
-    entry = means[:, :reach].max(axis=1)
-    apart = max(2, round(_APART * needle_px))
-    seeds: list[complex] = []
-    strongest = max(float(entry.max()), 0.0)
-    while len(seeds) < _MAX_CANDIDATES:
+    means = np.asarray(
+        cv2.blur(bars.along_insertion, (length, 1), borderType=cv2.BORDER_REFLECT), dtype=np.float32
+    )
+    noise = 1.4826 * float(np.median(np.abs(means)))
+    return means, max(_LEAST_DENSITY, _LEAST_SIGNIFICANCE * noise)
+
+
+def _find_seeds(bars: BarMap, means: NDArray[np.float32], least: float) -> list[tuple[complex, float]]:
+    """Return places in the middle of straight bars, strongest first, each with its share of the strongest response."""
+    entry = means.max(axis=1)
+    strongest = float(entry.max())
+    apart = max(2, round(_APART * bars.needle_px))
+    seeds: list[tuple[complex, float]] = []
+    while len(seeds) < _MAX_SEEDS:
         row = int(entry.argmax())
-        if entry[row] < max(least, _RIVAL * strongest):
+        if entry[row] < max(least, _SLANTING * strongest):
             break
-        seeds.append(complex(float(means[row, :reach].argmax()), row))
+        seeds.append((complex(float(means[row].argmax()), row), float(entry[row]) / strongest))
         entry[max(0, row - apart) : row + apart + 1] = 0.0
-    if not seeds:
-        raise MeasurementRefusedError(
-            "nothing dark and straight enters the picture: the best bar has an optical density of "
-            f"{strongest:.3f}, and {least:.3f} is needed to stand out"
-        )
     return seeds
 
 
-def _trace_from(bars: _BarMap, seed: complex) -> Trace:
-    back, _ = _follow(bars, seed, np.pi)
-    forth, response = _follow(bars, seed, 0.0)
-    places = np.concatenate((back[:0:-1], forth))
-    return Trace(bars.full_px(places), float(np.median(response)))
+def _trace_from(bars: BarMap, seed: complex) -> Trace:
+    back, back_responses = _follow(bars, seed, np.pi)
+    places, responses = _follow(bars, seed, 0.0)
+    hidden_px = 0.0
+    for _ in range(_MOST_WALLS):
+        again = _find_behind(bars, places, responses)
+        if again is None:
+            break
+        start, heading = again
+        behind, behind_responses = _follow(bars, start, heading)
+        hidden_px = max(hidden_px, abs(start - places[-1]))
+        places, responses = np.concatenate((places, behind)), np.concatenate((responses, behind_responses))
+    return Trace(
+        bars.full_px(np.concatenate((back[:0:-1], places))),
+        np.concatenate((back_responses[:0:-1], responses)),
+        float(np.median(responses)),
+        hidden_px / bars.px_per_mm,
+    )
 
 
-def _make_fan(px_per_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the points of the arcs (K, M) for a heading along +u, their turns (K,) and curvatures (K,) [1/px]."""
-    turns, curvatures = (a.ravel() for a in np.meshgrid(_TURNS_RAD, _CURVATURES_PER_MM / px_per_mm))
-    lengths = np.linspace(0.0, _LOOK_MM * px_per_mm, _LOOK_SAMPLES + 1)[1:]
+def _find_behind(
+    bars: BarMap, places: NDArray[np.complex128], responses: FloatArray
+) -> tuple[complex, float] | None:
+    """Return place and heading at which a shaft goes on behind what hides it, or None."""
+    last = places[-int(_HEADING_MM / _STEP_MM) :]
+    if len(last) < _AGAIN_MM / _STEP_MM:
+        return None
+    heading = float(np.angle(last[-1] - last[len(last) // 2]))
+    if not _is_hidden(bars, last, heading):
+        return None
+    samples = np.arange(_AGAIN_STEP_MM, _LONGEST_HIDDEN_MM + _AGAIN_MM, _AGAIN_STEP_MM)
+    arcs, turns, curvatures = _make_arcs(
+        _AGAIN_TURNS_RAD, _AGAIN_CURVATURES_PER_MM / bars.px_per_mm, samples * bars.px_per_mm
+    )
+    usual = max(float(np.median(responses[-_USUAL_STEPS:])), 1e-9)
+    seen = np.minimum(bars.at(last[-1] + arcs * np.exp(1j * heading)) / usual, 1.0)
+    count = round(_AGAIN_MM / _AGAIN_STEP_MM)
+    sums = np.cumsum(np.pad(seen, ((0, 0), (1, 0))), axis=1)
+    means = (sums[:, count:] - sums[:, :-count]) / count
+    arc, first = np.unravel_index(int(np.argmax(means)), means.shape)
+    if means[arc, first] < _AGAIN:
+        return None
+    turned = heading + turns[arc] + curvatures[arc] * samples[first] * bars.px_per_mm
+    return complex(last[-1] + arcs[arc, first] * np.exp(1j * heading)), float(turned)
+
+
+def _is_hidden(bars: BarMap, last: NDArray[np.complex128], heading: float) -> bool:
+    """Return whether something brighter than the gel lies behind the last places (N,) of a shaft."""
+    ahead = np.exp(1j * heading)
+    aside = 1j * ahead * (0.5 * bars.widest_px + bars.needle_px)
+    gel = float(np.median(bars.density_at(np.concatenate((last + aside, last - aside)))))
+    step_mm = _HIDING_MM / _HIDING_SAMPLES
+    along = np.arange(_HIDDEN_FROM_MM, _HIDDEN_TO_MM, step_mm) * bars.px_per_mm
+    beyond = bars.density_at(last[-1] + along * ahead)
+    lightest = float(np.convolve(beyond, np.full(_HIDING_SAMPLES, 1.0 / _HIDING_SAMPLES), mode="valid").min())
+    return gel - lightest > _HIDING
+
+
+def _make_arcs(
+    turns: FloatArray, curvatures: FloatArray, lengths: FloatArray
+) -> tuple[NDArray[np.complex128], FloatArray, FloatArray]:
+    """Return the points of arcs (K, M) that leave along +u, their turns (K,) and curvatures (K,) [1/px]."""
+    turns, curvatures = (a.ravel() for a in np.meshgrid(turns, curvatures))
     headings = turns[:, None] + 0.5 * curvatures[:, None] * lengths
     return lengths * np.exp(1j * headings), turns, curvatures
 
 
-def _follow(bars: _BarMap, seed: complex, heading: float) -> tuple[NDArray[np.complex128], FloatArray]:
+def _follow(bars: BarMap, seed: complex, heading: float) -> tuple[NDArray[np.complex128], FloatArray]:
     """Follow the shaft from `seed` until it ends or leaves the picture; return places (N,) and responses (N,)."""
-    arcs, turns, curvatures = _make_fan(bars.px_per_mm)
+    lengths = np.linspace(0.0, _LOOK_MM * bars.px_per_mm, _LOOK_SAMPLES + 1)[1:]
+    arcs, turns, curvatures = _make_arcs(_TURNS_RAD, _CURVATURES_PER_MM / bars.px_per_mm, lengths)
     penalty = _TURN_PENALTY * (turns / _TURNS_RAD[-1]) ** 2
     step = _STEP_MM * bars.px_per_mm
     h, w = bars.any_direction.shape
     place, places = seed, [seed]
     usual = float(bars.at(np.array([seed]))[0])
-    responses = [usual]
+    responses, headings = [usual], [heading]
     last_strong = 0
     for _ in range(int(2 * (w + h) / step)):
         seen = np.minimum(bars.at(place + arcs * np.exp(1j * heading)), 1.5 * usual)
@@ -259,6 +399,9 @@ def _follow(bars: _BarMap, seed: complex, heading: float) -> tuple[NDArray[np.co
         if not (-0.5 <= place.real <= w - 0.5 and -0.5 <= place.imag <= h - 0.5):
             break
         places.append(place)
+        headings.append(heading)
+        if abs(heading - headings[max(len(headings) - 1 - _KINK_STEPS, 0)]) > _KINK_RAD:
+            break
         responses.append(float(bars.at(np.array([place]))[0]))
         if responses[-1] >= _WEAK * usual:
             last_strong = len(places) - 1

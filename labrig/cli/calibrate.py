@@ -150,6 +150,8 @@ def plane(
             f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
             f"held out {document['holdout_rms_mm']:.4f} mm rms, flat within {document['flatness_mm']:.3f} mm"
         )
+        if (view := found.view_sentence()) is not None:
+            print_line(view)
         if found.bend is not None:
             print_line(found.bend.sentence())
         for sentence in document["assumptions"]:

@@ -91,6 +91,8 @@ class _PlaneDocument(_Section):
     crossing_noise_mm: float | None = None
     bend: Bend | None = None
     variations: tuple[_VariationPart, ...] = ()
+    picture_mm: tuple[float, float] | None = None
+    camera_distance_mm: float | None = None
 
 
 _Document = TypeVar("_Document", _IntrinsicsDocument, _PlaneDocument)

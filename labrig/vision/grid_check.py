@@ -8,9 +8,10 @@ in between, so its place and direction do not count; a camera that was bumped sh
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
-from labrig.vision.graph_paper import find_crossings
+from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_up
@@ -18,6 +19,9 @@ from labrig.vision.rounding import round_up
 _LEAST_CROSSINGS = 60
 # A crossing further off than this share of the pitch is a false detection.
 _GROSS = 0.25
+# Lines that can be counted instead of the finest, and how far off a map may be in between.
+_MULTIPLES = (1, 2, 5, 10)
+_LARGEST_SCALE_ERROR = 0.2
 _LARGEST_DRIFT = 0.005
 _LARGEST_BENDING_MM = 0.1
 
@@ -77,7 +81,8 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
         seen = plane.to_mm(found.pixels)
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
-    design = np.column_stack((found.indices * float(pitch_mm), np.ones(len(seen))))
+    numbers = found.indices * _find_multiple(found, seen, pitch_mm)
+    design = np.column_stack((numbers * float(pitch_mm), np.ones(len(seen))))
     kept = np.ones(len(seen), dtype=bool)
     for _ in range(3):
         affine = np.linalg.lstsq(design[kept], seen[kept], rcond=None)[0]
@@ -90,6 +95,28 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
             )
     largest, least = np.linalg.svd(affine[:2], compute_uv=False)
     return GridCheck(float(largest), float(least), float(np.sqrt(np.mean(off[kept] ** 2))), int(kept.sum()))
+
+
+def _find_multiple(found: Crossings, seen_mm: NDArray[np.float64], pitch_mm: float) -> int:
+    """Return how many of the paper's lines there are from one counted line to the next, by the map.
+
+    The map is not off by a factor of two; the counted lines can be heavier ones, with unseen ones between them.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        If the lines through the map are no multiple of the pitch apart.
+    """
+    design = np.column_stack((found.indices, np.ones(len(seen_mm))))
+    affine = np.linalg.lstsq(design, seen_mm, rcond=None)[0]
+    spacing_mm = float(np.mean(np.linalg.svd(affine[:2], compute_uv=False)))
+    multiple = max(round(spacing_mm / pitch_mm), 1)
+    if multiple not in _MULTIPLES or abs(spacing_mm / (multiple * pitch_mm) - 1.0) > _LARGEST_SCALE_ERROR:
+        raise CalibrationRefusedError(
+            f"the lines of the paper are {spacing_mm:.2f} mm apart through the plane map, not {pitch_mm:g} mm",
+            "check the paper's pitch; if it is right, the camera has moved: calibrate the plane again",
+        )
+    return multiple
 
 
 def compare_grids(before: GridCheck, after: GridCheck) -> GridDrift:

@@ -166,6 +166,10 @@ class PlaneMap:
         Explains why the crossings are off a plane; None if a bent sheet does not.
     variations : tuple of Variation
         The map's uncertainty: the variance of any length is the sum of its squared changes over these.
+    picture_mm : (float, float) or None
+        Width and height of the picture in the plane, through its middle: what a person checks with a ruler.
+    camera_distance_mm : float or None
+        Distance of the camera from the middle of the picture in the plane; None without intrinsics.
     """
 
     homography: _FloatArray
@@ -187,6 +191,8 @@ class PlaneMap:
     crossing_noise_mm: float | None = None
     bend: Bend | None = None
     variations: tuple[Variation, ...] = ()
+    picture_mm: tuple[float, float] | None = None
+    camera_distance_mm: float | None = None
 
     @classmethod
     def from_scale(
@@ -246,6 +252,16 @@ class PlaneMap:
             )
         return find_camera_mm(self.homography, self.intrinsics)
 
+    def view_sentence(self) -> str | None:
+        """Return what the scale implies, in words that a person can check with a ruler; None if it is unknown."""
+        if self.picture_mm is None:
+            return None
+        width, height = self.picture_mm
+        words = f"The picture is {width:.0f} mm wide and {height:.0f} mm high at the paper"
+        if self.camera_distance_mm is None:
+            return f"{words}."
+        return f"{words}; the camera stands {self.camera_distance_mm:.0f} mm away."
+
     def variants(self) -> "list[PlaneMap]":
         """Return the map moved by one standard deviation along each independent axis of its uncertainty."""
         moved = []
@@ -277,6 +293,8 @@ class PlaneMap:
             "flatness_mm": self.flatness_mm,
             "crossing_noise_mm": self.crossing_noise_mm,
             "bend": self.bend and {**vars(self.bend), "sentence": self.bend.sentence()},
+            "picture_mm": self.picture_mm and list(self.picture_mm),
+            "camera_distance_mm": self.camera_distance_mm,
             "variations": [
                 {"homography": variation.homography.tolist(), "lens": variation.lens and list(variation.lens)}
                 for variation in self.variations

@@ -17,6 +17,7 @@ from labrig.vision.bend_variations import find_bent_homographies
 from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture, require_size, size_of
+from labrig.vision.pitch_check import judge_pitch
 from labrig.vision.plane import (
     PICTURE_AXES,
     Bend,
@@ -50,6 +51,8 @@ _PARTS = (6, 4)
 _LEAST_IN_A_PART = 8
 _LARGEST_UNEVENNESS_MM = 1.0
 _LEAST_IN_A_HALF = 8
+# Printed paper is square within half a percent.
+_LARGEST_STRETCH, _LARGEST_SKEW_RAD = 0.02, float(np.deg2rad(1.0))
 # The end of the origin's ray moves with the frame; each shift leaves a thousandth of the error.
 _MAX_SHIFTS = 6
 # Side of the blocks of crossings that the hold-out leaves out in turn: the errors of neighbours are correlated.
@@ -121,8 +124,23 @@ def calibrate_plane(
         variations=_find_variations(found, fit, frame, intrinsics, paper),
     )
     bare = replace(bare, mm_per_px=_measure_mm_per_px(bare), bend=_find_bend(bare, found, ideal, odd, fit))
-    placed = _add_gel(bare, gel)
-    return _judge(placed, found, fit, frame.turn_rad)
+    placed = _add_gel(_add_view(bare), gel)
+    judged = _judge(placed, found, fit, frame.turn_rad)
+    reasons = (*judge_pitch(found, pitch_mm), *judged.reasons)
+    return replace(judged, accepted=not reasons, reasons=reasons)
+
+
+def _add_view(plane: PlaneMap) -> PlaneMap:
+    """Return the map with the size of the picture in its plane, and the camera's distance if the lens is known."""
+    width, height = plane.image_size or (1, 1)
+    right, down = width - 1.0, height - 1.0
+    ends = [(0.0, down / 2), (right, down / 2), (right / 2, 0.0), (right / 2, down), (right / 2, down / 2)]
+    left_mm, right_mm, top_mm, bottom_mm, middle_mm = plane.to_mm(ends)
+    size = float(np.linalg.norm(right_mm - left_mm)), float(np.linalg.norm(bottom_mm - top_mm))
+    if plane.intrinsics is None:
+        return replace(plane, picture_mm=size)
+    away = plane.camera_mm() - (*middle_mm, 0.0)
+    return replace(plane, picture_mm=size, camera_distance_mm=float(np.linalg.norm(away)))
 
 
 def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
@@ -280,7 +298,7 @@ def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> 
     reasons = (
         *_judge_paper(pixels, float(np.mean(~fit.kept)), size),
         *_judge_flatness(flatness, where),
-        *_judge_fit(rms, turn_rad, bare),
+        *_judge_fit(rms, turn_rad, bare, fit),
     )
     return replace(
         bare,
@@ -289,7 +307,6 @@ def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> 
         worst_mm=float(residuals.max()),
         residual_field_mm=_map_residuals(pixels, residuals, size),
         crossings=len(pixels),
-        accepted=not reasons,
         reasons=reasons,
     )
 
@@ -343,17 +360,26 @@ def _judge_flatness(flatness_mm: float, where: tuple[float, float]) -> list[str]
     return [reason]
 
 
-def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
+def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap, fit: PlaneFit) -> list[str]:
     """Return the faults of the fit, or of the lens that it relies on."""
     reasons = []
     if bare.intrinsics is not None and not bare.intrinsics.accepted:
         reasons.append("the lens's calibration was itself refused: calibrate the lens again first")
-    if rms_mm > _LARGEST_RMS_MM:
+    # Where lines are close in the picture, single crossings are uncertain; that averages out, and is no fault.
+    off_mm = float(np.sqrt(max(rms_mm**2 - (bare.crossing_noise_mm or 0.0) ** 2, 0.0)))
+    if off_mm > _LARGEST_RMS_MM:
         remedy = (
             "lay the paper flat" if bare.intrinsics else "give the lens's calibration, or lay the paper flat"
         )
         reasons.append(
-            f"the crossings are {round_up(rms_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
+            f"the crossings are {round_up(off_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
+        )
+    stretch, skew_rad = _measure_squareness(fit, bare)
+    if stretch > _LARGEST_STRETCH or skew_rad > _LARGEST_SKEW_RAD:
+        reasons.append(
+            f"the lines are no square grid through the lens: {round_up(100.0 * stretch, 1)} % longer one way, "
+            f"{round_up(np.rad2deg(skew_rad), 1)} degrees off a right angle: show graph paper, and give the "
+            "calibration of this camera's lens"
         )
     if turn_rad > _LARGEST_TURN_RAD:
         reasons.append(
@@ -361,6 +387,19 @@ def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
             f"the limit is {np.rad2deg(_LARGEST_TURN_RAD):.0f}: lay the paper along the insertion"
         )
     return reasons
+
+
+def _measure_squareness(fit: PlaneFit, bare: PlaneMap) -> tuple[float, float]:
+    """Return how much longer the grid is one way, as a share, and its angle off a right one; 0 without a lens.
+
+    A calibrated lens has no freedom for either: they would be the tilt of the sheet.
+    """
+    if bare.intrinsics is None:
+        return 0.0, 0.0
+    across, along = np.linalg.solve(bare.intrinsics.camera_matrix(), np.linalg.inv(fit.homography))[:, :2].T
+    lengths = float(np.linalg.norm(across)), float(np.linalg.norm(along))
+    cosine = float(across @ along) / (lengths[0] * lengths[1])
+    return max(lengths) / min(lengths) - 1.0, abs(float(np.arcsin(np.clip(cosine, -1.0, 1.0))))
 
 
 def _map_residuals(

@@ -1,0 +1,163 @@
+"""Graph paper by an independent renderer: lines are counted right or the sheet is refused, and nothing else passes."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from labrig.errors import CalibrationRefusedError
+from labrig.vision.graph_paper import find_crossings
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.scale_check import compare_scales
+
+from . import no_graph_paper
+from .paper_renderer import Camera, Sheet, draw_sheet
+
+CAMERA = Camera(size=(800, 480), focal_px=1100.0, centre_px=(404.0, 236.0))
+MIDDLE = (400.0, 240.0)
+
+
+def lens_of(camera):
+    """Return the lens as a calibration states it."""
+    sigma = dict.fromkeys(("fx", "fy", "cx", "cy"), 0.5)
+    focal, (u, v) = camera.focal_px, camera.centre_px
+    return Intrinsics(
+        camera.size, focal, focal, u, v, (camera.k1, camera.k2, 0.0, 0.0, 0.0), sigma, 0.1, 0.1, (), True, ()
+    )
+
+
+def sheet_of(ruling, px_per_mm, **how):
+    """Return a sheet before the camera, tilted and rolled."""
+    tilted = {"tilt_deg": 9.0, "tilt_towards_deg": 50.0, "roll_deg": 14.0, "camera": CAMERA}
+    return Sheet(ruling=ruling, px_per_mm=px_per_mm, **{**tilted, **how})
+
+
+picture_of = cache(draw_sheet)
+
+
+def calibrate(sheet, pitch_mm=None, lens=None):
+    """Return the plane map of a sheet's picture."""
+    return calibrate_plane(
+        picture_of(sheet), lens or lens_of(sheet.camera), pitch_mm or sheet.pitch_mm, MIDDLE, "right"
+    )
+
+
+def length_error(plane, sheet):
+    """Return the largest relative error of a length in any direction."""
+    px = np.array([(u, v) for u in range(40, 800, 60) for v in range(40, 480, 50)], dtype=float)
+    true = sheet.to_mm(px)
+    design = np.column_stack((true, np.ones(len(true))))
+    affine = np.linalg.lstsq(design, plane.to_mm(px), rcond=None)[0]
+    return float(np.abs(np.linalg.svd(affine[:2], compute_uv=False) - 1.0).max())
+
+
+@pytest.mark.parametrize(
+    ("ruling", "px_per_mm", "how"),
+    [
+        ("1/5/10", 5.0, {}),
+        ("1/5/10", 12.0, {"roll_deg": -38.0}),
+        ("1/5/10", 4.2, {"tilt_deg": 19.0}),
+        ("1/10", 4.6, {"blur_px": 1.2}),
+        ("1/10", 2.2, {"blur_px": 0.7}),
+        ("2/10", 7.0, {"ink": "orange", "paper": "cream"}),
+        ("1", 6.5, {"ink": "grey", "grey": True}),
+        ("5", 6.0, {"ink": "green", "noise": 6.0}),
+    ],
+)
+def test_lines_are_counted_right(ruling, px_per_mm, how):
+    """The finest lines set the scale to a thousandth, seen or not, at any roll, under tilt, blur and noise."""
+    sheet = sheet_of(ruling, px_per_mm, **how)
+    plane = calibrate(sheet)
+    turned = [reason for reason in plane.reasons if "turned" in reason]
+    assert list(plane.reasons) == turned
+    assert length_error(plane, sheet) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("ruling", "px_per_mm", "pitch_mm", "counted"),
+    [
+        ("1/5/10", 8.0, 5.0, "every 5th line is heavier"),
+        ("1/10", 8.0, 5.0, "every 10th line is heavier"),
+        ("2/10", 8.0, 5.0, "every 5th line is heavier"),
+        ("1/5/10", 8.0, 2.0, "every 10th line is heavier"),
+    ],
+)
+def test_a_pitch_that_contradicts_the_heavier_lines_is_refused(ruling, px_per_mm, pitch_mm, counted):
+    """The reason says what was counted, how far apart heavier lines would be, and which pitch would fit."""
+    plane = calibrate(sheet_of(ruling, px_per_mm), pitch_mm)
+    assert not plane.accepted
+    assert counted in plane.reasons[0]
+    assert "would fit" in plane.reasons[0]
+
+
+def test_lines_that_may_be_heavier_ones_are_refused():
+    """Where finer lines are blurred away and nothing else tells the scale, the sheet is refused."""
+    plane = calibrate(sheet_of("1/10", 1.8, blur_px=1.6))
+    assert not plane.accepted
+    assert "with finer lines between them that the picture does not show" in plane.reasons[0]
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        no_graph_paper.draw_lined_paper,
+        no_graph_paper.draw_dotted_paper,
+        no_graph_paper.draw_chessboard,
+        no_graph_paper.draw_keyboard,
+        no_graph_paper.draw_second_grid,
+        lambda: no_graph_paper.draw_second_grid(60.0, 30.0),
+    ],
+    ids=["lined", "dotted", "chessboard", "keyboard", "second grid", "turned second grid"],
+)
+def test_what_is_no_graph_paper_alone_is_refused(draw):
+    """Lined and dotted paper, a chessboard, a keyboard, and a second grid drawn by hand give no plane map."""
+    with pytest.raises(CalibrationRefusedError):
+        calibrate_plane(draw(), None, 1.0, (600.0, 300.0), "right")
+
+
+def test_the_same_paper_without_a_second_grid_is_accepted():
+    """The drawing that the second grid was drawn on is good graph paper."""
+    picture = no_graph_paper.photograph(no_graph_paper.draw_ruled_paper())
+    assert find_crossings(picture).ruling.rhythm.heavy == 10
+
+
+def test_crossings_end_at_the_edge_of_the_paper():
+    """No crossing lies beyond the ruled part, on the margin or on the desk, and a flat sheet stays flat."""
+    sheet = sheet_of("5", 6.0, extent_mm=(-52.0, -28.0, 41.0, 33.0), margin_mm=3.0)
+    found = find_crossings(picture_of(sheet))
+    assert sheet.is_inside(sheet.to_mm(found.pixels), 0.2).all()
+    plane = calibrate(sheet)
+    assert plane.accepted, plane.reasons
+    assert plane.bend is None
+    assert plane.rms_mm < 0.02
+
+
+def test_a_lens_through_which_the_grid_is_no_square_is_refused():
+    """The calibration of another camera shows in the shape of the cells."""
+    sheet = sheet_of("1/5/10", 8.0)
+    lens = lens_of(CAMERA)
+    plane = calibrate(sheet, lens=replace(lens, fy=1.06 * lens.fy))
+    assert not plane.accepted
+    assert any("no square grid through the lens" in reason for reason in plane.reasons)
+
+
+def test_a_map_says_what_its_scale_implies():
+    """The picture's width in mm and the camera's distance, which a person checks with a ruler."""
+    sheet = sheet_of("1/5/10", 8.0)
+    plane = calibrate(sheet)
+    width, height = sheet.picture_size_mm()
+    assert plane.picture_mm == pytest.approx((width, height), rel=0.005)
+    assert plane.camera_distance_mm == pytest.approx(1100.0 / 8.0, rel=0.005)
+    assert "mm wide" in plane.view_sentence()
+    assert plane.to_json()["camera_distance_mm"] == plane.camera_distance_mm
+
+
+@pytest.mark.parametrize(("factor", "suspect"), [(1.003, False), (5.0, True), (0.1, True)])
+def test_a_map_is_compared_with_the_last_one(factor, suspect):
+    """A change by two, five or ten looks like a wrong count of lines; any other change is stated."""
+    plane = calibrate(sheet_of("1/5/10", 8.0))
+    words, wrong = compare_scales(plane, replace(plane, mm_per_px=factor * plane.mm_per_px))
+    assert wrong == suspect
+    assert "last plane map of this rig" in words

@@ -37,6 +37,7 @@ _LARGE_SHARE, _LEAST_SHARE = 0.8, 0.03
 _HEAVIEST = 2.5
 # Crossings are located this far apart or further [px]: where lines are closer, at every few lines.
 _LEAST_DISTANCE_PX, _LARGEST_DISTANCE_PX = 14.0, 40.0
+_MANY_CROSSINGS = 200
 _LEAST_LINES = 5
 # Largest distance of a crossing from its prediction, as a share of the distance between lines.
 _LARGEST_SHIFT = 0.12
@@ -213,7 +214,7 @@ def _locate_crossings(density: Density, tracked: TrackedGrid, ruling: Ruling) ->
     coordinates = (tracked.coordinates - ruling.offsets) / ruling.steps
     waves = tracked.waves / np.array(ruling.steps)[:, None]
     spacing_px = float(np.median(1.0 / np.linalg.norm(waves, axis=2)))
-    lines = _choose_lines(spacing_px, ruling)
+    lines = _choose_lines(spacing_px, ruling, tracked.share * density.size)
     steps = np.linalg.inv(waves).transpose(0, 2, 1) * lines
     start = _predict_around(tracked.pixels, coordinates / lines, steps)
     reach = float(np.clip(_REACH_PX / spacing_px, _LEAST_REACH, _MOST_REACH))
@@ -237,13 +238,17 @@ def _predict_around(pixels: _FloatArray, coordinates: _FloatArray, steps: _Float
     return _Ring(cells[chosen], pixels[window[chosen]] + np.einsum("na,nax->nx", away[chosen], steps), steps)
 
 
-def _choose_lines(spacing_px: float, ruling: Ruling) -> int:
-    """Return the number of lines from one located crossing to the next: heavier ones where lines are close."""
+def _choose_lines(spacing_px: float, ruling: Ruling, ruled_px: float) -> int:
+    """Return the number of lines from one located crossing to the next: heavier ones where lines are close.
+
+    Not where the part of the picture that is ruled, `ruled_px` pixels, would have too few crossings of heavier ones.
+    """
     least = int(np.ceil(_LEAST_DISTANCE_PX / spacing_px))
     if least == 1 or ruling.rhythm is None or ruling.hidden > 1:
         return least
     heavy = ruling.rhythm.heavy * int(np.ceil(least / ruling.rhythm.heavy))
-    return heavy if heavy * spacing_px <= _LARGEST_DISTANCE_PX else least
+    heavy_px = heavy * spacing_px
+    return heavy if heavy_px <= _LARGEST_DISTANCE_PX and ruled_px >= _MANY_CROSSINGS * heavy_px**2 else least
 
 
 def _grow(located: _Located, start: _Ring) -> tuple[NDArray[np.int64], _FloatArray]:

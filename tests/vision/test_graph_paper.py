@@ -10,10 +10,8 @@ from labrig.errors import CalibrationRefusedError
 from labrig.vision.graph_paper import find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane_calibration import calibrate_plane
-from labrig.vision.scale_check import compare_scales
-
-from . import no_graph_paper
-from .paper_renderer import Camera, Sheet, draw_sheet
+from tests.vision import no_graph_paper
+from tests.vision.paper_renderer import Camera, Sheet, draw_sheet
 
 CAMERA = Camera(size=(800, 480), focal_px=1100.0, centre_px=(404.0, 236.0))
 MIDDLE = (400.0, 240.0)
@@ -152,12 +150,3 @@ def test_a_map_says_what_its_scale_implies():
     assert plane.camera_distance_mm == pytest.approx(1100.0 / 8.0, rel=0.005)
     assert "mm wide" in plane.view_sentence()
     assert plane.to_json()["camera_distance_mm"] == plane.camera_distance_mm
-
-
-@pytest.mark.parametrize(("factor", "suspect"), [(1.003, False), (5.0, True), (0.1, True)])
-def test_a_map_is_compared_with_the_last_one(factor, suspect):
-    """A change by two, five or ten looks like a wrong count of lines; any other change is stated."""
-    plane = calibrate(sheet_of("1/5/10", 8.0))
-    words, wrong = compare_scales(plane, replace(plane, mm_per_px=factor * plane.mm_per_px))
-    assert wrong == suspect
-    assert "last plane map of this rig" in words

@@ -417,7 +417,7 @@ def _put_record(place: FuzzPlace) -> Path:
     run = place.folder / "runs" / name
     if rng.random() < 0.02 and "analysis" in {path.parts[0] for path in map(Path, files)}:
         shutil.copytree(
-            run / "analysis" / "001", run / "analysis" / rng.choice(("001.bak", "²", "002", "-1"))
+            run / "analysis" / "001", run / "analysis" / rng.choice(("001.bak", "²", "004", "-1"))
         )
     if rng.random() < 0.08:
         _replace(rng, run / spoilt[0])

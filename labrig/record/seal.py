@@ -281,9 +281,15 @@ def measure_sealed_notes(seal: Seal) -> int:
 
 
 def count_unsealed_notes(seal: Seal) -> int:
-    """Return how many whole lines of notes.jsonl have no link."""
+    """Return how many whole lines of notes.jsonl have no link. Raises `RecordError` when it cannot be read."""
     path = inside(seal.run, NOTES)
-    return read_file(path, MAX_LOG_BYTES)[measure_sealed_notes(seal) :].count(b"\n") if path.is_file() else 0
+    if not path.is_file():
+        return 0
+    try:
+        content = read_file(path, MAX_LOG_BYTES)
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
+    return content[measure_sealed_notes(seal) :].count(b"\n")
 
 
 def _find_unlisted(

@@ -30,6 +30,7 @@ from tests.devices.rigs import (
     OpenedRig,
     Person,
     Signal,
+    epos2_axis,
     one_drive,
     opened_rig,
     simulated_rig,
@@ -302,6 +303,19 @@ def test_the_fingerprint_of_the_settings_is_checked() -> None:
         assert _by_name(_axis_results(opened, other))["configuration linear"].status is CheckStatus.WARN
         named = axis.model_copy(update={"configuration_fingerprint": (1, 2)})
         assert _by_name(_axis_results(opened, named))["configuration linear"].status is CheckStatus.FAIL
+
+
+def test_a_drive_accepted_by_its_hardware_version_is_a_warning() -> None:
+    """Nobody has tried its type with labrig: the check says so, and the rig is usable."""
+    axis = epos2_axis(hardware_version=0x6552)
+    heartbeat = simulated_rig().can.heartbeat
+    with one_drive(hardware_version=0x6552) as bench:
+        link = attach(bench.wire, bench.clock, ANSWER_TIMEOUT_S)
+        drive = _by_name(list(check_axis(link, axis, "insertion", bench.clock, heartbeat)))["drive insertion"]
+        link.close()
+    assert drive.status is CheckStatus.WARN
+    assert "hardware 0x6552" in drive.value
+    assert "the rig file names its hardware version" in drive.value
 
 
 def test_limits_in_the_drive_are_compared() -> None:

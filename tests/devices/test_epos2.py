@@ -109,6 +109,27 @@ def test_another_type_is_refused_with_its_hardware_version(version: int, words: 
     assert "EPOS2 70/10 (0x6420)" in str(refusal.value.hint)
 
 
+def test_an_unknown_type_is_accepted_by_the_version_in_the_rig_file() -> None:
+    """Refused at first, with the line that accepts it; with that line it is driven, and no other drive is."""
+    with one_drive(hardware_version=0x6552) as bench:
+        with pytest.raises(DriveError) as refusal:
+            bench.driver.read_identity()
+        assert "hardware_version: 0x6552" in str(refusal.value.hint)
+        bench.driver.section = epos2_axis(hardware_version=0x6552)
+        assert bench.driver.identify().document()["model"] == "EPOS2 of a type unknown to labrig"
+        bench.driver.section = epos2_axis(hardware_version=0x6553)
+        with pytest.raises(DriveError, match="hardware version 0x6552, the rig file says 0x6553"):
+            bench.driver.read_identity()
+
+
+def test_a_first_generation_epos_is_refused_whatever_the_rig_file_says() -> None:
+    """Its objects have other meanings."""
+    with one_drive(hardware_version=0x6210) as bench:
+        bench.driver.section = epos2_axis(hardware_version=0x6210)
+        with pytest.raises(DriveError, match="hardware version 0x6210, EPOS 24/5"):
+            bench.driver.read_identity()
+
+
 @pytest.mark.parametrize("version", [0x2101, 0x2110, 0x2122, 0x2126])
 def test_a_drive_with_other_software_of_its_generation_is_accepted(version: int) -> None:
     """The record tells which it has."""

@@ -15,7 +15,7 @@ from labrig.devices.cia402_check import (
 )
 from labrig.devices.drive import Identity
 from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.driver import Epos2
+from labrig.devices.epos2.driver import UNKNOWN_MODEL, Epos2
 from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
 from labrig.errors import LabrigError
 
@@ -43,12 +43,19 @@ def check_axis(
 
 
 def _identity_result(name: str, axis: Epos2Axis, identity: Identity) -> CheckResult:
-    """Report model and versions; warn of software whose objects nobody has compared with labrig's."""
+    """Report model and versions; warn of a type or software whose objects nobody has compared with labrig's."""
     software = identity.versions["software_version"]
     value = (
         f"node {axis.node_id}: {identity.model}, hardware 0x{identity.versions['hardware_version']:04X}, "
         f"software 0x{software:04X}, serial {identity.serial_number}"
     )
+    if identity.model == UNKNOWN_MODEL:
+        return CheckResult(
+            f"drive {name}",
+            CheckStatus.WARN,
+            f"{value}; it is used because the rig file names its hardware version",
+            "check that its label says EPOS2; try homing, jog and the emergency stop without a needle first",
+        )
     if software in od.TRIED_SOFTWARE:
         return CheckResult(f"drive {name}", CheckStatus.PASS, value)
     tried = " and ".join(f"0x{version:04X}" for version in sorted(od.TRIED_SOFTWARE))

@@ -4,7 +4,8 @@ What is decided here
 --------------------
 - Writing a setting clears the drive's configuration fingerprint (0x1020); the fingerprint is written again last.
 - The encoder resolution is compared with the rig file and never written.
-- An EPOS2 of an unknown type is refused with its hardware version: those of the 24/2 and of others are not published.
+- An EPOS2 of an unknown type is refused with its hardware version, unless the rig file names this version: those of the
+  24/2 and of others are not published. Its software version still has to be that of an EPOS2.
 - Uncertain until tried on a device: whether 0x2210:01 holds the encoder resolution on every EPOS2; whether the measure
   init state may show bit 14; whether TxPDO 3 carries statusword and position by default and can be switched on while
   the node is operational (if not, SDO does all of it); which objects clear 0x1020 when they are written (it is written
@@ -38,6 +39,9 @@ from labrig.devices.epos2.settings import (
 from labrig.devices.error_codes import Emergency
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError
+
+UNKNOWN_MODEL = "EPOS2 of a type unknown to labrig"
+"""Model of a drive that is accepted by the hardware version in the rig file."""
 
 _SLOWEST_RPM = 1
 _MILLIVOLT = 0.001
@@ -89,10 +93,7 @@ class Epos2(Cia402Drive[Epos2Axis]):
         if vendor != co.VENDOR_ID.default or device_type != co.DEVICE_TYPE.default:
             raise self._refuse_model(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
         hardware = self.upload(od.HARDWARE_VERSION)
-        model = od.EPOS2_HARDWARE.get(hardware & 0xFFF0)
-        if model is None:
-            other = od.OTHER_HARDWARE.get(hardware & 0xFFF0, "unknown to labrig")
-            raise self._refuse_model(f"hardware version 0x{hardware:04X}, {other}")
+        model = self._name_model(hardware)
         software = self.upload(od.SOFTWARE_VERSION)
         if software not in od.EPOS2_SOFTWARE:
             low, high = od.EPOS2_SOFTWARE[0], od.EPOS2_SOFTWARE[-1]
@@ -104,11 +105,30 @@ class Epos2(Cia402Drive[Epos2Axis]):
         self.require_alone(strays)
         return identity
 
-    def _refuse_model(self, found: str) -> DriveError:
+    def _name_model(self, hardware: int) -> str:
+        """Return the name of the type by its hardware version. Raises `DriveError` for one that is not expected."""
+        expected = self.section.hardware_version
+        if expected is not None and hardware != expected:
+            raise DriveError(
+                f"{self.name} has hardware version 0x{hardware:04X}, the rig file says 0x{expected:04X}",
+                "check the node id and hardware_version in the rig file, and the label of the drive",
+            )
+        kind = hardware & 0xFFF0
+        if kind in od.OTHER_HARDWARE:
+            raise self._refuse_model(f"hardware version 0x{hardware:04X}, {od.OTHER_HARDWARE[kind]}")
+        model = od.EPOS2_HARDWARE.get(kind)
+        if model is None and expected is None:
+            raise self._refuse_model(
+                f"hardware version 0x{hardware:04X}, unknown to labrig",
+                f"; if its label says EPOS2, set hardware_version: 0x{hardware:04X} for this axis in the rig file",
+            )
+        return model or UNKNOWN_MODEL
+
+    def _refuse_model(self, found: str, way_out: str = "") -> DriveError:
         known = ", ".join(f"{name} (0x{version:04X})" for version, name in od.EPOS2_HARDWARE.items())
         return DriveError(
             f"{self.name} is not an EPOS2 that labrig knows: {found}",
-            f"check the node id in the rig file and the drive itself; known by 0x2003:02 are {known}",
+            f"check the node id in the rig file and the drive itself; known by 0x2003:02 are {known}{way_out}",
         )
 
     def require_encoder(self) -> None:

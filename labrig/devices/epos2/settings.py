@@ -77,6 +77,11 @@ class Epos2Axis(AxisDescription):
     encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] | None = Field(
         description="Encoder lines per turn of the motor; a quadcount is a quarter of a line. null: unknown [-]."
     )
+    hardware_version: Annotated[int, Field(ge=0, lt=2**16)] | None = Field(
+        None,
+        description="Hardware version (0x2003:02) of an EPOS2 whose type labrig does not know by it, as a 24/2: labrig "
+        "devices check states it. A drive with another one is refused. null: only known types [-].",
+    )
     homing: Epos2Homing = Field(default_factory=Epos2Homing, description="How the axis gets its reference.")
     configuration_fingerprint: (
         tuple[Annotated[int, Field(ge=0, lt=2**32)], Annotated[int, Field(ge=0, lt=2**32)]] | None

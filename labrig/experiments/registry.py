@@ -5,7 +5,7 @@ from functools import cache
 from labrig.analysis.result import AnyResult, load_result
 from labrig.experiments.declared import PROTOCOL_MODELS, find_declared
 from labrig.plugins import EXPERIMENTS, require_installed
-from labrig.protocol.load import load_protocol
+from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from labrig.report.view import View
@@ -54,7 +54,7 @@ def load_run_protocol(run: Run) -> ExperimentProtocol:
     FileFormatError
         When this version of labrig cannot read it.
     """
-    return load_protocol(run.protocol_path, PROTOCOL_MODELS)
+    return load_recorded_protocol(run.protocol_path, PROTOCOL_MODELS)
 
 
 def load_run_result(run: Run, number: int | None = None) -> AnyResult | None:

@@ -6,15 +6,15 @@ from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, fill_in_design
 from labrig.protocol.explain import choice_fault
-from labrig.protocol.model import Model
+from labrig.protocol.model import Former, Model
 from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import ExperimentProtocol, Needle
-from labrig.protocol.tree import Position, file_format_error
+from labrig.protocol.tree import KeyPath, Position, Tree, file_format_error
 from labrig.protocol.yaml_file import validate_tree
 from labrig.protocol.yaml_tree import load_tree, require_kind
 
@@ -55,15 +55,56 @@ def load_protocol(
     tree = apply_overrides(load_tree(Path(path)), overrides)
     if seed is not None:
         tree = tree.put(("seed",), seed, Position("--seed"))
+    model = _find_model(tree, models)
+    if _takes_design(model):
+        tree = fill_in_design(tree, Path(path).parent, IN_PROTOCOL)
+    return validate_tree(tree, model)
+
+
+def load_recorded_protocol(path: Path | str, models: Models) -> ExperimentProtocol:
+    """Return the protocol of a record: a key that came later has the value by which runs were made before it.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file, with every key of the version that made it.
+    models : Mapping
+        As in `load_protocol`.
+
+    Raises
+    ------
+    FileFormatError
+        With every problem of the file.
+    """
+    tree = load_tree(Path(path))
+    model = _find_model(tree, models)
+    return validate_tree(_fill_in_former(tree, model), model)
+
+
+def _fill_in_former(tree: Tree, model: type[BaseModel], path: KeyPath = ()) -> Tree:
+    """Return the tree with the former value of each key that it lacks, in the sections that it has."""
+    for name, field in model.model_fields.items():
+        key = (*path, name)
+        formers = [mark.value for mark in field.metadata if isinstance(mark, Former)]
+        if formers and not tree.holds(key):
+            tree = tree.put(key, formers[0], tree.at(path).value)
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel) and isinstance(tree.value(key), dict):
+            tree = _fill_in_former(tree, kind, key)
+    return tree
+
+
+def _find_model(tree: Tree, models: Models) -> type[ExperimentProtocol]:
     if not tree.holds(("experiment",)):
         require_kind(tree, _OTHER_KINDS)
     model = models.get(str(tree.value(("experiment",))))
     if model is None:
         raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
-    takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
-    if takes_design:
-        tree = fill_in_design(tree, Path(path).parent, IN_PROTOCOL)
-    return validate_tree(tree, model)
+    return model
+
+
+def _takes_design(model: type[ExperimentProtocol]) -> bool:
+    return "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
 
 
 def load_designed_model(path: Path | str, model: type[AnyModel], filling: Filling) -> AnyModel:

@@ -26,6 +26,10 @@ from labrig.steering.tip import (
     freeze,
 )
 
+# Share of sightings that are something else than the tip, and the side of the square or cube in which that lies.
+_FALSE_SHARE = 0.05
+_FALSE_WITHIN_MM = 20.0
+
 
 @dataclass(frozen=True, eq=False)
 class TipBelief:
@@ -67,13 +71,25 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
     outside = step_tip(_mix(belief.outside, belief.inside, from_inside[0]), observation, settings)
     straight = replace(observation, bends=False)
     inside = step_tip(_mix(belief.outside, belief.inside, from_inside[1]), straight, settings)
-    better = max(outside.log_likelihood, inside.log_likelihood)
+    log_likelihoods = [_weigh(tip, settings) for tip in (outside, inside)]
+    better = max(log_likelihoods)
     weights = (
-        (1.0 - cavity) * math.exp(outside.log_likelihood - better),
-        cavity * math.exp(inside.log_likelihood - better),
+        (1.0 - cavity) * math.exp(log_likelihoods[0] - better),
+        cavity * math.exp(log_likelihoods[1] - better),
     )
     share = weights[1] / sum(weights)
     return TipBelief(_mix(outside, inside, share), outside, inside, share)
+
+
+def _weigh(tip: TipState, settings: EstimatorSettings) -> float:
+    """Return the log-likelihood by which a tip is weighed: its sighting may be something else than the tip.
+
+    So a sighting that fits neither tip says nothing about which one is right.
+    """
+    if not settings.robust or tip.nis is None:
+        return tip.log_likelihood
+    false = math.log(_FALSE_SHARE) - len(settings.observed) * math.log(_FALSE_WITHIN_MM)
+    return float(np.logaddexp(math.log1p(-_FALSE_SHARE) + tip.log_likelihood, false))
 
 
 def advance_belief(belief: TipBelief, step: TipObservation, settings: EstimatorSettings) -> TipBelief:

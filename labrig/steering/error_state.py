@@ -29,6 +29,11 @@ from labrig.steering.tip import (
     freeze,
 )
 
+_TURNING = (3, 4, 5)
+# Standard deviation of what the heading may have turned by while the tip was not seen. A larger one recovers faster
+# from a cavity that is not modelled, and makes false sightings turn the heading more.
+_REOPENED_HEADING_SD_RAD = 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class _Prediction:
@@ -53,14 +58,41 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
     innovation = settings.observed[:, POSITION] @ offset
     nis = _update(kalman, innovation, settings)
     log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * kalman.S)))
-    if nis <= settings.gate_nis:
+    if nis <= _limit_nis(state, settings):
         return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
     kalman.x, kalman.P = kalman.x_prior, kalman.P_prior
     if state.misses < settings.patience:
         return _apply_error(prediction, kalman, state, nis, log_likelihood)
-    kalman.P = kalman.P * (nis / len(innovation))
+    kalman.P = _reopen(kalman.P, innovation, nis, settings)
     _update(kalman, innovation, settings)
     return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
+
+
+def _limit_nis(state: TipState, settings: EstimatorSettings) -> float:
+    """Return the NIS beyond which an observation is rejected: a lower one after a rejected observation.
+
+    A gate that widens while false sightings are rejected would let in the next one, or the tip itself as if it had
+    turned.
+    """
+    was_rejected = state.nis is not None and not state.accepted
+    return settings.doubtful_nis if settings.robust and was_rejected else settings.gate_nis
+
+
+def _reopen(
+    covariance: FloatArray, innovation: FloatArray, nis: float, settings: EstimatorSettings
+) -> FloatArray:
+    """Return a covariance (7, 7) so wide that the innovation is an ordinary one.
+
+    What was seen may be something else than the tip: its position is taken, and only the next sightings may turn the
+    heading.
+    """
+    if not settings.robust:
+        return covariance * (nis / len(innovation))
+    moved = float(innovation @ innovation) / len(innovation) * settings.observed.T @ settings.observed
+    turning = [index for index in _TURNING if index in settings.errors]
+    turned = np.zeros((ERRORS, ERRORS))
+    turned[turning, turning] = _REOPENED_HEADING_SD_RAD**2
+    return covariance + moved + turned
 
 
 def _predict(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> _Prediction:
@@ -78,7 +110,7 @@ def _predict(state: TipState, observation: TipObservation, settings: EstimatorSe
         transition[POSITION, CURVATURE] = bend.T @ step_position_slope(step_mm, curvature)
         transition[ORIENTATION.start, CURVATURE] = step_mm
     process = np.zeros((ERRORS, ERRORS))
-    turning = (3,) if settings.planar else (3, 4, 5)
+    turning = (3,) if settings.planar else _TURNING
     process[turning, turning] = settings.process_sd_rad_per_root_mm**2 * step_mm
     rolled = state.rotation @ roll
     return _Prediction(rolled @ bend, state.position_mm + rolled @ advance, transition, process)

@@ -17,6 +17,7 @@ EstimatorMethod = Literal["error-state", "paper"]
 # The seven errors of a tip: position and rotation vector, both in the tip's own frame, and curvature.
 ERRORS = 7
 POSITION, ORIENTATION, CURVATURE = slice(0, 3), slice(3, 6), 6
+_DOUBTFUL_PROBABILITY = 0.95
 # In the plane the tip moves along its y and z axes and turns about its x axis.
 _PLANAR_ERRORS, _SPATIAL_ERRORS = (1, 2, 3), (0, 1, 2, 3, 4, 5)
 _ROTATION_TOLERANCE = 1e-6
@@ -49,6 +50,10 @@ class EstimatorSettings:
     patience : int
         So many observations in a row may fail the gate; at the next failure the filter widens its covariance until
         the observation is an ordinary one.
+    robust : bool
+        Of the error-state filter: what was rejected says nothing about cavities nor about a stuck needle, and after
+        several rejections the position is taken from the next sighting, but not the heading. False: for records that
+        were made before.
     cavity_every_mm, cavity_mm : float
         Mean length of path from one cavity to the next, and mean length of a cavity, in which the needle goes straight;
         `labrig.steering.cavities` models them. Infinite: no cavities.
@@ -70,6 +75,7 @@ class EstimatorSettings:
     patience: int = 3
     cavity_every_mm: float = math.inf
     cavity_mm: float = 8.0
+    robust: bool = True
 
     def __post_init__(self) -> None:
         if self.method not in get_args(EstimatorMethod):
@@ -109,6 +115,11 @@ class EstimatorSettings:
     def gate_nis(self) -> float:
         """The NIS beyond which an observation is rejected, from the chi-square distribution."""
         return float(chdtri(len(self.observed), 1.0 - self.gate_probability))
+
+    @cached_property
+    def doubtful_nis(self) -> float:
+        """The NIS beyond which an observation after a rejected one is rejected too."""
+        return float(chdtri(len(self.observed), 1.0 - _DOUBTFUL_PROBABILITY))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,10 +2,12 @@
 
 import statistics
 import time
+from dataclasses import replace
 
 from labrig.steering.estimator import step_tip
 from labrig.steering.tip import EstimatorMethod
 from tests.benchmarks.table import print_rows
+from tests.steering.false_sightings import WATCHFUL, scattered_rmse_deg, streak_rmse_deg
 from tests.steering.insertions import (
     RADIUS_MM,
     follow,
@@ -20,10 +22,12 @@ METHODS: tuple[EstimatorMethod, ...] = ("paper", "error-state")
 
 
 def print_table() -> None:
-    """Print three tables of 200 simulated insertions of 100 mm in steps of 1 mm, each with two flips."""
+    """Print four tables of 200 simulated insertions of 100 mm in steps of 1 mm, each with two flips."""
     _print_headings()
     print()
     _print_consistency()
+    print()
+    _print_false_sightings()
     print()
     _print_times()
 
@@ -48,6 +52,17 @@ def _print_consistency() -> None:
             share, mean = mean_nees_in_band(RUNS, planar, radius_sd_mm)
             rows.append([_world(planar), name, f"{100 * share:.0f} %", "90 %", f"{mean:.2f}"])
     print_rows(("mean NEES", "radius", "steps in the 95 % band", "at least", "over degrees of freedom"), rows)
+
+
+def _print_false_sightings() -> None:
+    before = replace(WATCHFUL, robust=False)
+    rows = [
+        ["none", *(f"{scattered_rmse_deg(RUNS, 0.0, chosen):.2f}" for chosen in (before, WATCHFUL)), "-"],
+        ["5 %", *(f"{scattered_rmse_deg(RUNS, 0.05, chosen):.2f}" for chosen in (before, WATCHFUL)), "1.4"],
+        ["20 %", *(f"{scattered_rmse_deg(RUNS, 0.2, chosen):.2f}" for chosen in (before, WATCHFUL)), "1.5"],
+        ["six in a row", *(f"{streak_rmse_deg(RUNS, chosen):.2f}" for chosen in (before, WATCHFUL)), "4"],
+    ]
+    print_rows(("false sightings: heading RMSE, deg", "robust: false", "default", "at most"), rows)
 
 
 def _print_times() -> None:

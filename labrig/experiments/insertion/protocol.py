@@ -1,12 +1,12 @@
 """The protocol of a planned, image-guided insertion."""
 
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from labrig.experiments.insertion.weights import PlannerWeights
-from labrig.protocol.model import Conflict, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
+from labrig.protocol.model import Conflict, Former, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
 from labrig.protocol.sections import (
     Advance,
     GridSentinel,
@@ -118,6 +118,11 @@ class Estimator(Model):
         50.0,
         description="Mean path length between cavities, in which the needle does not steer; null: cavities are not "
         "modelled [mm].",
+    )
+    robust: Annotated[bool, Former(value=False)] = Field(
+        default=True,
+        description="Whether rejected sightings are kept from the estimate of cavities and from the search for a stuck "
+        "needle, and several in a row may move the estimated position but not turn the heading.",
     )
 
     def conflicts(self) -> Iterator[Conflict]:

@@ -49,6 +49,7 @@ def make_insertion_settings(
             radius_sd_mm=estimator.radius_sd_mm,
             start_sd_rad=math.radians(estimator.start_sd_deg),
             cavity_every_mm=math.inf if estimator.cavity_every_mm is None else estimator.cavity_every_mm,
+            robust=estimator.robust,
         ),
         policy=SteeringPolicy(
             **values,

@@ -7,7 +7,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.plugins import require_devices_installed
 from labrig.record.reader import Run
-from labrig.report.page import write_report
+from labrig.report.writing import write_report
 
 
 def write_page(run: Run, result: AnyResult | None, *, private: bool = False) -> Path:

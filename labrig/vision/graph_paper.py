@@ -10,6 +10,7 @@ and darkness together, without pixels far darker than any line. Crossings that t
 """
 
 from collections.abc import Iterator
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -28,11 +29,14 @@ from labrig.vision.second_grid import require_single_grid
 _FloatArray = NDArray[np.float64]
 
 # The picture and its halves, in the order in which they are searched: lines 3 to 25 px apart are found in each.
-_LEVELS = 4
+_LEVELS, _LEAST_LEVEL_PX = 4, 150
 _LEVEL_ORDER = (1, 0, 2, 3)
 _SEEDS_PER_LEVEL = 2
 # A grid that was followed over less of the picture is used only if there is no larger one.
 _LARGE_SHARE, _LEAST_SHARE = 0.8, 0.03
+# So many windows of a grid are even where no trace of ink disturbs it. Otherwise the next quantile clips the density.
+_EVEN = 0.9
+_CLIP_QUANTILES = (0.97, 0.9)
 # Heavier lines are this much darker than others, at the most.
 _HEAVIEST = 2.5
 # Crossings are located this far apart or further [px]: where lines are closer, at every few lines.
@@ -41,21 +45,16 @@ _MANY_CROSSINGS = 200
 _LEAST_LINES = 5
 # Largest distance of a crossing from its prediction, as a share of the distance between lines.
 _LARGEST_SHIFT = 0.12
-# Least contrast of each arm of a crossing, as a share of the typical one.
-_LEAST_CONTRAST = 0.3
-# Where the density is sampled around a crossing: along a line, on one side, in steps to the next crossing, and across
-# it in shares of a reach. The reach is this many pixels, within these shares of the distance between lines.
-_ALONG = np.linspace(0.2, 0.45, 6)
+# Where the density is sampled across a line, in shares of a reach.
 _ACROSS = np.linspace(-1.0, 1.0, 25)
-_REACH_PX, _LEAST_REACH, _MOST_REACH = 5.0, 0.15, 0.45
 # Further than this share of the reach from a line the paper is bare; nearer than this the line is measured.
 _FLANK, _CORE = 0.7, 0.33
 _REFINEMENTS = 3
 # Steps are averaged over this many cells to each side.
 _STEP_REACH = 2
 _MOST_TRIES = 4
-# Least share of the crossings that the windows let expect.
-_LEAST_CONFIRMED = 0.25
+# Least share of the crossings that the windows let expect, and the share below which lines are taken for faint.
+_LEAST_CONFIRMED, _MANY_CONFIRMED = 0.25, 0.6
 # Crossings that the grid may grow beyond the windows that were followed.
 _MARGIN = 8
 # A crossing is left out if it is this many times the median distance from where its neighbours predict it.
@@ -111,10 +110,16 @@ def find_crossings(image: Picture) -> Crossings:
     MeasurementRefusedError
         If the picture shows no two families of evenly spaced lines, or the lines are too close together.
     """
-    for measure in (measure_darkness, measure_ink):
-        found = _find_grid(measure(image))
-        if found is not None:
-            return found if measure is measure_darkness else _doubt_fine_lines(found)
+    best = _find_grid(measure_darkness(image))
+    if best is not None and best[1] >= _MANY_CONFIRMED:
+        return best[0]
+    # What the ink is refused for says nothing against a grid that darkness shows.
+    with suppress(MeasurementRefusedError) if best is not None else nullcontext():
+        ink = _find_grid(measure_ink(image))
+        if ink is not None and (best is None or ink[1] > best[1]):
+            return _doubt_fine_lines(ink[0])
+    if best is not None:
+        return best[0]
     raise MeasurementRefusedError(
         "no grid of ruled lines in the picture",
         "fill it with sharp, evenly lit graph paper, close enough that the nearest lines are 4 px apart or more",
@@ -126,18 +131,24 @@ def _doubt_fine_lines(found: Crossings) -> Crossings:
     return replace(found, ruling=replace(found.ruling, thickness=0.0))
 
 
-def _find_grid(density: Density) -> Crossings | None:
-    """Return the crossings that a density shows; None if there are too few. Raises MeasurementRefusedError."""
-    tracked = _track_largest(clip(density))
+def _find_grid(density: Density) -> tuple[Crossings, float] | None:
+    """Return the crossings that a density shows, and which share of those expected they are; None for too few.
+
+    Raises MeasurementRefusedError.
+    """
+    tracked = _track_largest(density)
     if tracked is None:
         return None
     ruling = read_ruling(clip(density, _HEAVIEST), tracked)
     require_single_grid(clip(density, _HEAVIEST), tracked, ruling)
-    located = _locate_crossings(density, tracked, ruling)
-    if len(located.pixels) < _LEAST_CONFIRMED * _expect_crossings(tracked, located, density.size):
+    found = _remove_outliers(_locate_crossings(density, tracked, ruling, _SHARP))
+    expected = _expect_crossings(tracked, found, density.size)
+    if len(found.pixels) < _MANY_CONFIRMED * expected:
+        faint = _remove_outliers(_locate_crossings(clip(density), tracked, ruling, _FAINT))
+        found = max(found, faint, key=lambda grid: len(grid.pixels))
+    if len(found.pixels) < max(_LEAST_CONFIRMED * expected, _LEAST_LINES**2):
         return None
-    found = _remove_outliers(located)
-    return found if len(found.pixels) >= _LEAST_LINES**2 else None
+    return found, len(found.pixels) / expected
 
 
 def _expect_crossings(tracked: TrackedGrid, located: Crossings, pixels: int) -> float:
@@ -148,19 +159,25 @@ def _expect_crossings(tracked: TrackedGrid, located: Crossings, pixels: int) -> 
 
 
 def _track_largest(density: Density) -> TrackedGrid | None:
-    """Return the first grid that covers nearly the whole picture, or else the largest."""
+    """Return the first grid that covers nearly the whole picture, or else the largest.
+
+    If a trace of ink, a needle for instance, disturbs even that, the density is clipped further.
+    """
     largest: TrackedGrid | None = None
-    for found in _track_candidates(density):
-        if largest is None or found.share > largest.share:
-            largest = found
-        if largest.share >= _LARGE_SHARE:
+    for quantile in _CLIP_QUANTILES:
+        for found in _track_candidates(clip(density, quantile=quantile)):
+            if largest is None or found.even_share > largest.even_share:
+                largest = found
+            if largest.even_share >= _LARGE_SHARE:
+                return largest
+        if largest is not None and largest.even_share >= _EVEN * largest.share:
             break
-    return largest if largest is not None and largest.share >= _LEAST_SHARE else None
+    return largest if largest is not None and largest.even_share >= _LEAST_SHARE else None
 
 
 def _track_candidates(density: Density) -> Iterator[TrackedGrid]:
     """Yield the grids that grow from the clearest patches of every level, then from the next clearest."""
-    levels = halve(density, _LEVELS)
+    levels = halve(density, _LEVELS, _LEAST_LEVEL_PX)
     order = sorted(range(len(levels)), key=_LEVEL_ORDER.index)
     seeds = {level: find_seeds(levels[level]) for level in order}
     for number, level in product(range(_SEEDS_PER_LEVEL), order):
@@ -170,12 +187,39 @@ def _track_candidates(density: Density) -> Iterator[TrackedGrid]:
 
 
 @dataclass(frozen=True, eq=False)
+class _Arms:
+    """How much of the lines beside a crossing takes part.
+
+    Attributes
+    ----------
+    along : ndarray
+        Places along a line, on one side, in steps to the next crossing.
+    reach_px, least_reach, most_reach : float
+        Reach of a profile across a line, and its limits in distances between lines.
+    least_contrast : float
+        Of each arm of a crossing, as a share of the typical one.
+    """
+
+    along: _FloatArray
+    reach_px: float
+    least_reach: float
+    most_reach: float
+    least_contrast: float
+
+
+_SHARP = _Arms(np.linspace(0.2, 0.45, 6), 5.0, 0.15, 0.45, 0.3)
+# Faint lines, blurred behind gel, are averaged over the next crossings, between the lines that cross them there.
+_FAINT = _Arms(np.concatenate([np.linspace(0.2, 0.8, 8) + step for step in range(3)]), 9.5, 0.33, 0.33, 0.2)
+
+
+@dataclass(frozen=True, eq=False)
 class _Located:
     """How crossings are located: every `lines` lines, by profiles of `reach` lines to both sides."""
 
     density: Density
     lines: int
     reach: float
+    arms: _Arms
 
     def refine(self, ring: _Ring) -> tuple[_FloatArray, _FloatArray]:
         """Return the crossing of the two lines at each prediction (N, 2), and the contrasts of its arms (N, 4).
@@ -199,17 +243,19 @@ class _Located:
 
     def _sample_arms(self, centres: _FloatArray, across: _FloatArray, along: _FloatArray) -> _FloatArray:
         """Return the density across a line (2, N, samples), averaged along it on either side of the crossing."""
-        sides = np.array((-1.0, 1.0))[:, None] * _ALONG
+        sides = np.array((-1.0, 1.0))[:, None] * self.arms.along
         spread = _ACROSS[:, None, None, None, None] * across + sides[:, :, None, None] * along
         maps = (centres + spread).reshape(-1, *centres.shape).astype(np.float32)
         drawn = cv2.remap(
             self.density, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        values = np.asarray(drawn, dtype=np.float64).reshape(len(_ACROSS), 2, len(_ALONG), len(centres))
+        values = np.asarray(drawn, dtype=np.float64).reshape(
+            len(_ACROSS), 2, len(self.arms.along), len(centres)
+        )
         return np.asarray(values.mean(axis=2).transpose(1, 2, 0))
 
 
-def _locate_crossings(density: Density, tracked: TrackedGrid, ruling: Ruling) -> Crossings:
+def _locate_crossings(density: Density, tracked: TrackedGrid, ruling: Ruling, arms: _Arms) -> Crossings:
     """Return the crossings of the visible lines, numbered in the finest."""
     coordinates = (tracked.coordinates - ruling.offsets) / ruling.steps
     waves = tracked.waves / np.array(ruling.steps)[:, None]
@@ -217,8 +263,8 @@ def _locate_crossings(density: Density, tracked: TrackedGrid, ruling: Ruling) ->
     lines = _choose_lines(spacing_px, ruling, tracked.share * density.size)
     steps = np.linalg.inv(waves).transpose(0, 2, 1) * lines
     start = _predict_around(tracked.pixels, coordinates / lines, steps)
-    reach = float(np.clip(_REACH_PX / spacing_px, _LEAST_REACH, _MOST_REACH))
-    cells, pixels = _grow(_Located(blur(density, min(1.0, spacing_px / 8.0)), lines, reach), start)
+    reach = float(np.clip(arms.reach_px / spacing_px, arms.least_reach, arms.most_reach))
+    cells, pixels = _grow(_Located(blur(density, min(1.0, spacing_px / 8.0)), lines, reach, arms), start)
     step = lines * ruling.hidden
     return Crossings(pixels, cells * step, spacing_px / ruling.hidden, step, ruling)
 
@@ -257,7 +303,7 @@ def _grow(located: _Located, start: _Ring) -> tuple[NDArray[np.int64], _FloatArr
     places = np.full((*(start.cells.max(axis=0) - low + 1 + _MARGIN), 2), np.nan)
     tries = np.zeros(places.shape[:2], dtype=int)
     ring = replace(start, cells=start.cells - low)
-    least = _LEAST_CONTRAST * np.median(located.refine(ring)[1], axis=0)
+    least = located.arms.least_contrast * np.median(located.refine(ring)[1], axis=0)
     while len(ring.cells):
         found, contrasts = located.refine(ring)
         near = np.linalg.norm(

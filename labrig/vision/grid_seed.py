@@ -7,7 +7,7 @@ each of the two rays the spectrum peaks at the lines' frequency and its multiple
 the two families of a square grid have the same distance, up to the foreshortening of a slanted view.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import cv2
@@ -33,6 +33,8 @@ _LARGEST_RATIO = 1.3
 _NOISE = 3.0
 _LEAST_STRENGTH = 12.0
 _MOST_CLIMBS = 5
+# Waves of the same lines in two patches differ by less, as a share of them.
+_ALIKE = 0.15
 _DEGREES = 180
 
 
@@ -47,15 +49,18 @@ class Seed:
     centre : ndarray (2,)
     waves : ndarray (2, 2)
         Rows: wave vectors of the two families of lines [cycles/px].
+    support : int
+        Number of patches, its own among them, that show the same lines.
     """
 
     strength: float
     centre: _FloatArray
     waves: _FloatArray
+    support: int = 1
 
 
 def find_seeds(density: Density) -> list[Seed]:
-    """Return the grids in the patches of a picture, the strongest first."""
+    """Return the grids in the patches of a picture: first those that most others agree with, the strongest first."""
     height, width = density.shape
     side = min(_PATCH_PX, height, width) // 2 * 2
     if side < _LEAST_PATCH_PX:
@@ -72,7 +77,19 @@ def find_seeds(density: Density) -> list[Seed]:
         seed = _find_seed((patch - patch.mean()) * taper[:, None] * taper, middle)
         if seed is not None:
             found.append(seed)
-    return sorted(found, key=lambda seed: -seed.strength)
+    supported = [replace(seed, support=sum(_agree(seed, other) for other in found)) for seed in found]
+    return sorted(supported, key=lambda seed: (-seed.support, -seed.strength))
+
+
+def _agree(seed: Seed, other: Seed) -> bool:
+    """Return whether two seeds have the same lines, whichever family comes first."""
+    return any(
+        all(
+            min(np.linalg.norm(wave - twin), np.linalg.norm(wave + twin)) < _ALIKE * np.linalg.norm(wave)
+            for wave, twin in zip(seed.waves, waves, strict=True)
+        )
+        for waves in (other.waves, other.waves[::-1])
+    )
 
 
 def _find_seed(tapered: Density, centre: _FloatArray) -> Seed | None:

@@ -37,6 +37,9 @@ _LARGEST_RATIO = 1.35
 # Cells around a cell whose phases give its waves, and the least determinant of their spread, in squared spacings.
 _REACH = 2
 _LEAST_SPREAD = 3.0
+# Waves are even within this share of them; fits of the waves by least distances, and what counts as no distance.
+_LARGEST_DEVIATION, _FITS, _EXACT = 0.1, 8, 0.01
+_LEAST_EVEN = 12
 _NEAR = tuple(step for step in product((-1, 0, 1), repeat=2) if step != (0, 0))
 _AROUND = tuple(step for step in product(range(-_REACH, _REACH + 1), repeat=2) if step != (0, 0))
 
@@ -76,6 +79,26 @@ class TrackedGrid:
             np.median(np.linalg.norm(self.waves, axis=2), axis=0) if len(self.waves) else (0.0, 1.0)
         )
         return bool(max(first, second) < _LARGEST_RATIO * min(first, second))
+
+    @property
+    def even_share(self) -> float:
+        """Return the share of the picture's windows whose waves change slowly over the picture, as perspective has it.
+
+        Windows that follow the lines at a wrong frequency, beside a trace of ink for instance, differ from the others.
+        """
+        return self.share * float(np.mean(self._is_even())) if len(self.pixels) >= _LEAST_EVEN else 0.0
+
+    def _is_even(self) -> NDArray[np.bool_]:
+        """Return which windows' waves are near a quadratic function of the place, fitted by least distances."""
+        u, v = ((self.pixels - self.pixels.mean(axis=0)) / np.ptp(self.pixels, axis=0).max()).T
+        terms = np.column_stack((np.ones(len(u)), u, v, u * u, u * v, v * v))
+        waves, weights = self.waves.reshape(-1, 4), np.ones((len(u), 1))
+        for _ in range(_FITS):
+            fitted = terms @ np.linalg.lstsq(terms * weights, waves * weights, rcond=None)[0]
+            off = np.linalg.norm((fitted - waves).reshape(-1, 2, 2), axis=2)
+            off = (off / np.linalg.norm(fitted.reshape(-1, 2, 2), axis=2)).max(axis=1)
+            weights = np.maximum(off, _EXACT)[:, None] ** -0.5
+        return np.asarray(off < _LARGEST_DEVIATION)
 
     def enlarge(self, factor: int) -> "TrackedGrid":
         """Return the windows in a picture that is larger by a factor."""

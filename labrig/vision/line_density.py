@@ -25,7 +25,6 @@ _INK_QUANTILE, _TRACE = 0.93, 1.8
 _TRACE_MARGIN_PX = 3
 _INK_BLUR_PX = 2.0
 _INK_SLOW_PX = 21
-_LEAST_LEVEL_PX = 200
 _MAD_TO_SIGMA = 1.4826
 # Half a grey level of 200.
 _LEAST_NOISE = 0.0025
@@ -68,9 +67,9 @@ def measure_ink(image: Picture) -> Density:
     return blur(np.asarray(ink, dtype=np.float32), _INK_BLUR_PX)
 
 
-def clip(density: Density, factor: float = 1.0) -> Density:
+def clip(density: Density, factor: float = 1.0, quantile: float = _CLIP_QUANTILE) -> Density:
     """Return the density without what is darker or brighter than most lines by more than a factor."""
-    most = factor * float(np.quantile(np.abs(density[::_CLIP_STRIDE, ::_CLIP_STRIDE]), _CLIP_QUANTILE))
+    most = factor * float(np.quantile(np.abs(density[::_CLIP_STRIDE, ::_CLIP_STRIDE]), quantile))
     return np.asarray(np.clip(density, -most, most))
 
 
@@ -79,10 +78,10 @@ def blur(density: Density, sigma_px: float) -> Density:
     return np.asarray(cv2.GaussianBlur(density, (0, 0), sigma_px), dtype=np.float32)
 
 
-def halve(density: Density, levels: int) -> list[Density]:
-    """Return the density and its copies at half the size each; at most so many, and none of less than 200 px."""
+def halve(density: Density, levels: int, least_px: int) -> list[Density]:
+    """Return the density and its copies at half the size each; at most so many, none with a side below `least_px`."""
     found = [density]
-    while len(found) < levels and min(found[-1].shape) >= 2 * _LEAST_LEVEL_PX:
+    while len(found) < levels and min(found[-1].shape) >= 2 * least_px:
         height, width = (extent // 2 for extent in found[-1].shape)
         even = found[-1][: 2 * height, : 2 * width]
         found.append(

@@ -108,6 +108,8 @@ class Ruling:
         Numbers of finer steps that the picture would not show.
     thickness : float
         Mean width of the visible lines, as a share of their distance, times their density.
+    width : float
+        Standard deviation of the profile of the visible lines, blur included, as a share of their distance.
     """
 
     steps: tuple[float, float]
@@ -116,6 +118,7 @@ class Ruling:
     rhythm: Rhythm | None
     unresolved: tuple[int, ...]
     thickness: float
+    width: float
 
 
 @dataclass(frozen=True)
@@ -194,13 +197,14 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
     thickness = float(np.mean([family.thickness() for family in harmonics]))
     if thickness > _THICKEST:
         raise _no_lines_error()
+    width = float(np.mean([family.width() for family in harmonics]))
     if rhythm is not None and rhythm.heavy > _PAIR:
-        return Ruling(steps, offsets, 1, rhythm, (), thickness)
-    hidden, unresolved = _find_hidden(harmonics, float(np.mean(spacings)))
+        return Ruling(steps, offsets, 1, rhythm, (), thickness, width)
+    hidden, unresolved = _find_hidden(harmonics, width, float(np.mean(spacings)))
     if hidden > 1:
         # With a rhythm of two, these are lines of 5 and 10 mm: the finest lie between all of them.
         rhythm, unresolved = Rhythm(hidden, hidden * (rhythm.heaviest if rhythm else 1)), ()
-    return Ruling(steps, offsets, hidden, rhythm, unresolved, thickness)
+    return Ruling(steps, offsets, hidden, rhythm, unresolved, thickness, width)
 
 
 def _measure_profile(density: Density, grid: TrackedGrid, axis: int) -> _Profile:
@@ -352,7 +356,8 @@ class _Harmonics:
     def excess(self, number: int) -> tuple[float, float, float]:
         """Return a harmonic's excess over what its neighbours predict, the noise of that, and the neighbours' size."""
         near = self.at(number + np.arange(-2.0, 3.0)).real
-        predicted = (4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0
+        # Harmonics of a broad line fall so steeply that their trend runs below zero: nothing would exceed it by itself.
+        predicted = max((4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0, 0.0)
         noise = np.sqrt(np.mean(np.abs(self.at(number + np.array(_NOISE_AT))) ** 2) / 2.0)
         return float(near[2] - predicted), float(1.4 * noise), float(np.abs(np.delete(near, 2)).mean())
 
@@ -366,10 +371,9 @@ class _Harmonics:
         return float(0.5 * self.at((1.0,))[0].real * np.exp(2.0 * (np.pi * self.width()) ** 2))
 
 
-def _find_hidden(harmonics: list[_Harmonics], spacing_px: float) -> tuple[int, tuple[int, ...]]:
+def _find_hidden(harmonics: list[_Harmonics], width: float, spacing_px: float) -> tuple[int, tuple[int, ...]]:
     """Return the number of finer steps between visible lines, and which numbers the picture would not show."""
     level = sum(float(family.at((1.0,))[0].real) for family in harmonics)
-    width = float(np.mean([family.width() for family in harmonics]))
     found, unresolved = 1, []
     for number in _HIDDEN:
         if spacing_px / number > _RESOLVED_PX:

@@ -22,13 +22,17 @@ _FITS, _LARGEST_MISFIT = 3, 0.1
 _LEAST_WINDOWS = 60
 # Half the width of a line that is taken out [px], and its limits in distances between lines.
 _LINE_PX, _LEAST_REACH, _MOST_REACH = 3.0, 0.1, 0.25
-_LEVELS = 3
+# Lines far apart may be blurred more: that in standard deviations of their profile, and its limit.
+_FAR_PX, _BROAD, _MOST_BROAD = 13.0, 2.5, 0.4
+_LEVELS, _LEAST_LEVEL_PX = 3, 200
 # A second grid is followed over at least this share of what the first covers, and at least so dark for it.
 _LEAST_SHARE, _LEAST_AMPLITUDE = 0.3, 0.06
+# So many patches of the picture show the same second grid, at least: what is left of a trace differs between them.
+_LEAST_SUPPORT = 3
 # Its waves are no multiples of those of the first: they differ by this much, in parts of the first's longest period.
 _LEAST_DIFFERENCE = 0.15
 _COMPARED = 100
-_FINER, _LEAST_FINER = 1.5, 0.1
+_FINER, _LEAST_FINER = 2.5, 0.1
 # Lines that are too fine to count would look like others in a smaller picture.
 _BLUR_PX = 1.0
 
@@ -45,10 +49,10 @@ def require_single_grid(density: Density, grid: TrackedGrid, ruling: Ruling) -> 
     rest = _take_out(density, grid, ruling)
     if rest is None:
         return
-    for number, level in enumerate(halve(blur(rest, _BLUR_PX), _LEVELS)):
+    for number, level in enumerate(halve(blur(rest, _BLUR_PX), _LEVELS, _LEAST_LEVEL_PX)):
         seeds = find_seeds(level)
-        found = track_grid(level, seeds[0]) if seeds else None
-        if found is None or found.share < _LEAST_SHARE * grid.share:
+        found = track_grid(level, seeds[0]) if seeds and seeds[0].support >= _LEAST_SUPPORT else None
+        if found is None or found.even_share < _LEAST_SHARE * grid.share:
             continue
         second = found.enlarge(2**number)
         if second.amplitude < _LEAST_AMPLITUDE * grid.amplitude:
@@ -69,10 +73,16 @@ def _take_out(density: Density, grid: TrackedGrid, ruling: Ruling) -> Density | 
     bare = _cover(density.shape, grid)
     for place, step, offset in zip(places, ruling.steps, ruling.offsets, strict=True):
         line = (place - offset) / step
-        reach = float(np.clip(_LINE_PX / (step * grid.pitch_px), _LEAST_REACH, _MOST_REACH))
+        reach = _choose_reach(step * grid.pitch_px, ruling.width)
         bare &= np.abs(line - np.round(line)) > reach
     level = float(density[bare].mean()) if bare.any() else 0.0
     return np.asarray(np.where(bare, density - level, 0.0), dtype=np.float32)
+
+
+def _choose_reach(spacing_px: float, width: float) -> float:
+    """Return half the width that a line is taken out with, in distances between lines."""
+    broad = min(_BROAD * width, _MOST_BROAD) if spacing_px > _FAR_PX else 0.0
+    return broad if broad > _MOST_REACH else float(np.clip(_LINE_PX / spacing_px, _LEAST_REACH, _MOST_REACH))
 
 
 def _find_places(shape: tuple[int, ...], grid: TrackedGrid) -> list[_FloatArray] | None:
@@ -119,6 +129,6 @@ def _is_other(second: TrackedGrid, first: TrackedGrid, ruling: Ruling, period: i
     multiples = np.median(second.waves[chosen] @ np.linalg.inv(base), axis=0)
     divisors = np.linalg.inv(multiples)
     alone = all(np.abs(found - np.round(found)).max() > _LEAST_DIFFERENCE for found in (multiples, divisors))
-    # Where all lines are alike, lines at a multiple are finer ones between them; a faint multiple is their own shape.
-    finer = ruling.rhythm is None and np.abs(multiples).max() > _FINER
+    # Lines at a multiple of the frequency are finer ones between; a faint multiple is the lines' own shape.
+    finer = ruling.hidden == 1 and np.abs(multiples).max() > _FINER * period
     return alone or (finer and second.amplitude > _LEAST_FINER * first.amplitude)

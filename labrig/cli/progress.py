@@ -1,9 +1,10 @@
 """Progress of a run or a batch: a bar with elapsed and remaining time on a terminal, plain lines elsewhere."""
 
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import IO, Protocol, TypeAlias, cast
+from typing import IO, Any, Protocol, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
 from labrig.clock import Clock
@@ -51,6 +52,32 @@ def progress_if_slow(title: str, clock: Clock, *, shown: bool) -> Iterator[Share
         yield report if shown and sys.stderr.isatty() else _report_nothing
 
 
+_LONG_S = 1.0
+"""How long nothing is shown of work whose length is not known."""
+
+
+@contextmanager
+def show_working(title: str, *, shown: bool, patience_s: float = _LONG_S) -> Iterator[None]:
+    """Show on a terminal that the block is at work once it has taken so long, until its end; elsewhere nothing."""
+    if not (shown and sys.stderr.isatty()):
+        yield
+        return
+    done = threading.Event()
+
+    def watch() -> None:
+        if not done.wait(patience_s):
+            with _show_bar(title, None, transient=True):
+                done.wait()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
+
+
 def _report_nothing(share: float) -> None:
     """Take the place of a bar."""
 
@@ -82,30 +109,13 @@ _LEAST_BAR_COLUMNS = 70
 
 
 @contextmanager
-def _show_bar(title: str, total: float, *, transient: bool = False) -> Iterator[Reporter]:
+def _show_bar(title: str, total: float | None, *, transient: bool = False) -> Iterator[Reporter]:
+    """Show a bar; without a total, only that time passes."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.table import Column
+    from rich.progress import Progress
 
     console = Console(file=cast("IO[str]", SafeStandardError()))
-    columns = (
-        (
-            TextColumn(
-                "{task.percentage:>3.0f} % {task.description}",
-                markup=False,
-                table_column=Column(no_wrap=True, overflow="ellipsis"),
-            ),
-        )
-        if console.width < _LEAST_BAR_COLUMNS
-        else (
-            TextColumn("{task.percentage:>3.0f} %"),
-            BarColumn(bar_width=None),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            TextColumn("{task.description}", markup=False),
-        )
-    )
+    columns = _list_columns(counted=total is not None, narrow=console.width < _LEAST_BAR_COLUMNS)
     with Progress(*columns, console=console, transient=transient) as bar:
         task = bar.add_task(escape_controls(title), total=total)
 
@@ -117,6 +127,31 @@ def _show_bar(title: str, total: float, *, transient: bool = False) -> Iterator[
             yield report
         finally:
             _shown.remove(bar)
+
+
+def _list_columns(*, counted: bool, narrow: bool) -> tuple[Any, ...]:
+    """Return rich's columns of a bar; it is imported only where a bar is shown."""
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
+
+    if not counted:
+        return SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    if narrow:
+        return (
+            TextColumn(
+                "{task.percentage:>3.0f} % {task.description}",
+                markup=False,
+                table_column=Column(no_wrap=True, overflow="ellipsis"),
+            ),
+        )
+    return (
+        TextColumn("{task.percentage:>3.0f} %"),
+        BarColumn(bar_width=None),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
 
 
 LEAST_PAUSE_S = 2.0

@@ -84,6 +84,36 @@ def test_progress_of_short_work_is_not_shown(seconds: float, share: str, shown: 
     assert (elsewhere.stdout, elsewhere.stderr) == (b"", b"")
 
 
+@pytest.mark.parametrize(("patience_s", "shown"), [(0.0, True), (3600.0, False)])
+def test_work_of_unknown_length_is_shown_when_it_takes_long(patience_s: float, shown: bool) -> None:
+    """A terminal shows what labrig is at and for how long, removed at the end; nothing before the patience is over."""
+    code = (
+        "import sys\n"
+        "from labrig.cli.progress import show_working\n"
+        f"with show_working('finding the lines', shown=True, patience_s={patience_s}):\n"
+        "    sys.stdin.readline()\n"
+        "sys.stderr.write('done')\n"
+    )
+    screen, program = os.openpty()
+    environment = {**os.environ, "COLUMNS": "80", "TERM": "xterm"}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=program, env=environment) as running:
+        os.close(program)
+        printed = b""
+        while shown and b"finding the lines" not in printed:
+            printed += os.read(screen, 4096)
+        assert running.stdin is not None
+        running.stdin.write(b"\n")
+        running.stdin.close()
+        printed += b"".join(iter(lambda: _read(screen), b""))
+        assert running.wait(timeout=30) == 0
+    os.close(screen)
+    assert (b"finding the lines" in printed, b"0:00:0" in printed) == (shown, shown)
+    assert printed.endswith(b"done")
+    elsewhere = subprocess.run(command, input=b"\n", capture_output=True, check=True)
+    assert elsewhere.stderr == b"done"
+
+
 def _words_too_long(lines: list[str], columns: int) -> list[str]:
     return [line for line in lines if len(line) > columns and len(line.split()) > 1]
 

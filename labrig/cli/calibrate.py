@@ -1,6 +1,6 @@
 """`labrig calibrate`: camera intrinsics, plane map and tip template, and adopting the result of a calibration run."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,14 +13,31 @@ from labrig.cli.calibration_files import (
     require_writable,
 )
 from labrig.cli.damage import require_undamaged
-from labrig.cli.options import InsertionOption, IntrinsicsOption, RigOption, RunArgument, find_rig_file
+from labrig.cli.options import (
+    InsertionOption,
+    IntrinsicsOption,
+    RigOption,
+    RunArgument,
+    find_rig_file,
+)
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
+from labrig.cli.progress import show_working
 from labrig.cli.template import template
 from labrig.durable import write_atomically
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
 from labrig.input_file import read_file
+from labrig.text import number
 
 _MOST_DIGITS = 2
+
+CameraMovedOption = Annotated[
+    bool,
+    typer.Option(
+        "--camera-moved",
+        help="The camera, its lens or the height of the paper was changed since the last plane map, so "
+        "its scale may be another one.",
+    ),
+]
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -120,42 +137,56 @@ def plane(
         Literal["needle", "surface"],
         typer.Option(help="Where the paper was, in air: in the needle's place, or on the gel's surface."),
     ] = "needle",
+    rig: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Rig file, with whose plane map the scale is compared. Default: $LABRIG_RIG, else the file that --out "
+            "replaces.",
+            show_default=False,
+        ),
+    ] = None,
+    camera_moved: CameraMovedOption = False,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
+    from labrig.cli.last_plane import (
+        CONFIRMATION,
+        compare_with_file,
+        explain_no_comparison,
+        find_last_plane,
+        require_picture_of_rig,
+    )
     from labrig.cli.lens import make_gel
     from labrig.vision.calibration_file import load_intrinsics, save_plane
     from labrig.vision.picture import read_picture
     from labrig.vision.plane_calibration import calibrate_plane
+    from labrig.vision.scale_check import refuse_other_scale
 
     gel = make_gel(gel_index, gel_depth_mm, paper_at, intrinsics)
     require_writable(out, force)
+    last = find_last_plane(rig, out)
     camera = None if intrinsics is None else load_intrinsics(intrinsics)
+    picture = read_picture(image)
+    require_picture_of_rig(picture, rig)
     try:
-        found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion, gel=gel)
+        with show_working("finding the lines of the paper", shown=not as_json):
+            found = calibrate_plane(picture, camera, pitch_mm, origin_px, insertion, gel=gel)
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_PLANE, as_json)
+    comparison = compare_with_file(found, last, camera_moved=camera_moved)
+    if comparison is not None:
+        found = refuse_other_scale(found, comparison, CONFIRMATION)
+        force = force and not comparison.needs_confirmation
     if out is not None and (found.accepted or force):
         save_plane(out, found, collect_calibration_provenance([image]))
-    document = found.to_json()
+    document = {**found.to_json(), "scale_comparison": None if comparison is None else asdict(comparison)}
     if as_json:
         print_json(document)
     else:
-        print_line("accepted" if found.accepted else "refused")
-        for reason in found.reasons:
-            print_line(f"  {reason}")
-        print_line(
-            f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
-            f"held out {document['holdout_rms_mm']:.4f} mm rms, flat within {document['flatness_mm']:.3f} mm"
-        )
-        if (view := found.view_sentence()) is not None:
-            print_line(view)
-        if found.bend is not None:
-            print_line(found.bend.sentence())
-        for sentence in document["assumptions"]:
-            print_line(f"assumed: {sentence}")
+        _print_plane(document, explain_no_comparison(rig) if comparison is None else comparison.sentence)
     _report_output(out, found.accepted, force)
     return 0 if found.accepted else 1
 
@@ -164,13 +195,16 @@ def plane(
 def adopt(
     run_path: RunArgument,
     rig: RigOption = None,
+    camera_moved: CameraMovedOption = False,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> None:
     """Without --force, adopt no refused calibration and replace no file."""
+    from labrig.cli.last_plane import compare_with_file, require_confirmed
     from labrig.devices.rig_file import load_rig
     from labrig.experiments.registry import load_run_result
     from labrig.record.reader import open_run
+    from labrig.vision.calibration_file import load_intrinsics, load_plane
 
     run = open_run(run_path, read_pictures=True)
     require_undamaged(run.path, run.damage)
@@ -189,13 +223,21 @@ def adopt(
         require_writable(
             path, force, "replace the old calibration with --force; the run that made it keeps it"
         )
+    found = load_plane(result.path / "plane.json", load_intrinsics(result.path / "intrinsics.json"))
+    moved = camera_moved or result.document["settings"]["plane"].get("camera_moved", False)
+    comparison = compare_with_file(found, targets.get("plane.json"), camera_moved=moved)
+    require_confirmed(run_path.name, comparison)
     for name, path in targets.items():
         write_atomically(path, read_file(result.path / name))
+    written = [str(path) for path in targets.values()]
+    view = found.view_sentence()
     if as_json:
-        print_json({"run": str(run_path), "written": [str(path) for path in targets.values()]})
-    else:
-        for path in targets.values():
-            print_line(str(path))
+        compared = None if comparison is None else asdict(comparison)
+        print_json({"run": str(run_path), "written": written, "view": view, "scale_comparison": compared})
+        return
+    for line in (*written, view, None if comparison is None else comparison.sentence):
+        if line is not None:
+            print_line(line)
 
 
 def _read_board_size(board: str) -> tuple[int, int]:
@@ -214,7 +256,17 @@ NO_INTRINSICS: dict[str, object] = {
     **dict.fromkeys(("fx", "fy", "cx", "cy", "sigma", "distortion", "rms_px", "holdout_rms_px")),
     "views": [],
 }
-NO_PLANE: dict[str, object] = dict.fromkeys(("rms_mm", "holdout_rms_mm", "mm_per_px"))
+NO_PLANE: dict[str, object] = dict.fromkeys(
+    (
+        "rms_mm",
+        "holdout_rms_mm",
+        "mm_per_px",
+        "picture_mm",
+        "camera_distance_mm",
+        "view",
+        "scale_comparison",
+    )
+)
 
 
 def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_json: bool) -> int:
@@ -250,6 +302,23 @@ def _print_intrinsics(document: dict[str, Any]) -> None:
         f"residual {document['rms_px']:.3f} px rms"
         + ("" if held_out is None else f", held out {held_out:.3f} px rms")
     )
+
+
+def _print_plane(document: dict[str, Any], compared: str) -> None:
+    print_line("accepted" if document["accepted"] else "refused")
+    for reason in document["reasons"]:
+        print_line(f"  {reason}")
+    print_line(
+        f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
+        f"held out {number(document['holdout_rms_mm'], 4)} mm rms, flat within {document['flatness_mm']:.3f} mm"
+    )
+    if document["view"] is not None:
+        print_line(document["view"])
+    print_line(compared)
+    if document["bend"] is not None:
+        print_line(document["bend"]["sentence"])
+    for sentence in document["assumptions"]:
+        print_line(f"assumed: {sentence}")
 
 
 def _print_views(document: dict[str, Any]) -> None:

@@ -157,15 +157,21 @@ SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
 _RIG_PREFIX = "rig."
 
 
+def find_named_rig_file(given: Path | None) -> Path | None:
+    """Return the given rig file, else $LABRIG_RIG; None if neither names any."""
+    if given is None and os.environ.get("LABRIG_RIG"):
+        return Path(os.environ["LABRIG_RIG"])
+    return given
+
+
 def find_rig_file(given: Path | None, protocol: Path | None = None) -> Path:
     """Return the rig file: the given file, $LABRIG_RIG, or the simulated rig of this checkout.
 
     The simulated rig is searched for below the working folder, then beside the folder of the protocol.
     """
-    if given is not None:
-        return given
-    if os.environ.get("LABRIG_RIG"):
-        return Path(os.environ["LABRIG_RIG"])
+    named = find_named_rig_file(given)
+    if named is not None:
+        return named
     candidates = [SIMULATED_RIG]
     if protocol is not None:
         candidates.append(protocol.resolve().parent.parent / SIMULATED_RIG)

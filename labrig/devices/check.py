@@ -133,7 +133,8 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
     def plane(path: Path) -> str:
         found = load_plane(path, intrinsics[0] if intrinsics else None)
         _require_usable(rig, found)
-        return f"{path.name}: {found.mm_per_px:.4f} mm/px"
+        view = found.view_sentence()
+        return f"{path.name}: {found.mm_per_px:.4f} mm/px" + ("" if view is None else f". {view}")
 
     for name, describe in (("intrinsics.json", lens), ("plane.json", plane)):
         which, path = name.removesuffix(".json"), paths.get(name)

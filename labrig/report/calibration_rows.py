@@ -31,8 +31,10 @@ def _list_lens_rows(lens: Intrinsics | None) -> Rows:
 
 
 def _list_plane_rows(plane: PlaneMap) -> Rows:
+    view = plane.view_sentence()
     return (
         ("scale at the origin", f"{plane.mm_per_px:.5f} mm/px"),
+        *(() if view is None else (("what the scale implies", view),)),
         (
             "plane residual, rms",
             f"{number(plane.rms_mm, 4)} mm; held out {number(plane.holdout_rms_mm, 4)} mm",

@@ -21,6 +21,7 @@ from labrig.vision.board_warp import BoardWarp
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation
 from labrig.vision.refraction import Gel, PaperPlace
+from labrig.vision.scale_check import PlaneScale, ScaleComparison, compare_scales
 
 _INTRINSICS = "labrig-intrinsics"
 _PLANE = "labrig-plane"
@@ -91,8 +92,6 @@ class _PlaneDocument(_Section):
     crossing_noise_mm: float | None = None
     bend: Bend | None = None
     variations: tuple[_VariationPart, ...] = ()
-    picture_mm: tuple[float, float] | None = None
-    camera_distance_mm: float | None = None
 
 
 _Document = TypeVar("_Document", _IntrinsicsDocument, _PlaneDocument)
@@ -162,6 +161,36 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
         bend=found.bend,
         variations=tuple(Variation(np.array(part.homography), part.lens) for part in found.variations),
     )
+
+
+def load_plane_scale(path: Path) -> PlaneScale:
+    """Read the scale of a plane map, whose lens need not be at hand.
+
+    Raises
+    ------
+    FileFormatError
+        As `load_plane`.
+    """
+    found = _load(path, _PLANE, _PlaneDocument)
+    return PlaneScale(
+        path.name,
+        read_creation_time(path),
+        found.accepted,
+        found.mm_per_px,
+        found.origin_px,
+        found.image_size,
+    )
+
+
+def compare_with_last(plane: PlaneMap, last: Path, *, camera_moved: bool) -> ScaleComparison:
+    """Compare the scale of a plane map with that of the last one, in a file; see `compare_scales`."""
+    try:
+        scale = load_plane_scale(last)
+    except FileFormatError as fault:
+        return ScaleComparison(
+            last.name, f"The scale is not compared with the last plane map: {fault.message}."
+        )
+    return compare_scales(plane, scale, camera_moved=camera_moved)
 
 
 def read_creation_time(path: Path) -> datetime | None:

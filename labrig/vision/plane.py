@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from labrig.errors import InputError
+from labrig.errors import InputError, MeasurementRefusedError
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.refraction import Gel
 
@@ -166,10 +166,6 @@ class PlaneMap:
         Explains why the crossings are off a plane; None if a bent sheet does not.
     variations : tuple of Variation
         The map's uncertainty: the variance of any length is the sum of its squared changes over these.
-    picture_mm : (float, float) or None
-        Width and height of the picture in the plane, through its middle: what a person checks with a ruler.
-    camera_distance_mm : float or None
-        Distance of the camera from the middle of the picture in the plane; None without intrinsics.
     """
 
     homography: _FloatArray
@@ -191,8 +187,6 @@ class PlaneMap:
     crossing_noise_mm: float | None = None
     bend: Bend | None = None
     variations: tuple[Variation, ...] = ()
-    picture_mm: tuple[float, float] | None = None
-    camera_distance_mm: float | None = None
 
     @classmethod
     def from_scale(
@@ -252,6 +246,46 @@ class PlaneMap:
             )
         return find_camera_mm(self.homography, self.intrinsics)
 
+    def mm_per_px_at(self, px: tuple[float, float]) -> float:
+        """Return the square root of the area [mm] of a pixel of the picture."""
+        sides = np.asarray(px) + 0.5 * np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
+        left, right, top, bottom = self.to_mm(sides)
+        return float(np.sqrt(np.abs(np.linalg.det(np.array([right - left, bottom - top])))))
+
+    @property
+    def picture_mm(self) -> tuple[float, float] | None:
+        """Width and height of the picture on the paper, through its middle [mm]; None without the picture's size."""
+        places = self._find_middle_lines_mm()
+        if places is None:
+            return None
+        left, right, top, bottom, _ = places
+        return float(np.linalg.norm(right - left)), float(np.linalg.norm(bottom - top))
+
+    @property
+    def camera_distance_mm(self) -> float | None:
+        """Distance of the camera from the middle of the picture on the paper [mm]; None without intrinsics."""
+        places = self._find_middle_lines_mm()
+        if places is None or self.intrinsics is None:
+            return None
+        return float(np.linalg.norm(self.camera_mm() - (*places[-1], 0.0)))
+
+    def _find_middle_lines_mm(self) -> _FloatArray | None:
+        """Return the ends of the picture's middle row and column, and its middle, on the paper (5, 2)."""
+        if self.image_size is None:
+            return None
+        right, down = np.array(self.image_size, dtype=np.float64) - 1.0
+        ends = [
+            (0.0, down / 2),
+            (right, down / 2),
+            (right / 2, 0.0),
+            (right / 2, down),
+            (right / 2, down / 2),
+        ]
+        try:
+            return replace(self, gel=None).to_mm(ends)
+        except MeasurementRefusedError:  # the lens was calibrated for the middle of the picture only
+            return None
+
     def view_sentence(self) -> str | None:
         """Return what the scale implies, in words that a person can check with a ruler; None if it is unknown."""
         if self.picture_mm is None:
@@ -292,6 +326,7 @@ class PlaneMap:
             "assumptions": [] if self.gel is None else list(self.gel.assumptions()),
             "flatness_mm": self.flatness_mm,
             "crossing_noise_mm": self.crossing_noise_mm,
+            "view": self.view_sentence(),
             "bend": self.bend and {**vars(self.bend), "sentence": self.bend.sentence()},
             "picture_mm": self.picture_mm and list(self.picture_mm),
             "camera_distance_mm": self.camera_distance_mm,

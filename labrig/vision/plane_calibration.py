@@ -123,24 +123,11 @@ def calibrate_plane(
         radial=fit.radial,
         variations=_find_variations(found, fit, frame, intrinsics, paper),
     )
-    bare = replace(bare, mm_per_px=_measure_mm_per_px(bare), bend=_find_bend(bare, found, ideal, odd, fit))
-    placed = _add_gel(_add_view(bare), gel)
+    bare = replace(bare, mm_per_px=bare.mm_per_px_at(origin), bend=_find_bend(bare, found, ideal, odd, fit))
+    placed = _add_gel(bare, gel)
     judged = _judge(placed, found, fit, frame.turn_rad)
     reasons = (*judge_pitch(found, pitch_mm), *judged.reasons)
     return replace(judged, accepted=not reasons, reasons=reasons)
-
-
-def _add_view(plane: PlaneMap) -> PlaneMap:
-    """Return the map with the size of the picture in its plane, and the camera's distance if the lens is known."""
-    width, height = plane.image_size or (1, 1)
-    right, down = width - 1.0, height - 1.0
-    ends = [(0.0, down / 2), (right, down / 2), (right / 2, 0.0), (right / 2, down), (right / 2, down / 2)]
-    left_mm, right_mm, top_mm, bottom_mm, middle_mm = plane.to_mm(ends)
-    size = float(np.linalg.norm(right_mm - left_mm)), float(np.linalg.norm(bottom_mm - top_mm))
-    if plane.intrinsics is None:
-        return replace(plane, picture_mm=size)
-    away = plane.camera_mm() - (*middle_mm, 0.0)
-    return replace(plane, picture_mm=size, camera_distance_mm=float(np.linalg.norm(away)))
 
 
 def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
@@ -164,7 +151,7 @@ def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
         replace(variation, homography=shift @ variation.homography) for variation in plane.variations
     )
     final = replace(bent, homography=shift @ plane.homography, variations=variations)
-    return replace(final, mm_per_px=_measure_mm_per_px(final))
+    return replace(final, mm_per_px=final.mm_per_px_at(final.origin_px))
 
 
 def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int, int]) -> None:
@@ -280,13 +267,6 @@ class _SteeringFrame:
         change[:2, :2] = self._turn
         change[:2, 2] = -self._turn @ apply_homography(homography, self._origin)[0]
         return np.asarray(change @ homography)
-
-
-def _measure_mm_per_px(plane: PlaneMap) -> float:
-    """Return the square root of the area of the pixel at the origin [mm]."""
-    sides = np.asarray(plane.origin_px) + 0.5 * np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
-    mm = plane.to_mm(sides)
-    return float(np.sqrt(np.abs(np.linalg.det(np.array([mm[1] - mm[0], mm[3] - mm[2]])))))
 
 
 def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> PlaneMap:

@@ -217,8 +217,13 @@ def _quote(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
-def record_calibration(folder: Path, views: int, *, hold_board: bool = True, gel: str = "null") -> Run:
-    """Record a camera calibration by the simulated world's camera into `folder/calibration` and open it."""
+def record_calibration(
+    folder: Path, views: int, *, hold_board: bool = True, gel: str = "null", last: Path | None = None
+) -> Run:
+    """Record a camera calibration by the simulated world's camera into `folder/calibration` and open it.
+
+    `last` is the plane map of the rig when the run begins.
+    """
     text = f"""
 schema_version: 1
 experiment: camera-calibration
@@ -241,7 +246,7 @@ plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
         manifest,
         dump_yaml(load_text(text)),
         None,
-        {},
+        {} if last is None else {"plane.json": last},
     )
     for view in range(views):
         if hold_board:

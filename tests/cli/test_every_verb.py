@@ -1,5 +1,6 @@
 """Every example protocol, and imported pictures, through every command that takes a run."""
 
+import json
 import re
 import shutil
 from collections.abc import Callable
@@ -175,12 +176,22 @@ def test_what_comes_after_a_written_root_is_listed(
 def test_what_a_run_found_is_adopted_or_refused(
     made: Made, run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
 ) -> None:
-    """A calibration goes to the rig's files and a sweep's radius into a design; of other runs it is said that not."""
+    """A calibration goes to the rig's files and a sweep's radius into a design; of other runs it is said that not.
+
+    A scale five times that of the rig's map is adopted only if the camera was moved.
+    """
     rig = tmp_path / "rig.yaml"
     rig.write_text(RIG.read_text(encoding="utf-8"), encoding="utf-8")
     adopted = labrig("calibrate", "adopt", run, "--rig", rig)
     if made.name == "calibration":
-        assert (adopted.exit_code, (tmp_path / "simulated-plane.json").exists()) == (0, True)
+        plane = tmp_path / "simulated-plane.json"
+        assert (adopted.exit_code, plane.exists()) == (0, True)
+        other = {**json.loads(plane.read_text(encoding="utf-8")), "mm_per_px": 0.02}
+        plane.write_text(json.dumps(other), encoding="utf-8")
+        refused = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
+        assert (refused.exit_code, "give --camera-moved" in refused.err) == (1, True)
+        moved = labrig("calibrate", "adopt", run, "--rig", rig, "--force", "--camera-moved")
+        assert (moved.exit_code, "mm wide" in moved.out, "0.02000 mm/px" in moved.out) == (0, True, True)
     else:
         assert (adopted.exit_code, "holds no calibration" in adopted.err) == (4, True)
     designed = labrig("design", "--beta-cut-deg", 10, "--grid-points", 3, "--from-run", run)

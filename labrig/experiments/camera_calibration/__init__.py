@@ -11,5 +11,6 @@ EXPERIMENT = ExperimentDeclaration(
     procedure="labrig.experiments.camera_calibration.procedure:run",
     analyze="labrig.experiments.camera_calibration.analysis:analyze",
     page="labrig.experiments.camera_calibration.page:make_page",
+    reanalysis_keys=("plane",),
     summary="labrig.experiments.camera_calibration.result:summarise",
 )

@@ -10,21 +10,29 @@ from labrig.analysis.calibration import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings, Point
-from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError
+from labrig.errors import (
+    CalibrationRefusedError,
+    LabrigError,
+    MeasurementRefusedError,
+    PictureError,
+    RecordError,
+)
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
 from labrig.vision.boards import find_board
-from labrig.vision.calibration_file import save_intrinsics, save_plane
+from labrig.vision.calibration_file import compare_with_last, save_intrinsics, save_plane
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.refraction import Gel
+from labrig.vision.scale_check import ScaleComparison, refuse_other_scale
 from labrig.vision.zhang import calibrate_from_pictures
 
 Named = tuple[str, Picture]
+_CONFIRMATION = "confirm it: labrig reanalyze {run} --set plane.camera_moved=true"
 
 
 @dataclass(frozen=True)
@@ -43,16 +51,22 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
     """
     pictures = _read_pictures(run, request.progress)
     lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
-    plane, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
+    found, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
+    plane, comparison = _judge_scale(run, found, protocol)
     stamp = request.stamp
     content = CalibrationResult(
         **stamp.fields(
             {"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}, pictures.damaged
         ),
         accepted=_is_accepted(lens) and _is_accepted(plane),
-        reasons=(*pictures.damaged.values(), *lens_reasons, *plane_reasons),
+        reasons=(
+            *pictures.damaged.values(),
+            *lens_reasons,
+            *(plane_reasons if plane is None else plane.reasons),
+        ),
         intrinsics=None if lens is None else lens.to_json(),
         plane=None if plane is None else plane.to_json(),
+        scale_comparison=comparison,
         corners=_find_corners(pictures.boards, lens, protocol),
     )
     made_from = {"run": run.path.name, "created": stamp.created, "inputs": dict(stamp.inputs)}
@@ -93,7 +107,7 @@ def _calibrate_lens(
     try:
         found = calibrate_from_pictures(boards, board.columns, board.rows, board.square_mm)
     except (CalibrationRefusedError, PictureError) as refusal:
-        return None, (refusal.message,)
+        return None, (_explain(refusal),)
     return found, found.reasons
 
 
@@ -111,8 +125,24 @@ def _calibrate_plane(
             papers[-1][1], lens, plane.pitch_mm, plane.origin_px, plane.insertion, gel=gel
         )
     except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
-        return None, (refusal.message,)
+        return None, (_explain(refusal),)
     return found, found.reasons
+
+
+def _explain(refusal: LabrigError) -> str:
+    """Return what is wrong with the photographs, and what to do."""
+    return f"{refusal.message}: {refusal.hint}" if refusal.hint else refusal.message
+
+
+def _judge_scale(
+    run: Run, plane: PlaneMap | None, protocol: CameraCalibrationProtocol
+) -> tuple[PlaneMap | None, ScaleComparison | None]:
+    """Compare the scale with that of the rig's plane map when the run began, if it had one."""
+    if plane is None or PLANE_FILE not in run.calibration_files:
+        return plane, None
+    moved = protocol.plane.camera_moved
+    comparison = compare_with_last(plane, run.calibration_path(PLANE_FILE), camera_moved=moved)
+    return refuse_other_scale(plane, comparison, _CONFIRMATION.format(run=run.path.name)), comparison
 
 
 def _is_accepted(found: Intrinsics | PlaneMap | None) -> bool:

@@ -45,6 +45,11 @@ class GraphPaper(Model):
         description="The gel above the needle, to be corrected for; null where the paper lies at the needle's depth in "
         "the same gel, or where there is none.",
     )
+    camera_moved: bool = Field(
+        default=False,
+        description="Whether camera, lens or the height of the paper were changed since the rig's last plane map; "
+        "if not, a scale more than 1.2 times as large or as small is refused: other lines may have been counted.",
+    )
 
 
 class CameraCalibrationProtocol(ExperimentProtocol):

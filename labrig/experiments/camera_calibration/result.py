@@ -1,26 +1,41 @@
 """What a camera calibration found."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from labrig.analysis.result import Point, Result
+from pydantic import FiniteFloat
+
+from labrig.analysis.result import Point, Result, ResultPart, require_part
 from labrig.analysis.summary import Summary
+from labrig.vision.scale_check import ScaleComparison
+
+
+class _GraphPaper(ResultPart):
+    pitch_mm: FiniteFloat
+    camera_moved: bool = False
+
+
+class _Settings(ResultPart):
+    plane: _GraphPaper
 
 
 class CalibrationResult(Result):
     """The result of a camera calibration; `intrinsics` and `plane` are None if they could not be found.
 
     `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
-    coverage.
+    coverage. `scale_comparison` compares the scale with that of the rig's plane map when the run began; it is None
+    without one, and in results of earlier versions.
     """
 
     kind: Literal["calibration"] = "calibration"
+    settings: Annotated[dict[str, Any], require_part(_Settings)]
     accepted: bool
     reasons: tuple[str, ...]
     intrinsics: dict[str, Any] | None
     plane: dict[str, Any] | None
 
     corners: dict[str, tuple[Point, ...]]
+    scale_comparison: ScaleComparison | None = None
 
 
 _LENS_PX = ("fx", "fy", "cx", "cy", "rms_px", "holdout_rms_px")
@@ -28,11 +43,13 @@ _PLANE = ("mm_per_px", "rms_mm", "holdout_rms_mm")
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return the verdict and its reasons."""
+    """Return the verdict and its reasons, and what the scale implies."""
     lens, plane = document["intrinsics"] or {}, document["plane"] or {}
     verdict = "calibration accepted" if document["accepted"] else "calibration refused"
+    comparison = document.get("scale_comparison") or {}
+    implied = (sentence for sentence in (plane.get("view"), comparison.get("sentence")) if sentence)
     return Summary(
-        (verdict, *(f"  {reason}" for reason in document["reasons"])),
+        (verdict, *(f"  {reason}" for reason in document["reasons"]), *implied),
         {
             "accepted": document["accepted"],
             "views used": sum(bool(view["used"]) for view in lens.get("views", ())),

@@ -8,17 +8,19 @@ import pytest
 
 from labrig.analysis.divergence import find_divergence
 from labrig.analysis.run import analyze_run
-from labrig.experiments.camera_calibration.result import CalibrationResult
+from labrig.experiments.camera_calibration.result import CalibrationResult, summarise
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import Run
-from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.calibration_file import load_intrinsics, load_plane, save_plane
+from labrig.vision.plane import PlaneMap
 from labrig.vision.refraction import Gel
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
 from tests.pages import write_page
 
 
-def _analyse(run: Run) -> tuple[CalibrationResult, Path]:
-    result = analyze_run(run, find_run_experiment(run), created=NOW, provenance=PROVENANCE)
+def _analyse(run: Run, *overrides: str) -> tuple[CalibrationResult, Path]:
+    experiment = find_run_experiment(run)
+    result = analyze_run(run, experiment, overrides=overrides, created=NOW, provenance=PROVENANCE)
     assert isinstance(result.content, CalibrationResult)
     return result.content, result.path
 
@@ -40,7 +42,11 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
     found = load_run_result(run)
     assert found is not None
     assert lens.board_warp is not None
-    assert lens.board_warp.sentence() in write_page(run, found, NOW).read_text(encoding="utf-8")
+    page = write_page(run, found, NOW).read_text(encoding="utf-8")
+    assert lens.board_warp.sentence() in page
+    assert content.plane is not None
+    assert content.plane["view"] in page
+    assert content.scale_comparison is None
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
@@ -54,6 +60,35 @@ def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_p
     assert content.plane["assumptions"] == list(plane.gel.assumptions())
     on_paper = replace(plane, gel=None).to_mm([(320.0, 200.0), (321.0, 200.0)])
     assert plane.mm_per_px > 1.02 * np.ptp(on_paper[:, 1])
+
+
+def test_a_scale_five_times_that_of_the_rig_is_refused_until_a_person_says_the_camera_was_moved(
+    tmp_path: Path,
+) -> None:
+    """The reason has both scales and the command that confirms; page and summary say how wide the picture is."""
+    last = tmp_path / "last.json"
+    save_plane(last, PlaneMap.from_scale(77.4, (320.0, 200.0), "right", (1280, 720)), {})
+    run = record_calibration(tmp_path, views=4, last=last)
+    refused, folder = _analyse(run)
+    (reason,) = (reason for reason in refused.reasons if "times that of the last plane map" in reason)
+    assert "--set plane.camera_moved=true" in reason
+    assert not refused.accepted
+    assert not load_plane(folder / "plane.json", load_intrinsics(folder / "intrinsics.json")).accepted
+    assert refused.scale_comparison is not None
+    assert refused.scale_comparison.ratio == pytest.approx(5.0, rel=0.01)
+    assert refused.plane is not None
+    found = load_run_result(run)
+    assert found is not None
+    for text in (
+        write_page(run, found, NOW).read_text(encoding="utf-8"),
+        "\n".join(map(str, summarise(found.document).lines)),
+    ):
+        assert refused.plane["view"] in text
+        assert refused.scale_comparison.sentence in text
+    moved, _ = _analyse(run, "plane.camera_moved=true")
+    assert moved.scale_comparison is not None
+    assert moved.scale_comparison.ratio == refused.scale_comparison.ratio
+    assert set(refused.reasons) - set(moved.reasons) == {reason}
 
 
 def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:

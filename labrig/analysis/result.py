@@ -146,13 +146,15 @@ class Sentinel(Model):
     """The comparison of the grid pictures before and after a run; unknown values are None.
 
     `drift` is the largest relative change of scale, which is part of the error bar of every length; `bending_mm` is the
-    change of the grid's shape. If the sentinel is not accepted, the run states no lengths.
+    change of the grid's shape. `view` says in words what the scale of the plane map implies. If the sentinel is not
+    accepted, the run states no lengths.
     """
 
     drift: float | None = None
     bending_mm: float | None = None
     scale_before: float | None = None
     scale_after: float | None = None
+    view: str | None = None
     accepted: bool
     reason: str | None = None
 

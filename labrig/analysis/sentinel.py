@@ -41,20 +41,26 @@ def compare_grid_pictures(
     for line in lines:
         frames.get(line.role or "", []).append(line.frame)
     if not all(frames.values()):
-        return Sentinel(accepted=True, reason="There is no grid picture both before and after the run.")
+        return Sentinel(
+            view=plane.view_sentence(),
+            accepted=True,
+            reason="There is no grid picture both before and after the run.",
+        )
     try:
         before, after = (
             check_grid(read(frame), plane, pitch_mm)
             for frame in (frames[GridRole.BEFORE][0], frames[GridRole.AFTER][-1])
         )
     except (CalibrationRefusedError, PictureError, RecordError) as refusal:
-        return Sentinel(accepted=False, reason=f"The grid pictures cannot be compared: {refusal.message}.")
+        why = f"The grid pictures cannot be compared: {refusal.message}."
+        return Sentinel(view=plane.view_sentence(), accepted=False, reason=why)
     drift = compare_grids(before, after)
     return Sentinel(
         drift=drift.relative,
         bending_mm=drift.bending_mm,
         scale_before=before.scale,
         scale_after=after.scale,
+        view=plane.view_sentence(),
         accepted=drift.accepted,
         reason=drift.reason,
     )

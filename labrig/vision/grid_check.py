@@ -2,10 +2,11 @@
 
 Through a valid plane map the paper has its own pitch in every direction. The deviation from that, as scales along two
 axes and as distances of the crossings from an even grid, is compared before and after the run. The paper may be moved
-in between, so its place and direction do not count; a camera that was bumped shows in scale and shape.
+in between, so its place and direction do not count; a camera that was bumped shows in scale and shape. A map whose
+scale the paper contradicts is refused: the camera was moved since it was made, or other lines were counted then.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
 from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.picture import Picture, require_size
+from labrig.vision.pitch_check import judge_pitch
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_up
 
@@ -22,6 +24,12 @@ _GROSS = 0.25
 # Lines that can be counted instead of the finest, and how far off a map may be in between.
 _MULTIPLES = (1, 2, 5, 10)
 _LARGEST_SCALE_ERROR = 0.2
+# A map is so far off at the most: paper is true to 0.5 %, and paper in air where the map was made behind gel to 2 %.
+_LARGEST_DEVIATION = 0.03
+_CALIBRATE_AGAIN = (
+    "measure the lines of the paper with a ruler; if they are as stated, the camera was moved since the plane was "
+    "calibrated, or other lines were counted then: calibrate the plane again"
+)
 _LARGEST_DRIFT = 0.005
 _LARGEST_BENDING_MM = 0.1
 
@@ -78,10 +86,11 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
     require_size(image, plane.image_size, "the plane map")
     try:
         found = find_crossings(image)
-        seen = plane.to_mm(found.pixels)
+        # The paper lies in air, as when the plane was calibrated; the gel comes afterwards.
+        seen = replace(plane, gel=None).to_mm(found.pixels)
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
-    numbers = found.indices * _find_multiple(found, seen, pitch_mm)
+    numbers = found.indices * _find_multiple(found, seen, plane, pitch_mm)
     design = np.column_stack((numbers * float(pitch_mm), np.ones(len(seen))))
     kept = np.ones(len(seen), dtype=bool)
     for _ in range(3):
@@ -97,34 +106,54 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
     return GridCheck(float(largest), float(least), float(np.sqrt(np.mean(off[kept] ** 2))), int(kept.sum()))
 
 
-def _find_multiple(found: Crossings, seen_mm: NDArray[np.float64], pitch_mm: float) -> int:
+def _find_multiple(found: Crossings, seen_mm: NDArray[np.float64], plane: PlaneMap, pitch_mm: float) -> int:
     """Return how many of the paper's lines there are from one counted line to the next, by the map.
 
-    The map is not off by a factor of two; the counted lines can be heavier ones, with unseen ones between them.
+    It is more than one only where the picture leaves open which lines were counted.
 
     Raises
     ------
     CalibrationRefusedError
-        If the lines through the map are no multiple of the pitch apart.
+        If the lines through the map are no multiple of the pitch apart, or the paper contradicts that multiple.
     """
     design = np.column_stack((found.indices, np.ones(len(seen_mm))))
     affine = np.linalg.lstsq(design, seen_mm, rcond=None)[0]
     spacing_mm = float(np.mean(np.linalg.svd(affine[:2], compute_uv=False)))
     multiple = max(round(spacing_mm / pitch_mm), 1)
     if multiple not in _MULTIPLES or abs(spacing_mm / (multiple * pitch_mm) - 1.0) > _LARGEST_SCALE_ERROR:
+        raise _contradict(spacing_mm, pitch_mm, plane)
+    contradictions = judge_pitch(found, multiple * pitch_mm, found.pitch_px)
+    if contradictions:
         raise CalibrationRefusedError(
-            f"the lines of the paper are {spacing_mm:.2f} mm apart through the plane map, not {pitch_mm:g} mm",
-            "check the paper's pitch; if it is right, the camera has moved: calibrate the plane again",
+            f"the lines of the paper are {spacing_mm:.2f} mm apart through the plane map, and {contradictions[0]}",
+            _CALIBRATE_AGAIN,
         )
+    if multiple > 1 and not judge_pitch(found, pitch_mm):
+        raise _contradict(spacing_mm, pitch_mm, plane)
     return multiple
+
+
+def _contradict(spacing_mm: float, pitch_mm: float, plane: PlaneMap) -> CalibrationRefusedError:
+    width = "" if plane.picture_mm is None else f", by which the picture is {plane.picture_mm[0]:.0f} mm wide"
+    return CalibrationRefusedError(
+        f"the lines of the paper are {spacing_mm:.2f} mm apart through the plane map{width}, not {pitch_mm:g} mm",
+        _CALIBRATE_AGAIN,
+    )
 
 
 def compare_grids(before: GridCheck, after: GridCheck) -> GridDrift:
     """Return what changed; refused if the change is too large for an error bar."""
     drift = max(abs(after.scale / before.scale - 1.0), abs(after.other_scale / before.other_scale - 1.0))
     bending = float(np.sqrt(max(after.residual_mm**2 - before.residual_mm**2, 0.0)))
+    scale = max((before.scale, before.other_scale), key=lambda length: abs(length - 1.0))
     reason = None
-    if drift > _LARGEST_DRIFT:
+    if abs(scale - 1.0) > _LARGEST_DEVIATION:
+        reason = (
+            f"Lengths on the graph paper before the run are {scale:.3f} times the true ones through the plane map, and "
+            f"{100.0 * _LARGEST_DEVIATION:g} % off is the most: the camera was moved since the plane was calibrated, "
+            "or the paper lay higher or lower then; calibrate the plane again."
+        )
+    elif drift > _LARGEST_DRIFT:
         reason = (
             f"Lengths changed by {round_up(100.0 * drift, 2)} % between the grid pictures before and after the run, "
             f"and {100.0 * _LARGEST_DRIFT:g} % is the most: the camera was bumped; calibrate the plane again."

@@ -61,6 +61,17 @@ def test_bumped_camera_refuses_every_radius() -> None:
     assert "the camera was bumped" in (refused.reason or "")
 
 
+def test_a_map_that_the_paper_contradicts_refuses_and_its_width_is_said() -> None:
+    """A map of 8 px/mm under paper of 16 px/mm is refused, with the width of the picture that a ruler checks."""
+    wrong = PlaneMap.from_scale(PX_PER_MM / 2.0, (0.0, 0.0), "right", (800, 600))
+    sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES, wrong, 1.0)
+    assert not sentinel.accepted
+    assert "2.00 mm apart through the plane map, by which the picture is 100 mm wide" in (
+        sentinel.reason or ""
+    )
+    assert sentinel.view == "The picture is 100 mm wide and 75 mm high at the paper."
+
+
 def test_run_without_both_pictures_is_told_so() -> None:
     """An aborted run without the second picture is not refused; the result states that the drift is unknown."""
     sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)

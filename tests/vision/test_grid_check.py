@@ -1,5 +1,7 @@
 """Grid pictures before and after a run: the effect of a bumped camera."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from labrig.errors import CalibrationRefusedError, PictureError
 from labrig.vision.grid_check import check_grid, compare_grids
 from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.refraction import Gel
 
 from .graph_paper_pictures import draw_paper, make_bench
 
@@ -62,6 +65,44 @@ def test_camera_that_was_tilted_refuses(before):
     drift = compare_grids(check, check_grid(tilted, plane, 1.0))
     assert not drift.accepted
     assert "calibrate the plane again" in drift.reason
+
+
+@pytest.mark.parametrize("factor", [5.0, 2.0, 0.5, 0.2, 0.1])
+def test_a_map_made_with_other_lines_is_refused(before, factor):
+    """Through a map of a multiple of the scale, the lines that the rhythm counts are as far apart as they are not."""
+    plane, picture, _ = before
+    wrong = replace(plane, homography=np.diag([factor, factor, 1.0]) @ plane.homography)
+    with pytest.raises(
+        CalibrationRefusedError, match=f"{factor:.2f} mm apart through the plane map"
+    ) as caught:
+        check_grid(picture, wrong, 1.0)
+    assert "calibrate the plane again" in caught.value.hint
+
+
+def test_a_camera_that_was_moved_before_the_run_is_refused(before):
+    """A map 4 % off is refused, though nothing changes between the two pictures; 2 % off is not."""
+    plane, picture, _ = before
+    for factor, accepted in ((1.04, False), (0.98, True)):
+        off = replace(plane, homography=np.diag([factor, factor, 1.0]) @ plane.homography)
+        check = check_grid(picture, off, 1.0)
+        drift = compare_grids(check, check)
+        assert drift.accepted == accepted
+        assert accepted or "1.040 times the true ones" in drift.reason
+
+
+def test_the_paper_lies_in_air_where_the_map_corrects_for_gel(before):
+    """The map's correction for a gel that comes later does not count as a wrong scale."""
+    plane, picture, check = before
+    behind = replace(plane, gel=Gel(1.35, 10.0, "surface"))
+    assert check_grid(picture, behind, 1.0) == check
+
+
+def test_heavier_lines_alone_are_counted_by_the_map():
+    """Where the 1 mm lines leave no trace in the picture, the map tells that those that are seen are 5 mm apart."""
+    bench = make_bench(px_per_mm=2.5)
+    picture = draw_paper(bench, blur_px=2.0)
+    plane = calibrate_plane(picture, bench.intrinsics, 5.0, (100.3, 200.7), "right")
+    assert check_grid(picture, plane, 1.0).scale == pytest.approx(1.0, abs=2e-3)
 
 
 def test_pictures_without_a_grid_are_refused(before):

@@ -14,7 +14,7 @@ from labrig.analysis.result import AnyResult, Stamp, load_result, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import AnswerIsNoError, InputError, RecordError
 from labrig.plugins import require_devices_installed
-from labrig.protocol.load import load_protocol
+from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.digest import hash_file
 from labrig.record.reader import Run
@@ -148,7 +148,7 @@ def _resolve_protocol(
                 f"{override!r} cannot be changed after the run: {_name_changeable(sections)}",
                 _suggest_key(section, experiment) if sections else "run its protocol again",
             )
-    return load_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
+    return load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
 
 
 def _name_changeable(sections: Sequence[str]) -> str:

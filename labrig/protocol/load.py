@@ -61,7 +61,9 @@ def load_protocol(
     return validate_tree(tree, model)
 
 
-def load_recorded_protocol(path: Path | str, models: Models) -> ExperimentProtocol:
+def load_recorded_protocol(
+    path: Path | str, models: Models, overrides: Sequence[str] = ()
+) -> ExperimentProtocol:
     """Return the protocol of a record: a key that came later has the value by which runs were made before it.
 
     Parameters
@@ -70,15 +72,17 @@ def load_recorded_protocol(path: Path | str, models: Models) -> ExperimentProtoc
         The file, with every key of the version that made it.
     models : Mapping
         As in `load_protocol`.
+    overrides : sequence of str
+        As in `load_protocol`.
 
     Raises
     ------
     FileFormatError
-        With every problem of the file.
+        With every problem of the file and of the overrides.
     """
     tree = load_tree(Path(path))
     model = _find_model(tree, models)
-    return validate_tree(_fill_in_former(tree, model), model)
+    return validate_tree(apply_overrides(_fill_in_former(tree, model), overrides), model)
 
 
 def _fill_in_former(tree: Tree, model: type[BaseModel], path: KeyPath = ()) -> Tree:

@@ -224,7 +224,7 @@ class _Cells:
         area = (
             self._waves[..., 0, 0] * self._waves[..., 1, 1] - self._waves[..., 0, 1] * self._waves[..., 1, 0]
         )
-        known = np.argwhere(np.abs(area) / sizes > _LEAST_SINE)
+        known = np.argwhere(np.abs(area) > _LEAST_SINE * sizes)
         at, cells = tuple(known.T), known - _REACH
         pixels = np.column_stack((windows.u[cells[:, 1]], windows.v[cells[:, 0]])).astype(np.float64)
         share = len(known) / (len(windows.u) * len(windows.v))

@@ -19,7 +19,7 @@ from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
 from labrig.vision.board_warp import BoardWarp
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation
+from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
 from labrig.vision.refraction import Gel, PaperPlace
 from labrig.vision.scale_check import PlaneScale, ScaleComparison, compare_scales
 
@@ -70,6 +70,12 @@ class _GelPart(_Section):
 class _VariationPart(_Section):
     homography: tuple[_Row, _Row, _Row]
     lens: _TenNumbers | None
+    group: VariationGroup | None = None
+
+    def variation(self) -> Variation:
+        """Return the variation; files without groups have those of lens and plane alone."""
+        by_content: VariationGroup = "plane" if self.lens is None else "lens"
+        return Variation(np.array(self.homography), self.lens, self.group or by_content)
 
 
 class _PlaneDocument(_Section):
@@ -159,7 +165,7 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
         radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
         gel=None if found.gel is None else Gel(**found.gel.model_dump()),
         bend=found.bend,
-        variations=tuple(Variation(np.array(part.homography), part.lens) for part in found.variations),
+        variations=tuple(part.variation() for part in found.variations),
     )
 
 

@@ -17,6 +17,7 @@ from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.refraction import Gel
 
 Insertion = Literal["right", "left", "up", "down"]
+VariationGroup = Literal["lens", "plane", "surface"]
 
 _FloatArray = NDArray[np.float64]
 
@@ -71,10 +72,13 @@ class Variation:
     homography : ndarray (3, 3)
     lens : tuple of float or None
         The lens's ten parameters; None for the map's own lens.
+    group : "lens", "plane" or "surface"
+        What is uncertain: the lens; the paper's crossings and its bend; or the gel and the walls before the needle.
     """
 
     homography: _FloatArray
     lens: tuple[float, ...] | None
+    group: VariationGroup
 
 
 @dataclass(frozen=True)
@@ -296,10 +300,15 @@ class PlaneMap:
             return f"{words}."
         return f"{words}; the camera stands {self.camera_distance_mm:.0f} mm away."
 
-    def variants(self) -> "list[PlaneMap]":
-        """Return the map moved by one standard deviation along each independent axis of its uncertainty."""
+    def variants(self, group: VariationGroup | None = None) -> "list[PlaneMap]":
+        """Return the map moved by one standard deviation along each independent axis of its uncertainty.
+
+        With `group`, only along the axes of that group; an empty list means that its uncertainty is not known.
+        """
         moved = []
         for variation in self.variations:
+            if group not in (None, variation.group):
+                continue
             lens = self.intrinsics
             if lens is not None and variation.lens is not None:
                 lens = lens.with_parameters(variation.lens)
@@ -331,7 +340,11 @@ class PlaneMap:
             "picture_mm": self.picture_mm and list(self.picture_mm),
             "camera_distance_mm": self.camera_distance_mm,
             "variations": [
-                {"homography": variation.homography.tolist(), "lens": variation.lens and list(variation.lens)}
+                {
+                    "homography": variation.homography.tolist(),
+                    "lens": variation.lens and list(variation.lens),
+                    "group": variation.group,
+                }
                 for variation in self.variations
             ],
         }

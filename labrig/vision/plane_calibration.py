@@ -225,11 +225,11 @@ def _find_variations(
     by_lens = []
     for moved in [] if lens is None else vary_lens(lens):
         homography = np.asarray(cv2.findHomography(moved.undistort_px(pixels), places)[0], dtype=np.float64)
-        by_lens.append(Variation(frame.transform(homography), moved.parameters()))
+        by_lens.append(Variation(frame.transform(homography), moved.parameters(), "lens"))
     ideal = fit.paper_px(undistort(lens, pixels))
     bent = find_bent_homographies(ideal, places, _find_foot_mm(fit.homography, lens, ideal))
     by_noise, by_bend = (
-        [Variation(frame.transform(homography), None) for homography in homographies]
+        [Variation(frame.transform(homography), None, "plane") for homography in homographies]
         for homographies in (fit.vary_homography(blocks), bent)
     )
     return (*by_noise, *by_lens, *by_bend)

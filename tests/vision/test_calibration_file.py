@@ -48,7 +48,11 @@ PLANE = PlaneMap(
     flatness_mm=0.02,
     crossing_noise_mm=0.008,
     bend=Bend(3, 0.009, 0.03, (10.0, 20.0), 0.4, 0.02, (1.0, 2.0), (300.0, 200.0)),
-    variations=(Variation(np.eye(3), None), Variation(2.0 * np.eye(3), (1.0,) * 10)),
+    variations=(
+        Variation(np.eye(3), None, "plane"),
+        Variation(2.0 * np.eye(3), (1.0,) * 10, "lens"),
+        Variation(3.0 * np.eye(3), None, "surface"),
+    ),
 )
 PROVENANCE = {"command": "labrig calibrate intrinsics a.png", "pictures": {"a.png": "00ff"}}
 
@@ -99,6 +103,17 @@ def test_a_plane_comes_back_to_the_last_digit(plane_file):
     assert back.to_json() == PLANE.to_json()
     assert {name: getattr(back, name) for name in same} == {name: getattr(PLANE, name) for name in same}
     assert back.to_mm([(5.0, 6.0)]) == pytest.approx(PLANE.to_mm([(5.0, 6.0)]), abs=0.0)
+
+
+def test_variations_of_an_earlier_version_are_those_of_lens_and_plane(plane_file):
+    """A file from before the groups is read: a variation with a lens belongs to the lens, any other to the plane."""
+    document = json.loads(plane_file.read_text())
+    for variation in document["variations"]:
+        del variation["group"]
+    plane_file.write_text(json.dumps(document))
+    back = load_plane(plane_file, LENS)
+    assert [variation.group for variation in back.variations] == ["plane", "lens", "plane"]
+    assert (len(back.variants("lens")), len(back.variants("surface")), len(back.variants())) == (1, 0, 3)
 
 
 def test_a_stated_scale_comes_back(tmp_path):

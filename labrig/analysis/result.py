@@ -11,7 +11,7 @@ import shutil
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
 
@@ -26,7 +26,8 @@ from labrig.protocol.model import Model
 from labrig.record.json_lines import encode_document
 from labrig.record.provenance import leave_out_personal
 from labrig.record.reader import Run
-from labrig.record.tables import escape_formula
+from labrig.record.tables import escape_formula, is_budget, name_budget_columns
+from labrig.vision.error_budget import ErrorBudget
 
 RESULT_FILE = "result.json"
 TABLES_FILE = "tables.json"
@@ -405,6 +406,7 @@ _PAIRS = {
     "tip_from_origin_mm": ("tip_aside_of_origin_mm", "tip_along_from_origin_mm"),
     "expected_mm": ("expected_y_mm", "expected_z_mm"),
 }
+_SOURCES = tuple(field.name for field in fields(ErrorBudget))
 # Spreadsheets take "+y" for a formula, and the centre has the same information.
 _LEFT_OUT = {"bend"}
 # The longest first: a speed in mm/s also ends with s.
@@ -413,7 +415,11 @@ _UNITS = ("mm_s", "rad_s", "mm", "px", "rad", "deg", "s", "hz", "percent")
 
 def _list_columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
     """Return the columns of each field of a row."""
-    return {name: _PAIRS.get(name, (name,)) for name in model.model_fields if name not in _LEFT_OUT}
+    return {name: _name_columns(name) for name in model.model_fields if name not in _LEFT_OUT}
+
+
+def _name_columns(name: str) -> tuple[str, ...]:
+    return name_budget_columns(name, _SOURCES) if is_budget(name) else _PAIRS.get(name, (name,))
 
 
 def _find_unit(column: str) -> str | None:
@@ -433,8 +439,12 @@ def _encode_csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:
 
 
 def _format_cells(name: str, value: object) -> Sequence[object]:
-    if name in _PAIRS:
-        return value if isinstance(value, tuple) else (None, None)
+    if isinstance(value, ErrorBudget):
+        return [getattr(value, source) for source in _SOURCES]
+    if value is None:
+        return (None,) * len(_name_columns(name))
+    if name in _PAIRS and isinstance(value, tuple):
+        return value
     if isinstance(value, tuple):
         value = "; ".join(str(item) for item in value)
     return (escape_formula(value),)

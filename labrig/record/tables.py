@@ -1,6 +1,6 @@
 """Tables for people: a unit in every name, one number a cell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -12,6 +12,7 @@ _PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
     ("px", 2): ("u", "v"),
 }
 _INTERVAL = "ci95"
+_BUDGET = "_budget_mm"
 _AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
 _OF_THE_AXIS = ("position", "asked_position")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
@@ -32,10 +33,17 @@ def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
     """Return a table in which each component of a vector has its own column.
 
     `tip_mm` becomes `tip_y_mm` and `tip_z_mm` (x before them where there are three), `tip_px` `tip_u_px` and
-    `tip_v_px`, `radius_ci95_mm` `radius_ci95_low_mm` and `radius_ci95_high_mm`. Other lists stay.
+    `tip_v_px`, `radius_ci95_mm` `radius_ci95_low_mm` and `radius_ci95_high_mm`. Other lists stay. An error budget
+    such as `radius_budget_mm` becomes `sigma_radius_lens_mm` and so on.
     """
     columns: dict[str, Any] = {}
     for name in table.columns:
+        budgets = [value for value in table[name] if isinstance(value, Mapping)]
+        if is_budget(str(name)) and budgets:
+            for source, column in zip(budgets[0], name_budget_columns(str(name), budgets[0]), strict=True):
+                sigmas = [value.get(source) if isinstance(value, Mapping) else None for value in table[name]]
+                columns[column] = pd.Series(sigmas, index=table.index, dtype="float64")
+            continue
         parts = _name_parts(str(name), list(table[name]))
         if not parts:
             columns[str(name)] = table[name]
@@ -44,6 +52,16 @@ def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
             numbers = [value[index] if isinstance(value, Sequence) else None for value in table[name]]
             columns[part] = pd.Series(numbers, index=table.index, dtype="float64")
     return pd.DataFrame(columns, index=table.index)
+
+
+def is_budget(name: str) -> bool:
+    """Return whether a column holds error budgets."""
+    return name.endswith(_BUDGET)
+
+
+def name_budget_columns(name: str, sources: Iterable[str]) -> tuple[str, ...]:
+    """Return the columns of an error budget: for `radius_budget_mm` and its source lens `sigma_radius_lens_mm`."""
+    return tuple(f"sigma_{name.removesuffix(_BUDGET)}_{source}_mm" for source in sources)
 
 
 def _name_parts(name: str, values: Sequence[object]) -> list[str]:

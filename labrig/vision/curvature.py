@@ -21,10 +21,18 @@ from scipy.special import stdtrit
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.geometry.arcs import Arc, fit_arcs
 from labrig.geometry.circle import Circle, fit_circle
+from labrig.vision.bending_plane import BendingPlane, combine_turns
+from labrig.vision.error_budget import (
+    LEAST_LIGHT_SHIFT_PX,
+    RECTANGULAR,
+    ErrorBudget,
+    propagate_map,
+)
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_down
 from labrig.vision.shaft import Shaft, locate_shaft
+from labrig.vision.shaft_tip import budget_tip
 from labrig.vision.sheath import measure_heading
 
 FloatArray = NDArray[np.float64]
@@ -37,13 +45,15 @@ _LEAST_BLOCKS = 5
 _CONFIDENCE = 0.95
 # Points through which the arcs of a path are fitted.
 _ARC_POINTS = 150
-# Number of points of the window at which lens and plane map are varied.
-_CALIBRATION_POINTS = 40
+# Number of points of the window at which shifts common to all rows are propagated.
+_SYSTEMATIC_POINTS = 40
 # A row lies on the circle if it is off by no more than this share of the needle's diameter. At least this share of the
 # rows must, and the rms must stay below this share of that distance.
 _LARGEST_RESIDUAL = 0.1
 _LEAST_ON_CIRCLE = 0.75
 _LARGEST_RMS = 0.5
+# The error of a roll beyond 30 degrees is not small, and its effect cannot be propagated.
+_LARGEST_ROLL_SD_RAD = np.deg2rad(30.0)
 
 
 @dataclass(frozen=True)
@@ -62,11 +72,13 @@ class CurvatureSettings:
         Shortest window for a radius; at least 15 mm, which the interval needs.
     max_radius_sigma_mm : float
         Largest standard deviation of an accepted radius.
+    roll_sd_rad : float or None
+        Standard deviation of the bevel's roll out of the plane of the map; None if it is not known.
 
     Raises
     ------
     InputError
-        If a length is not finite and positive (window ends may be zero).
+        If a length is not finite and positive (window ends and roll may be zero).
     """
 
     needle_diameter_mm: float = 1.2
@@ -75,9 +87,17 @@ class CurvatureSettings:
     window_end_mm: float = 2.0
     min_window_mm: float = 15.0
     max_radius_sigma_mm: float = 0.5
+    roll_sd_rad: float | None = None
 
     def __post_init__(self) -> None:
+        if self.roll_sd_rad is not None and not 0.0 <= self.roll_sd_rad <= _LARGEST_ROLL_SD_RAD:
+            raise InputError(
+                f"roll_sd_rad is {self.roll_sd_rad}, must be between 0 and {_LARGEST_ROLL_SD_RAD:.2f}",
+                "about 0.035 for a bevel that was set by eye",
+            )
         for name, value in vars(self).items():
+            if name == "roll_sd_rad":
+                continue
             least = 0.0 if name.startswith("window") else np.finfo(float).tiny
             if value is not None and not least <= value < np.inf:
                 raise InputError(f"{name} is {value}, not a positive length", "give a length in mm")
@@ -104,7 +124,9 @@ class CurvatureMeasurement:
     radius_mm, radius_ci95_mm, sigma_radius_mm : float, (float, float), float, or None
         Also set for a fitted radius that is not accepted.
     sigma_calibration_mm : float or None
-        The part of `sigma_radius_mm` due to lens and plane map: common to all pictures through them.
+        The part of `sigma_radius_mm` due to lens, plane map and surface: common to all pictures through them.
+    radius_budget_mm, tip_budget_mm : ErrorBudget or None
+        What the standard deviations of the radius (`sigma_radius_mm`) and of the needle's tip consist of.
     centre_mm : (float, float) or None
         Centre of the circle, (y, z).
     tip_mm, sheath_tip_mm, entry_mm : (float, float) or None
@@ -137,9 +159,11 @@ class CurvatureMeasurement:
     radius_ci95_mm: tuple[float, float] | None = None
     sigma_radius_mm: float | None = None
     sigma_calibration_mm: float | None = None
+    radius_budget_mm: ErrorBudget | None = None
     centre_mm: tuple[float, float] | None = None
     tip_mm: tuple[float, float] | None = None
     tip_px: tuple[float, float] | None = None
+    tip_budget_mm: ErrorBudget | None = None
     sheath_tip_mm: tuple[float, float] | None = None
     sheath_heading_rad: float | None = None
     entry_mm: tuple[float, float] | None = None
@@ -152,11 +176,7 @@ class CurvatureMeasurement:
         """Return the document that `labrig measure curvature --json` prints for a picture, without the centre line."""
         left_out = {"centre_line_mm", "centre_line_px", "window", "arcs"}
         return {
-            **{
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in vars(self).items()
-                if name not in left_out
-            },
+            **{name: _to_json(value) for name, value in vars(self).items() if name not in left_out},
             "arcs": [
                 {
                     "radius_mm": _none_unless_finite(arc.radius),
@@ -230,6 +250,7 @@ def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -
         window=window,
         tip_mm=tip,
         tip_px=_pair(shaft.tip_px),
+        tip_budget_mm=budget_tip(shaft, plane, settings.roll_sd_rad),
         sheath_tip_mm=entry if shaft.sheathed else None,
         sheath_heading_rad=measure_heading(shaft.sheath_mm),
         entry_mm=entry,
@@ -248,8 +269,8 @@ def _fit_circle(
     points = shaft.centre_mm[rows]
     try:
         circle = fit_circle(points, method="robust")
-        systematic = _propagate_calibration(circle, points, shaft.centre_px[rows], plane)
-        sigma, ci95 = _estimate_uncertainty(circle, points, shaft.arc_mm[rows], systematic)
+        systematic = _find_systematic(circle, shaft, rows, plane, settings)
+        budget, ci95 = _estimate_uncertainty(circle, points, shaft.arc_mm[rows], systematic)
     except MeasurementRefusedError as refusal:
         length_mm = np.ptp(shaft.arc_mm[rows])
         return replace(
@@ -258,6 +279,7 @@ def _fit_circle(
                 f"no circle fits the {length_mm:.1f} mm in the window: {refusal.message}"
             ),
         )
+    sigma = budget.total
     reason = _judge_circle(circle, points, sigma, settings)
     return replace(
         located,
@@ -266,7 +288,8 @@ def _fit_circle(
         radius_mm=circle.radius,
         radius_ci95_mm=ci95,
         sigma_radius_mm=sigma,
-        sigma_calibration_mm=systematic,
+        sigma_calibration_mm=budget.calibration,
+        radius_budget_mm=budget,
         centre_mm=circle.centre,
         residual_rms_mm=circle.residual_rms,
         bend=_find_bend(points, circle),
@@ -311,37 +334,57 @@ def _refuse_short_window(shaft: Shaft, window: tuple[int, int], settings: Curvat
     )
 
 
-def _propagate_calibration(circle: Circle, points: FloatArray, px: FloatArray, plane: PlaneMap) -> float:
-    """Return the standard deviation of the radius due to lens and plane map."""
-    sample = np.linspace(0, len(points) - 1, min(len(points), _CALIBRATION_POINTS)).astype(int)
-    offsets = points[sample] - np.asarray(circle.centre)
+def _find_systematic(
+    circle: Circle, shaft: Shaft, rows: slice, plane: PlaneMap, settings: CurvatureSettings
+) -> ErrorBudget:
+    """Return the error budget of the radius without the fit."""
+    points, px = shaft.centre_mm[rows], shaft.centre_px[rows]
+    sample = np.linspace(0, len(points) - 1, min(len(points), _SYSTEMATIC_POINTS)).astype(int)
+    here, px = points[sample], px[sample]
+    offsets = here - np.asarray(circle.centre)
     directions = offsets / np.hypot(*offsets.T)[:, None]
     # This row of the pseudo-inverse moves the radius; it also holds for nearly straight arcs.
     weights = np.linalg.pinv(np.column_stack((directions, np.ones(len(sample)))))[2]
-    here = plane.to_mm(px[sample])
-    moves = [
-        weights @ np.sum(directions * (other.to_mm(px[sample]) - here), axis=1) for other in plane.variants()
-    ]
-    return float(np.linalg.norm(moves)) if moves else 0.0
+
+    def change(shifts: FloatArray) -> float:
+        return float(weights @ np.sum(directions * shifts, axis=1))
+
+    mapped = plane.to_mm(px)
+    by_light = RECTANGULAR * change(shaft.light_shift_mm[rows][sample])
+    roll = None
+    if settings.roll_sd_rad is not None:
+        bending = BendingPlane.of(shaft, plane)
+        roll = combine_turns(
+            *(
+                change(bending.unroll(here, turn) - here)
+                for turn in (settings.roll_sd_rad, -settings.roll_sd_rad)
+            )
+        )
+    return ErrorBudget(
+        **propagate_map(plane, lambda variant: change(variant.to_mm(px) - mapped)),
+        roll=roll,
+        lighting=float(np.hypot(by_light, LEAST_LIGHT_SHIFT_PX * plane.mm_per_px)),
+    )
 
 
 def _estimate_uncertainty(
-    circle: Circle, points: FloatArray, arc_mm: FloatArray, systematic_mm: float
-) -> tuple[float, tuple[float, float] | None]:
-    """Return the radius' standard deviation, and its 95 % interval unless it is unbounded, from the means of blocks.
+    circle: Circle, points: FloatArray, arc_mm: FloatArray, systematic: ErrorBudget
+) -> tuple[ErrorBudget, tuple[float, float] | None]:
+    """Return the radius' error budget, and its 95 % interval unless it is unbounded, from the means of blocks.
 
-    `systematic_mm` is the part due to the calibration, whose degrees of freedom count as infinite. The interval is
-    symmetric in the curvature, which is nearly normal even if the radius is not.
+    The degrees of freedom of the systematic part count as infinite. The interval is symmetric in the curvature, which
+    is nearly normal even if the radius is not.
     """
     jacobian, residuals = _average_blocks(circle, points, arc_mm)
     freedom = len(residuals) - 3
     variance = float(residuals @ residuals) / freedom
     random = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]) * np.sqrt(variance))
-    sigma = float(np.hypot(random, systematic_mm))
+    budget = replace(systematic, fit=random)
+    sigma = budget.total
     effective = freedom * (sigma / random) ** 4 if random else np.inf
     reach = float(stdtrit(effective, 0.5 + 0.5 * _CONFIDENCE)) * sigma / circle.radius
     ci95 = (circle.radius / (1.0 + reach), circle.radius / (1.0 - reach)) if reach < 1.0 else None
-    return sigma, ci95
+    return budget, ci95
 
 
 def _average_blocks(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -401,6 +444,12 @@ def _end_with_period(message: str) -> str:
 
 def _pair(point: FloatArray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
+
+
+def _to_json(value: object) -> object:
+    if isinstance(value, ErrorBudget):
+        return value.to_json()
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _none_unless_finite(value: float) -> float | None:

@@ -30,6 +30,7 @@ from labrig.vision.shaft_ends import (
     find_sheath_end,
     measure_brightening,
 )
+from labrig.vision.shaft_light import measure_light_shift
 from labrig.vision.shaft_trace import Orientation, Trace, Widths, filter_bars, trace_shafts
 
 FloatArray = NDArray[np.float64]
@@ -70,6 +71,8 @@ class Shaft:
         The same in the plane [mm]: the middle of the two edges, each mapped on its own.
     arc_mm : ndarray (N,)
         Arc length of these rows from the entry [mm].
+    light_shift_mm : ndarray (N, 2)
+        By how much uneven light may have shifted the centre line [mm], see `shaft_light`.
     width_mm : float
         Median distance between the edges.
     entry_px : ndarray (2,)
@@ -87,6 +90,7 @@ class Shaft:
     centre_px: FloatArray
     centre_mm: FloatArray
     arc_mm: FloatArray
+    light_shift_mm: FloatArray
     width_mm: float
     entry_px: FloatArray
     sheathed: bool
@@ -239,11 +243,13 @@ def _measure(
     arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))
     entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
     offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
+    shift = measure_light_shift(strip, edges, bar, widths.px_per_mm)[bar] / edges.width[bar]
     ends = view.px(guide.at(np.array([entry, tip]), np.array([offset, 0.0])))
     return Shaft(
         centre_px=view.px(guide.at(grid[bar], edges.middle[bar])),
         centre_mm=0.5 * (left_mm + right_mm)[bar],
         arc_mm=arc_mm[bar] - entry_arc,
+        light_shift_mm=shift[:, None] * (right_mm - left_mm)[bar],
         width_mm=float(np.median(width_mm[bar])),
         entry_px=ends[0],
         sheathed=diameters.sheath_mm is not None,

@@ -48,6 +48,7 @@ from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.step import SteeringState, start_steering, step_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
+from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template_file import load_template
 from labrig.vision.tip import TipFix
@@ -57,9 +58,6 @@ FloatArray = NDArray[np.float64]
 TEMPLATE_FILE = "template.png"
 # Paths are only drawn, never computed with: this many points, rounded to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
-# Standard deviation of a shaft's end in the picture [px]: in `python -m tests.benchmarks insertion` measured and true
-# ends differ by 0.1 mm rms, which is a pixel there.
-_READ_PX = 1.0
 _NO_POINTS = np.empty((0, 2))
 
 
@@ -186,7 +184,8 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     target_mm, tolerance_mm = start.target_mm[1:], settings.problem.tolerance_mm
     true = _read_true_path(truth)
     steps, commands = _retrace(events, settings, source, true)
-    end, unmeasured = _measure_end(stop, source)
+    end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
+    budget = None if end is None else _find_budget(end, target_mm, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
     recorded = [event.estimate.position_mm[1:] for event in events.observations]
     return InsertionTrial(
@@ -200,7 +199,8 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
         target_error_mm=error_mm,
-        sigma_target_error_mm=None if end is None else _find_sigma_mm(end, target_mm, source),
+        sigma_target_error_mm=None if budget is None else budget.total,
+        target_error_budget_mm=budget,
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
         true_target_error_mm=None if truth is None else truth.true_target_error_mm,
@@ -350,7 +350,9 @@ def _sample_plan(event: PathSought, settings: SteeringSettings) -> FloatArray:
     return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))
 
 
-def _measure_end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip | None, str | None]:
+def _measure_end(
+    stop: InsertionStop | None, source: _Source, roll_sd_rad: float
+) -> tuple[ShaftTip | None, str | None]:
     """Measure the shaft in the final picture; without a measurement, return the reason."""
     if stop is None:
         return None, "there is no final picture"
@@ -362,28 +364,28 @@ def _measure_end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip 
         image = picture.read()
         masked = None if mask is None else mask.find_masked(Path(picture.file).name, image)
         return measure_shaft_tip(
-            image, source.view.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
+            image,
+            source.view.plane,
+            needle.diameter_mm,
+            sheath.diameter_mm,
+            masked=masked,
+            roll_sd_rad=roll_sd_rad,
         ), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{source.run.path}/", "")
 
 
-def _find_sigma_mm(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> float:
-    """Return the standard deviation of the distance from the target to the end of the shaft.
+def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> ErrorBudget:
+    """Return the error budget of the distance from the target to the end of the shaft.
 
-    The uncertainty of lens and plane map moves the end along each of its axes. The end is read to a pixel, because a
-    bevel has no edge square to the shaft. The drift between the grid pictures scales with the distance from the origin.
+    The drift between the grid pictures scales with the distance from the origin, and is a part of the plane's.
     """
     tip_mm = np.array(end.tip_mm)
     towards = tip_mm - target_mm
     towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
-    moved = [
-        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards)
-        for varied in source.view.plane.variants()
-    ]
+    budget = budget_place(source.view.plane, end.tip_px, end.errors, towards)
     drift = 0.0 if source.sentinel is None else (source.sentinel.drift or 0.0)
-    reading_mm = _READ_PX * source.view.plane.mm_per_px
-    return float(np.linalg.norm([*moved, reading_mm, drift * float(np.linalg.norm(tip_mm))]))
+    return budget.with_drift(drift * float(np.linalg.norm(tip_mm)))
 
 
 def _read_true_path(truth: TrueInsertion | None) -> _TruePath:

@@ -6,6 +6,7 @@ from typing import Literal
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
 from labrig.steering.problem import Obstacle
+from labrig.vision.error_budget import ErrorBudget
 
 
 class InsertionStep(Model):
@@ -74,9 +75,10 @@ class InsertionTrial(Model):
 
     `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
-    is no tip. `sigma_target_error_mm` holds the reading of the end, lens and plane map, and what the grid pictures say
-    of drift. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
-    to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
+    is no tip. `target_error_budget_mm` says what `sigma_target_error_mm` consists of: lens, plane (with the drift
+    between the grid pictures), surface, roll, lighting, and the reading of the end; older results do not.
+    `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
+    compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
     the live run to the last digit, as it is with its settings and its code; older results say neither that nor
     `commands`.
@@ -96,6 +98,7 @@ class InsertionTrial(Model):
     shaft_mm: tuple[Point, ...]
     target_error_mm: float | None
     sigma_target_error_mm: float | None = None
+    target_error_budget_mm: ErrorBudget | None = None
     unmeasured: str | None
     template_error_mm: float | None
     true_target_error_mm: float | None

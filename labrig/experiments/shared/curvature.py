@@ -1,5 +1,6 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -68,13 +69,14 @@ class CurvatureOrder:
             needle_diameter_mm=self.needle.diameter_mm,
             sheath_diameter_mm=self.needle.sheath_diameter_mm,
             **self.window.model_dump(exclude={"roll_sd_deg"}),
+            roll_sd_rad=math.radians(self.window.roll_sd_deg),
         )
 
 
 def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Analysis[Findings]:
     """Measure the pictures, group them, and compare them with the truth if it is recorded.
 
-    The intervals of the groups include the uncertainty of the bevel's roll; those of single pictures do not.
+    The intervals of the groups and of single pictures include the uncertainty of the bevel's roll.
 
     Raises
     ------
@@ -102,7 +104,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
         **request.stamp.fields(
-            {**asdict(settings), "roll_sd_deg": roll_sd_deg, **_describe_mask(mask)},
+            {**_describe_settings(settings), "roll_sd_deg": roll_sd_deg, **_describe_mask(mask)},
             _find_damaged(pictures, measured),
         ),
         specimens=specimens,
@@ -135,6 +137,11 @@ def _find_origins(
 def _list_sources(pictures: Sequence[_Picture]) -> dict[str, str]:
     """Return the original name of each imported picture, by its file name in the record."""
     return {Path(picture.line.file).name: picture.line.source for picture in pictures if picture.line.source}
+
+
+def _describe_settings(settings: CurvatureSettings) -> dict[str, float | None]:
+    """Return the settings as a result keeps them; the roll stands there in degrees, as in the protocol."""
+    return {name: value for name, value in asdict(settings).items() if name != "roll_sd_rad"}
 
 
 def _describe_mask(mask: Mask | None) -> dict[str, str]:

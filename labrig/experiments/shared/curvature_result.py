@@ -18,13 +18,15 @@ from labrig.analysis.result import (
 from labrig.analysis.summary import Summary, TextTable
 from labrig.protocol.model import Model
 from labrig.text import interval, number
+from labrig.vision.error_budget import ErrorBudget
 
 
 class PictureResult(Model):
     """One picture: its trial, and its measurement; unknown and refused values are None.
 
     `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
-    needle's tip in their frame, (lateral, along). All other points are in the plane's frame.
+    needle's tip in their frame, (lateral, along). All other points are in the plane's frame. `radius_budget_mm` and
+    `tip_budget_mm` say what the standard deviations of radius and tip consist of; older results do not.
     """
 
     frame: int
@@ -43,10 +45,12 @@ class PictureResult(Model):
     radius_ci95_mm: Point | None = None
     sigma_radius_mm: float | None = None
     sigma_calibration_mm: float | None = None
+    radius_budget_mm: ErrorBudget | None = None
     centre_mm: Point | None = None
     bend: str | None = None
     tip_mm: Point | None = None
     tip_px: Point | None = None
+    tip_budget_mm: ErrorBudget | None = None
     sheath_tip_mm: Point | None = None
     sheath_heading_rad: float | None = None
     entry_mm: Point | None = None

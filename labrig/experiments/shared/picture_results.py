@@ -1,5 +1,6 @@
 """Apply what is known of a trial or a run to the results of its pictures: origin, refusal, drift."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,10 +69,17 @@ def add_drift(results: Sequence[PictureResult], sentinel: Sentinel | None) -> tu
 
 def _widen(picture: PictureResult, drift: float) -> PictureResult:
     """Return a picture whose error bars include the drift, taken as one standard deviation."""
-    if picture.radius_mm is None or picture.sigma_radius_mm is None or not drift:
+    if not drift:
         return picture
+    update: dict[str, object] = {}
+    if picture.tip_mm is not None and picture.tip_budget_mm is not None:
+        update["tip_budget_mm"] = picture.tip_budget_mm.with_drift(drift * math.hypot(*picture.tip_mm))
+    if picture.radius_mm is None or picture.sigma_radius_mm is None:
+        return picture.model_copy(update=update)
     more = drift * picture.radius_mm
-    update: dict[str, object] = {"sigma_radius_mm": float(np.hypot(picture.sigma_radius_mm, more))}
+    update["sigma_radius_mm"] = float(np.hypot(picture.sigma_radius_mm, more))
+    if picture.radius_budget_mm is not None:
+        update["radius_budget_mm"] = picture.radius_budget_mm.with_drift(more)
     if picture.radius_ci95_mm is not None:
         low, high = (abs(end - picture.radius_mm) for end in picture.radius_ci95_mm)
         reach = _TWO_SIDED_95 * more

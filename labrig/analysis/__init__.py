@@ -18,13 +18,15 @@ What is decided here:
 - **The origin of a trial** is the sheath's tip and heading in the picture taken once it is in. Command and linear
   encoder give the expected pose; deviations along the insertion, across it and in heading have a limit and a sentence
   each. A radius does not depend on the origin; a tip relative to it is named so in the table.
+- **The error bars of a single radius or tip** have a budget by source (`labrig.vision.error_budget`). A source that is
+  not known is None, and not in them.
 - **Graph paper before and after a run** adds drift to the error bars of radii and target errors, or refuses them.
 - **The mean radius of a run is the mean of its groups' means**, like "an average of 27.6 mm" in the paper.
 - **A design** is studied by equation (3) and by our own search, with the same function as `labrig design`; the design
   run adds the record. Its folder also holds the grid of figure 3 and a design file.
 - **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it; its
-  standard deviation covers the reading of that end, lens, plane map and drift. Estimates and commands on the way are
-  computed again from the recorded pictures and the turns that were made.
+  standard deviation covers the reading of that end, lens, plane map, drift, light and roll zero. Estimates and commands
+  on the way are computed again from the recorded pictures and the turns that were made.
 - **The parent of a result is the newest one with the run's own settings**, so that each what-if is compared with the
   run as it was, and not with the what-if before it.
 - **Truth** of a simulated world is compared at the very end and used for nothing else.

@@ -1,5 +1,6 @@
 """`labrig measure`: measures pictures that belong to no run."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -41,6 +42,13 @@ def curvature(
     sheath_diameter_mm: SheathDiameterOption = None,
     window_start_mm: Annotated[float, typer.Option(help="Arc length left out behind the sheath.")] = 4.0,
     window_end_mm: Annotated[float, typer.Option(help="Arc length left out before the tip.")] = 2.0,
+    roll_sd_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of the bevel's roll; 2 if it was set by eye. Default: not in the interval.",
+            show_default=False,
+        ),
+    ] = None,
     mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
@@ -56,6 +64,7 @@ def curvature(
         sheath_diameter_mm=sheath_diameter_mm,
         window_start_mm=window_start_mm,
         window_end_mm=window_end_mm,
+        roll_sd_rad=None if roll_sd_deg is None else math.radians(roll_sd_deg),
     )
     not_needle = None if mask is None else load_mask(mask)
 
@@ -154,8 +163,10 @@ NOTHING: dict[str, object] = {
     "reason": None,
     "radius_mm": None,
     "radius_ci95_mm": None,
+    "radius_budget_mm": None,
     "centre_mm": None,
     "tip_mm": None,
+    "tip_budget_mm": None,
     "arc_length_mm": None,
     "residual_rms_mm": None,
 }
@@ -165,6 +176,7 @@ NO_TIP: dict[str, object] = {
     "reason": None,
     "tip_px": None,
     "tip_mm": None,
+    "tip_budget_mm": None,
     "heading_rad": None,
     "score": None,
     "distinctness": None,
@@ -172,7 +184,7 @@ NO_TIP: dict[str, object] = {
 
 
 def _print(rows: list[dict[str, object]]) -> None:
-    heads = ("picture", "radius mm", "95 % interval mm", "arc mm", "tip y, z mm")
+    heads = ("picture", "radius mm", "95 % interval mm", "mostly from", "arc mm", "tip y, z mm")
     cells = []
     for row in rows:
         radius = number(row["radius_mm"], 2) if row["accepted"] else "-"
@@ -182,31 +194,51 @@ def _print(rows: list[dict[str, object]]) -> None:
                 Path(str(row["image"])).name,
                 radius,
                 ci95,
+                _name_largest(row["radius_budget_mm"]) if row["accepted"] else "-",
                 number(row["arc_length_mm"], 1),
                 _format_pair(row["tip_mm"]),
             ]
         )
     print_table(heads, cells)
+    _say_rest(rows, "radius_budget_mm")
+
+
+def _say_rest(rows: list[dict[str, object]], budget: str) -> None:
+    """Say why pictures are refused, and which sources of error are not in the interval of the others."""
+    from labrig.vision.error_budget import ErrorBudget
+
     for row in rows:
         if row["reason"]:
             say(f"{Path(str(row['image'])).name}: {row['reason']}")
+    missing = [ErrorBudget(**found).missing for row in rows if isinstance(found := row[budget], dict)]
+    if missing and missing[0]:
+        say(f"Not in the interval: {', '.join(missing[0])}.")
+
+
+def _name_largest(document: object) -> str:
+    """Return the largest source of error with its standard deviation."""
+    from labrig.vision.error_budget import ErrorBudget
+
+    budget = ErrorBudget(**document) if isinstance(document, dict) else ErrorBudget()
+    return (
+        "-" if budget.largest is None else f"{budget.largest} ± {number(getattr(budget, budget.largest), 3)}"
+    )
 
 
 def _print_tips(rows: list[dict[str, object]]) -> None:
-    heads = ("picture", "tip u, v px", "tip y, z mm", "score")
+    heads = ("picture", "tip u, v px", "tip y, z mm", "mostly from", "score")
     cells = [
         [
             Path(str(row["image"])).name,
             _format_pair(row["tip_px"]),
             _format_pair(row["tip_mm"]),
+            _name_largest(row["tip_budget_mm"]),
             number(row["score"], 3),
         ]
         for row in rows
     ]
     print_table(heads, cells)
-    for row in rows:
-        if row["reason"]:
-            say(f"{Path(str(row['image'])).name}: {row['reason']}")
+    _say_rest(rows, "tip_budget_mm")
 
 
 def _format_pair(value: object) -> str:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from labrig.vision.error_budget import PlaceErrors, budget_place
 from labrig.vision.mask import Mask
 from labrig.vision.picture import read_picture, require_size
 from labrig.vision.plane import PlaneMap
-from labrig.vision.tip import locate_tip
+from labrig.vision.tip import TIP_SIGMA_PX, locate_tip
 from labrig.vision.tip_template import TipTemplate
 
 
@@ -25,7 +26,9 @@ class TipSearch:
 
 
 def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, object]:
-    """Return the tip in a picture, in pixels and mm.
+    """Return the tip in a picture, in pixels and mm, with its error budget.
+
+    Light and roll are not in it: they change the tip's look against that of the template by what no picture tells.
 
     Raises
     ------
@@ -46,5 +49,8 @@ def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, obje
         region_px=search.region_px,
         mask=None if search.mask is None else search.mask.find_masked(path.name, image),
     )
-    tip_mm = None if fix.tip_px is None else plane.to_mm(np.array([fix.tip_px]))[0].tolist()
-    return {**fix.to_json(), "tip_mm": tip_mm}
+    if fix.tip_px is None:
+        return {**fix.to_json(), "tip_mm": None, "tip_budget_mm": None}
+    tip_mm = plane.to_mm(np.array([fix.tip_px]))[0].tolist()
+    budget = budget_place(plane, fix.tip_px, PlaceErrors(fit_mm=TIP_SIGMA_PX * plane.mm_per_px))
+    return {**fix.to_json(), "tip_mm": tip_mm, "tip_budget_mm": budget.to_json()}

@@ -221,7 +221,8 @@ class AnalysisWindow(Model):
         ge=0,
         le=30,
         description="Standard deviation of the bevel's roll [deg]; 2 if it was set by eye. A bevel out of the plane "
-        "makes the measured radius too large, so the lower end of the intervals is moved.",
+        "makes the measured radius too large, so the lower end of a gel's interval is moved, and the error bar of each "
+        "picture's radius is wider.",
     )
 
     @property

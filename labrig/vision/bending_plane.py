@@ -1,9 +1,10 @@
 """The plane in which a needle bends, where the bevel's roll turns it out of the plane of the map.
 
 It is turned by rho about the sheath's direction. A camera square above it would show cos(rho) times the deflection
-from that direction, so a radius as r / cos(rho): too large, never too small (equation 5 of the paper). A camera at a
-finite distance also shows what comes nearer larger, and that is linear in rho. Refraction of what is out of the plane
-is left out; a gel makes the perspective smaller by about its index.
+from that direction, so the radius of a short arc as r / cos(rho), too large (equation 5 of the paper). Over 60 degrees
+of arc a fifth of this is left, and beyond 70 the radius is too small. A camera at a finite distance also shows what
+comes nearer larger, and that is linear in rho. Refraction of what is out of the plane is left out; a gel makes the
+perspective smaller by about its index.
 """
 
 from dataclasses import dataclass

@@ -7,7 +7,8 @@ centre line shifts across the needle. All rows shift alike, so the scatter along
 The steepest rise of an edge depends on the levels beside it and on nothing further away. The mean rise, weighted with
 its square so that noise counts little, is a second place of the edge. It is taken from the mean profile of a stretch
 of the shaft, because that of a row is too noisy. In rendered pictures lit from one side the distance between the two
-middles of the edges followed the true shift with a correlation of 0.95, and left 0.003 of 0.011 mm rms unexplained.
+middles of the edges followed the true shift with a correlation of 0.95 (180 pictures), and left 0.004 of 0.011 mm rms
+unexplained.
 """
 
 import numpy as np

@@ -27,6 +27,9 @@ from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, remove_glints
 FloatArray = NDArray[np.float64]
 _Point = tuple[float, float]
 
+# Standard deviation of the place of an accepted tip [px]: 0.1 along u and v each, the limit of
+# `python -m tests.benchmarks tip`.
+TIP_SIGMA_PX = 0.14
 # A window with less than this share of the template's standard deviation is flat.
 _FLAT = 0.4
 # Fewest pixels of the template's side in the smaller picture, and the largest reduction.

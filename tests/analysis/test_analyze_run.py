@@ -368,7 +368,12 @@ def test_tables_name_units_and_hold_every_picture(measured: MeasuredRun) -> None
     assert (
         float(final["radius_ci95_low_mm"]) <= float(final["radius_mm"]) <= float(final["radius_ci95_high_mm"])
     )
-    assert rows[-1]["radius_mm"] == ""
+    budget = measured.content.measurements[2].radius_budget_mm
+    assert budget is not None
+    assert float(final["sigma_radius_fit_mm"]) == budget.fit
+    assert float(final["sigma_radius_roll_mm"]) == budget.roll
+    assert final["sigma_radius_surface_mm"] == ""
+    assert rows[-1]["radius_mm"] == rows[-1]["sigma_radius_fit_mm"] == ""
     lengths = [name for name in final if any(word in name for word in ("radius", "tip", "arc", "residual"))]
     assert all(name.endswith(("_mm", "_px")) for name in lengths)
 

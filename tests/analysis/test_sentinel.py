@@ -9,6 +9,7 @@ from labrig.analysis.sentinel import compare_grid_pictures
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import add_drift
 from labrig.record.events import FrameLine
+from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
 from tests.analysis.test_origin import picture
 
@@ -49,6 +50,10 @@ def test_drift_becomes_an_error_bar() -> None:
     assert wider.accepted
     assert wider.radius_mm == 28.0
     assert wider.sigma_radius_mm == pytest.approx(np.hypot(0.05, 0.056), rel=0.1)
+    assert wider.radius_budget_mm is None
+    (listed,) = add_drift([radius(radius_budget_mm=ErrorBudget(fit=0.05))], sentinel)
+    assert listed.radius_budget_mm is not None
+    assert listed.radius_budget_mm.total == pytest.approx(listed.sigma_radius_mm)
     assert wider.radius_ci95_mm == pytest.approx((28.0 - 0.149, 28.0 + 0.149), abs=0.015)
 
 

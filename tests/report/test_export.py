@@ -160,6 +160,14 @@ def test_a_run_without_pictures_and_results_is_exported(kind: str, tmp_path: Pat
     assert FORMATS[kind](run, tables)
 
 
+def test_an_error_budget_has_a_column_for_each_source() -> None:
+    """What is not known is empty, and so is a row of an older result."""
+    budgets = [{"lens": 0.1, "fit": None}, None]
+    apart = split_vectors(pd.DataFrame({"radius_budget_mm": budgets}))
+    assert apart["sigma_radius_lens_mm"].tolist()[0] == 0.1
+    assert apart.isna().to_numpy().tolist() == [[False, True], [True, True]]
+
+
 def test_only_vectors_of_a_known_kind_are_taken_apart() -> None:
     """A list of another length, of words, or of several lengths stays as it is."""
     table = pd.DataFrame({

@@ -10,6 +10,7 @@ from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.annotations import judge_run, note_on_run, tag_run
 from labrig.record.reader import open_run
+from labrig.report.budget_rows import list_budget_rows
 from tests.analysis.synthetic import (
     NOW,
     PROVENANCE,
@@ -124,6 +125,16 @@ def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: WrittenP
     assert re.search(r"10 % gel A N1 2 28\.3\d 0\.4\d\d 2\d\.\d\d to 3\d\.\d\d 0 28\.34 0\.247 28\.30", words)
     assert re.search(r"19 % gel B N1 1 2[67]\.\d\d – – 1 27\.13 0\.473 27\.20", words)
     assert re.search(r"Mean of the means 27\.6\d 27\.6 27\.75", words)
+
+
+def test_the_table_of_errors_names_every_source(page: WrittenPage) -> None:
+    """Each source has its part in radius and tip, or is said to be in no interval; an older result has no table."""
+    words = _words(page.html)
+    assert re.search(
+        r"surface the gel's surface, and glass before it not in the interval not in the interval", words
+    )
+    assert re.search(r"fit scatter of the edges; the reading of an end 0\.0\d+ 0\.\d+", words)
+    assert list_budget_rows([[None, None]]) == []
 
 
 def test_the_verdict_stands_at_the_top(page: WrittenPage) -> None:

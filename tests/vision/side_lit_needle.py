@@ -8,12 +8,14 @@ places are mm, columns (z, y) from the picture's upper left corner, z along the 
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Light = Literal["even", "lamp inside the bend", "lamp outside the bend", "lamp along the needle"]
 
 # Samples along each side of a pixel, and how far from the centre line they are taken, in sheath diameters.
 _SAMPLES = 4
@@ -68,6 +70,13 @@ class SideLitNeedle:
         image = (1.0 - self.halo) * narrow + self.halo * wide
         image += random.normal(0.0, self.noise, image.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    @property
+    def centre_px(self) -> FloatArray:
+        """The pixel (u, v) of the arc's centre."""
+        away = self.bend * self.radius_mm
+        aside = np.array([-np.sin(self.heading_rad), np.cos(self.heading_rad)])
+        return np.asarray((self.entry_mm + away * aside) * self.px_per_mm - 0.5)
 
     def _draw_shaft(self, image: FloatArray) -> None:
         """Draw needle, sheath and shadow where they are near, each pixel from the mean of its samples."""
@@ -124,3 +133,42 @@ class SideLitNeedle:
             np.abs(away)
             * np.exp(-0.5 * ((across - 0.6 * self.diameter_mm * away) / (0.5 * self.diameter_mm)) ** 2)
         )
+
+
+def draw_random_needle(seed: int, radii_mm: tuple[float, float], light: Light) -> SideLitNeedle:
+    """Return a needle of a seed: 24 to 50 mm of an arc, seen at 7 to 14 px/mm, with a lamp of 5 to 35 grey levels.
+
+    The lamp stands within 40 degrees of its direction. With it come a glint, a shadow and a slope of the gel's grey.
+    """
+    random = np.random.default_rng((seed, *map(int, radii_mm)))
+    radius_mm, bend = random.uniform(*radii_mm), int(random.choice((-1, 1)))
+    length_mm = float(np.clip(random.uniform(0.9, 1.5) * radius_mm, 24.0, 50.0))
+    heading_rad = random.normal(0.0, 0.03)
+    inside = heading_rad + bend * (0.5 * length_mm / radius_mm + 0.5 * np.pi)
+    towards = {
+        "even": 0.0,
+        "lamp inside the bend": inside,
+        "lamp outside the bend": inside + np.pi,
+        "lamp along the needle": inside + random.choice((-0.5, 0.5)) * np.pi,
+    }[light]
+    lit = light != "even"
+    return SideLitNeedle(
+        radius_mm,
+        length_mm,
+        entry_mm=(random.uniform(8.0, 18.0), 24.5 - 12.0 * bend + random.uniform(-3.0, 3.0)),
+        heading_rad=heading_rad,
+        bend=bend,
+        px_per_mm=random.uniform(7.0, 14.0),
+        gel_level=random.uniform(140.0, 185.0),
+        gradient=(lit * random.uniform(0.0, 0.3), random.uniform(0.0, 0.2)),
+        ambient=random.uniform(40.0, 65.0),
+        lamp=lit * random.uniform(5.0, 35.0),
+        lamp_rad=towards + random.uniform(-0.7, 0.7),
+        height=random.uniform(0.2, 0.8),
+        glint=lit * random.uniform(0.0, 80.0),
+        shadow=lit * random.uniform(0.0, 0.06),
+        blur_px=random.uniform(0.6, 1.3),
+        halo=random.uniform(0.0, 0.1),
+        noise=random.uniform(1.5, 5.0),
+        seed=seed,
+    )

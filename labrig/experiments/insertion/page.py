@@ -16,6 +16,7 @@ from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
 from labrig.record.reader import Run
+from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
 from labrig.report.formatting import Rows, number
 from labrig.report.heading import format_trials_done
@@ -112,6 +113,7 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
     shown = sorted(content.insertions, key=lambda trial: (trial.reached, trial.trial))[:_SHOWN]
     return {
         "content": content,
+        "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [

@@ -24,6 +24,7 @@ from labrig.experiments.shared.needle_pictures import (
 )
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.record.reader import Run
+from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure
 from labrig.report.formatting import Rows, number
@@ -98,6 +99,12 @@ def make_curvature_page(
             "content": content,
             "folder": f"analysis/{result.path.name}",
             "rows": rows,
+            "budget": list_budget_rows(
+                [
+                    [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
+                    [measurement.tip_budget_mm for measurement in shown],
+                ]
+            ),
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": None if design is None else _draw_figure(design, rows, content, lines),
             "view": _draw_last_picture(run, content, lines, plane),

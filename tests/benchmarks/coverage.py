@@ -1,0 +1,113 @@
+"""How often the 95 % interval of a radius holds the truth, by radius and by light, and what it consists of.
+
+`python -m tests.benchmarks coverage`; the number of pictures in each band of radius is `LABRIG_BENCHMARK_RENDERS`, 100
+unless set. The renderer is `tests/vision/side_lit_needle.py`, which shares nothing with labrig. One picture in four is
+lit evenly, the others have a lamp beside the needle. The scale is given exactly, so that lens, plane, surface and roll
+have no part: the interval rests on the scatter of the edges and on what light does to them, alone.
+"""
+
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from typing import get_args
+
+import cv2
+import numpy as np
+
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.plane import PlaneMap
+from tests.benchmarks.table import print_rows
+from tests.vision.side_lit_needle import Light, draw_random_needle
+
+RENDERS = int(os.environ.get("LABRIG_BENCHMARK_RENDERS", "100"))
+BANDS_MM = ((20.0, 30.0), (30.0, 40.0), (40.0, 60.0))
+LIGHTS: tuple[Light, ...] = get_args(Light)
+FIRST_SEED = 50_000
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One picture: its band and light, and, if a radius is accepted, its error, its error bar and what that holds [mm].
+
+    `shift_mm` is the mean distance of the measured centre line from the true arc, outwards.
+    """
+
+    band: int
+    light: Light
+    error_mm: float | None = None
+    held: bool = False
+    sigma_mm: float = 0.0
+    fit_mm: float = 0.0
+    lighting_mm: float = 0.0
+    shift_mm: float = 0.0
+
+
+def measure_render(band: int, number: int) -> Outcome:
+    """Draw a needle, measure it and compare it with the truth."""
+    light = LIGHTS[number % len(LIGHTS)]
+    needle = draw_random_needle(FIRST_SEED + number, BANDS_MM[band], light)
+    plane = PlaneMap.from_scale(needle.px_per_mm, (0.0, 0.0), "right")
+    found = measure_curvature(needle.draw(), plane, CurvatureSettings(needle.diameter_mm, needle.sheath_mm))
+    budget, interval = found.radius_budget_mm, found.radius_ci95_mm
+    if not found.accepted or found.radius_mm is None or budget is None or interval is None:
+        return Outcome(band, light)
+    away = np.hypot(*(found.centre_line_px[slice(*found.window)] - needle.centre_px).T) / needle.px_per_mm
+    return Outcome(
+        band,
+        light,
+        found.radius_mm - needle.radius_mm,
+        interval[0] <= needle.radius_mm <= interval[1],
+        budget.total,
+        budget.fit or 0.0,
+        budget.lighting or 0.0,
+        float(away.mean()) - needle.radius_mm,
+    )
+
+
+def print_table() -> None:
+    """Print coverage, error and error bar by band of radius and by light; progress goes to standard error."""
+    cv2.setNumThreads(1)
+    outcomes: list[Outcome] = []
+    with ProcessPoolExecutor(os.cpu_count(), get_context("fork")) as pool:
+        for band, (low, high) in enumerate(BANDS_MM):
+            outcomes += pool.map(partial(measure_render, band), range(RENDERS), chunksize=10)
+            print(f"coverage: {RENDERS} pictures of {low:g} to {high:g} mm", file=sys.stderr)
+    rows: list[list[object]] = []
+    for band, (low, high) in enumerate(BANDS_MM):
+        own = [outcome for outcome in outcomes if outcome.band == band]
+        rows.append([f"{low:g}-{high:g} mm", "all", *_summarise(own)])
+        rows += [
+            ["", light, *_summarise([found for found in own if found.light == light])] for light in LIGHTS
+        ]
+    heads = (
+        "radius", "light", "pictures", "accepted", "in the interval", "error, rms mm", "stated, rms mm",
+        "stated / error", "fit, median mm", "lighting, median mm", "shift, rms mm",
+    )  # fmt: skip
+    print_rows(heads, rows)
+    print(f"seeds {FIRST_SEED} to {FIRST_SEED + RENDERS - 1}; wanted: 93 to 97 % in each band")
+
+
+def _summarise(outcomes: list[Outcome]) -> list[object]:
+    accepted = [outcome for outcome in outcomes if outcome.error_mm is not None]
+    if not accepted:
+        return [len(outcomes), 0, *("-" for _ in range(7))]
+    values = np.array(
+        [
+            (found.error_mm, found.sigma_mm, found.fit_mm, found.lighting_mm, found.shift_mm)
+            for found in accepted
+        ]
+    )
+    error, sigma, _, _, shift = np.sqrt(np.mean(values**2, axis=0))
+    _, _, fit, lighting, _ = np.median(values, axis=0)
+    held = np.mean([outcome.held for outcome in accepted])
+    return [
+        len(outcomes),
+        len(accepted),
+        f"{held:.1%}",
+        *(f"{value:.4f}" for value in (error, sigma)),
+        f"{sigma / error:.2f}",
+        *(f"{value:.4f}" for value in (fit, lighting, shift)),
+    ]

@@ -61,9 +61,8 @@ def _average_profile(
     lower = np.minimum(columns.astype(np.intp), last - 1)
     part, row = columns - lower, np.arange(len(strip))[:, None]
     values = strip[row, lower] * (1.0 - part) + strip[row, lower + 1] * part
-    sums = np.zeros((int(stretch[-1]) + 1, len(aside)))
-    np.add.at(sums, stretch, values)
-    return np.asarray(sums / np.bincount(stretch)[:, None])
+    firsts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    return np.asarray(np.add.reduceat(values, firsts, axis=0) / np.bincount(stretch)[:, None])
 
 
 def _find_rise(profiles: FloatArray) -> FloatArray:

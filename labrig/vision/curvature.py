@@ -372,8 +372,9 @@ def _estimate_uncertainty(
 ) -> tuple[ErrorBudget, tuple[float, float] | None]:
     """Return the radius' error budget, and its 95 % interval unless it is unbounded, from the means of blocks.
 
-    The degrees of freedom of the systematic part count as infinite. The interval is symmetric in the curvature, which
-    is nearly normal even if the radius is not.
+    The degrees of freedom of the systematic part count as infinite. With few blocks Welch's and Satterthwaite's formula
+    then gives a shorter interval than the blocks alone, so that of the blocks is the least. The interval is symmetric
+    in the curvature, which is nearly normal even if the radius is not.
     """
     jacobian, residuals = _average_blocks(circle, points, arc_mm)
     freedom = len(residuals) - 3
@@ -382,7 +383,9 @@ def _estimate_uncertainty(
     budget = replace(systematic, fit=random)
     sigma = budget.total
     effective = freedom * (sigma / random) ** 4 if random else np.inf
-    reach = float(stdtrit(effective, 0.5 + 0.5 * _CONFIDENCE)) * sigma / circle.radius
+    quantile = 0.5 + 0.5 * _CONFIDENCE
+    half_mm = max(stdtrit(effective, quantile) * sigma, stdtrit(freedom, quantile) * random)
+    reach = float(half_mm) / circle.radius
     ci95 = (circle.radius / (1.0 + reach), circle.radius / (1.0 - reach)) if reach < 1.0 else None
     return budget, ci95
 

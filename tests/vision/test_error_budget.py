@@ -131,6 +131,14 @@ def test_a_rolled_needle_seems_less_bent():
     assert 28.0 / unrolled == pytest.approx(1.0 / np.cos(np.deg2rad(8.0)), abs=0.001)
 
 
+def test_no_source_makes_the_interval_shorter():
+    """A needle seen over few blocks has a wide interval, and a known roll before it does not narrow it."""
+    short = replace(NEEDLE, length_mm=22.0)
+    without, known = (measure(short, replace(SETTINGS, roll_sd_rad=roll)) for roll in (None, np.deg2rad(2.0)))
+    assert known.sigma_radius_mm > without.sigma_radius_mm
+    assert np.diff(known.radius_ci95_mm) >= np.diff(without.radius_ci95_mm)
+
+
 def test_roll_before_a_camera_is_the_scatter_of_rolled_arcs():
     """The stated part of the roll is the rms error of radii of arcs in space, rolled at random and projected."""
     lens = RenderedLens()

@@ -30,7 +30,8 @@ mv $KEPT/*-import $KEPT/import && labrig reanalyze $KEPT/import
 rm -r import $KEPT/*/report.html
 
 Where a later labrig measures better, its result stands beside the first one: analysis/002 of camera-calibration is the
-first with the warp of the board, by `labrig reanalyze $KEPT/camera-calibration`.
+first with the warp of the board, by `labrig reanalyze $KEPT/camera-calibration`. Those of import, insertion and
+steerability are the first with error budgets.
 """
 
 import json

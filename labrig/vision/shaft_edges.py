@@ -3,8 +3,8 @@
 The rows of a strip lie a pixel apart along the shaft, its columns across it. A curved needle thus becomes a straight
 bar, which can be smoothed along its length without distortion, and its edges are found in all rows at once. A grey
 opening fills glints: bright stripes too narrow to be gel. An edge is where the grey value is half way between the
-shaft's dark core and the gel on that side; the search runs from outside inwards, so that uneven light does not move
-the edge.
+shaft's dark core and the gel on that side; the search runs from outside inwards, so that uneven light hardly moves the
+edge (`shaft_light` estimates by how much).
 """
 
 from dataclasses import dataclass

@@ -330,8 +330,9 @@ class Recorder:
         self._require_open()
         self._create_file(CAN_LOG)
         self._create_file(CAN_SUMS)
-        with self._guard_disk(self.path / CAN_LOG):
-            self._can_length = self._lines[CAN_LOG].append_raw(lines)
+        can_log = self._lines[CAN_LOG]
+        with self._guard_disk(can_log.path):
+            self._can_length = can_log.append_raw(lines)
         # If this sum cannot be written, the next one covers this part too.
         self._can_crc32 = zlib.crc32(lines, self._can_crc32)
         self._write_can_sum()
@@ -430,8 +431,9 @@ class Recorder:
     def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
         self._require_open()
         held = self._appending if name == FRAME_LINES else nullcontext()
-        with self._guard_disk(self.path / name), held:
-            self._lines[name].append(fields)
+        lines = self._lines[name]
+        with self._guard_disk(lines.path), held:
+            lines.append(fields)
 
     @contextmanager
     def _guard_disk(self, path: Path) -> Iterator[None]:

@@ -44,10 +44,14 @@ def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _Flo
     bent, rest = _fit_homography(px, paper_mm + away * height[:, None])
     if float(rest @ rest) > (1.0 - _LEAST_EXPLAINED) * float(left @ left):
         return []
+    return [bent, raise_paper(flat, float(np.std(height)), foot_mm)]
+
+
+def raise_paper(homography: _FloatArray, share: float, foot_mm: _FloatArray) -> _FloatArray:
+    """Return the homography to the needle's plane, if the paper lies above it by a share of the camera's height."""
     raised = np.eye(3)
-    spread = float(np.std(height))
-    raised[:2] = np.column_stack(((1.0 + spread) * np.eye(2), -spread * foot_mm))
-    return [bent, raised @ flat]
+    raised[:2] = np.column_stack(((1.0 + share) * np.eye(2), -share * foot_mm))
+    return np.asarray(raised @ homography)
 
 
 def _bend_shapes(paper_mm: _FloatArray) -> _FloatArray:

@@ -20,7 +20,7 @@ from labrig.input_file import parse_json, read_file
 from labrig.vision.board_warp import BoardWarp
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
-from labrig.vision.refraction import Gel, PaperPlace
+from labrig.vision.refraction import Gel, GelMeasurement
 from labrig.vision.scale_check import PlaneScale, ScaleComparison, compare_scales
 
 _INTRINSICS = "labrig-intrinsics"
@@ -61,21 +61,16 @@ class _IntrinsicsDocument(_Section):
     board_warp: BoardWarp | None = None
 
 
-class _GelPart(_Section):
-    index: float
-    depth_mm: float
-    paper: PaperPlace
-
-
 class _VariationPart(_Section):
     homography: tuple[_Row, _Row, _Row]
     lens: _TenNumbers | None
     group: VariationGroup | None = None
+    gel: Gel | None = None
 
     def variation(self) -> Variation:
         """Return the variation; files without groups have those of lens and plane alone."""
         by_content: VariationGroup = "plane" if self.lens is None else "lens"
-        return Variation(np.array(self.homography), self.lens, self.group or by_content)
+        return Variation(np.array(self.homography), self.lens, self.group or by_content, self.gel)
 
 
 class _PlaneDocument(_Section):
@@ -93,7 +88,10 @@ class _PlaneDocument(_Section):
     homography: tuple[_Row, _Row, _Row]
     intrinsics_sha256: str | None
     radial: tuple[float, float, float] | None = None
-    gel: _GelPart | None = None
+    gel: Gel | None = None
+    telecentric: bool = False
+    paper_sigma_mm: float | None = None
+    gel_measurement: GelMeasurement | None = None
     flatness_mm: float | None = None
     crossing_noise_mm: float | None = None
     bend: Bend | None = None
@@ -158,12 +156,13 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     homography = np.array(found.homography)
     if not np.linalg.det(homography):
         raise FileFormatError((Problem(f"{path} homography", "has no inverse", _remake_hint(_PLANE)),))
-    parts = {"intrinsics_sha256", "radial", "gel", "bend", "variations"}
+    parts = {"intrinsics_sha256", "radial", "gel", "gel_measurement", "bend", "variations"}
     return PlaneMap(
         **{**found.model_dump(exclude=parts), "homography": homography},
         intrinsics=intrinsics,
         radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
-        gel=None if found.gel is None else Gel(**found.gel.model_dump()),
+        gel=found.gel,
+        gel_measurement=found.gel_measurement,
         bend=found.bend,
         variations=tuple(part.variation() for part in found.variations),
     )

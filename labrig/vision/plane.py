@@ -1,12 +1,15 @@
 """Pixels of a picture to mm in the steering plane, and back.
 
 The map undoes the lens (by the intrinsics, or by one radial term fitted with the plane), applies one homography, and
-refracts rays at the surface of a stated gel. It holds for one plane only: without a stated gel the graph paper must
-lie where the needle will be, at the needle's depth **in the same gel**. Otherwise, paper at needle depth but in air
-makes radii 0.3 to 2 % too large, and paper on top of the gel makes them 1 to 6 % too small.
+refracts rays at the surfaces of a stated gel and of the walls before it. It holds for one plane only: without a stated
+gel the graph paper must lie where the needle will be, at the needle's depth **in the same gel**. Otherwise, paper at
+needle depth but in air makes radii 0.3 to 2 % too large, and paper on top of the gel makes them 1 to 6 % too small; 5
+mm of glass left out make them 0.9 % too large.
+
+The map of a telecentric lens is affine. Its rays are parallel, so a gel shifts them and changes no scale.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -14,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.refraction import Gel
+from labrig.vision.refraction import Gel, GelMeasurement
 
 Insertion = Literal["right", "left", "up", "down"]
 VariationGroup = Literal["lens", "plane", "surface"]
@@ -74,11 +77,14 @@ class Variation:
         The lens's ten parameters; None for the map's own lens.
     group : "lens", "plane" or "surface"
         What is uncertain: the lens; the paper's crossings and its bend; or the gel and the walls before the needle.
+    gel : Gel or None
+        None for the map's own gel.
     """
 
     homography: _FloatArray
     lens: tuple[float, ...] | None
     group: VariationGroup
+    gel: Gel | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,8 @@ class Bend:
         without intrinsics, because camera place, radial term and height then have the same effect.
     highest_px, lowest_px : (float, float) or None
         Pixels of these crossings.
+    gel_depth_mm : float or None
+        Depth of gel under which a flat sheet would look like this one; None if none would, or without intrinsics.
     """
 
     order: int
@@ -110,6 +118,7 @@ class Bend:
     sigma_mm: float | None = None
     highest_px: tuple[float, float] | None = None
     lowest_px: tuple[float, float] | None = None
+    gel_depth_mm: float | None = None
 
     def sentence(self) -> str:
         """Return the bend in words; without intrinsics the lens could be the cause as well."""
@@ -122,9 +131,10 @@ class Bend:
                 f"calibration would tell. {moved} {left_out}"
             )
         (a, b), (c, d) = self.highest_px, self.lowest_px
+        gel = "" if self.gel_depth_mm is None else f", or lies flat under {self.gel_depth_mm:.1f} mm of gel"
         return (
-            f"The sheet is bent: at ({a:.0f}, {b:.0f}) px it is {self.height_mm:.2f} ± {self.sigma_mm:.2f} mm higher "
-            f"over its best plane than at ({c:.0f}, {d:.0f}) px. {moved} {left_out}"
+            f"The sheet is bent{gel}: at ({a:.0f}, {b:.0f}) px it is {self.height_mm:.2f} ± {self.sigma_mm:.2f} mm "
+            f"higher over its best plane than at ({c:.0f}, {d:.0f}) px. {moved} {left_out}"
         )
 
 
@@ -170,6 +180,12 @@ class PlaneMap:
         Explains why the crossings are off a plane; None if a bent sheet does not.
     variations : tuple of Variation
         The map's uncertainty: the variance of any length is the sum of its squared changes over these.
+    paper_sigma_mm : float or None
+        Standard deviation of the paper's height over the needle's plane; None if it is not known.
+    gel_measurement : GelMeasurement or None
+        What paper seen through the gel said about it.
+    telecentric : bool
+        The lens is telecentric: its rays are parallel and perpendicular to the paper, and the homography is affine.
     """
 
     homography: _FloatArray
@@ -191,6 +207,9 @@ class PlaneMap:
     crossing_noise_mm: float | None = None
     bend: Bend | None = None
     variations: tuple[Variation, ...] = ()
+    telecentric: bool = False
+    gel_measurement: GelMeasurement | None = None
+    paper_sigma_mm: float | None = None
 
     @classmethod
     def from_scale(
@@ -226,12 +245,12 @@ class PlaneMap:
         """
         ideal = undistort(self.intrinsics or self.radial, _as_points(px, "pixels"))
         straight = apply_homography(self.homography, ideal)
-        return straight if self.gel is None else self.gel.bend(straight, self.camera_mm())
+        return straight if self.gel is None else self.gel.bend(straight, self.camera_centre())
 
     def to_px(self, mm: ArrayLike) -> _FloatArray:
         """Return pixels (N, 2) in a picture of points (N, 2) in the plane, columns (y, z) [mm]."""
         points = _as_points(mm, "points in the plane")
-        straight = points if self.gel is None else self.gel.straighten(points, self.camera_mm())
+        straight = points if self.gel is None else self.gel.straighten(points, self.camera_centre())
         ideal = apply_homography(np.linalg.inv(self.homography), straight)
         lens = self.intrinsics or self.radial
         return ideal if lens is None else lens.distort_px(ideal)
@@ -242,8 +261,14 @@ class PlaneMap:
         Raises
         ------
         InputError
-            Without intrinsics: the homography alone does not determine it.
+            Without intrinsics, because the homography alone does not determine it; with a telecentric lens, which has
+            no such place.
         """
+        if self.telecentric:
+            raise InputError(
+                "a telecentric lens has no distance from the paper: its rays are parallel",
+                "use a lens with perspective, and its intrinsics, where the camera's place is needed",
+            )
         if self.intrinsics is None:
             raise InputError(
                 "a gel's refraction needs the camera's intrinsics", "calibrate them first: --intrinsics FILE"
@@ -285,10 +310,27 @@ class PlaneMap:
             (right / 2, down),
             (right / 2, down / 2),
         ]
+        # A sheet in the gel is seen through it, one in air is not.
+        gel = self.gel if self.gel is not None and self.gel.paper == "gel" else None
         try:
-            return replace(self, gel=None).to_mm(ends)
+            return replace(self, gel=gel).to_mm(ends)
         except MeasurementRefusedError:  # the lens was calibrated for the middle of the picture only
             return None
+
+    def camera_centre(self) -> _FloatArray:
+        """Return the camera's centre (4,) in homogeneous coordinates (x, y, z, w) of the paper's plane.
+
+        That of a telecentric lens is at infinity, straight above the paper.
+
+        Raises
+        ------
+        InputError
+            Without intrinsics, if the lens is not telecentric.
+        """
+        if self.telecentric:
+            return np.array([-1.0, 0.0, 0.0, 0.0])
+        y, z, height = self.camera_mm()
+        return np.array([-height, y, z, 1.0])
 
     def view_sentence(self) -> str | None:
         """Return what the scale implies, in words that a person can check with a ruler; None if it is unknown."""
@@ -296,9 +338,31 @@ class PlaneMap:
             return None
         width, height = self.picture_mm
         words = f"The picture is {width:.0f} mm wide and {height:.0f} mm high at the paper"
+        if self.telecentric:
+            return f"{words}; the lens is telecentric, so the scale holds at any distance."
         if self.camera_distance_mm is None:
             return f"{words}."
         return f"{words}; the camera stands {self.camera_distance_mm:.0f} mm away."
+
+    def assumptions(self) -> tuple[str, ...]:
+        """Return what the map assumes of gel and lens, a sentence each."""
+        parallel = "The lens is telecentric: its rays are parallel, and perpendicular to the paper."
+        return (
+            *(() if self.gel is None else self.gel.assumptions()),
+            *((parallel,) if self.telecentric else ()),
+        )
+
+    def not_in_interval(self) -> tuple[str, ...]:
+        """Return the quantities of the map whose errors no interval includes, because their sizes are not known."""
+        paper = ("the height of the paper over the needle",) if self._needs_height() else ()
+        gel = () if self.gel is None else self.gel.unknown_sigmas()
+        rays = ("the direction of the lens's rays",) if self.telecentric and self.gel is not None else ()
+        return (*paper, *gel, *rays)
+
+    def _needs_height(self) -> bool:
+        """Return whether the height of the paper over the needle is not known; on the gel it is the gel's depth."""
+        on_gel = self.gel is not None and self.gel.paper == "surface"
+        return bool(self.crossings) and not self.telecentric and not on_gel and self.paper_sigma_mm is None
 
     def variants(self, group: VariationGroup | None = None) -> "list[PlaneMap]":
         """Return the map moved by one standard deviation along each independent axis of its uncertainty.
@@ -312,7 +376,15 @@ class PlaneMap:
             lens = self.intrinsics
             if lens is not None and variation.lens is not None:
                 lens = lens.with_parameters(variation.lens)
-            moved.append(replace(self, homography=variation.homography, intrinsics=lens, variations=()))
+            moved.append(
+                replace(
+                    self,
+                    homography=variation.homography,
+                    intrinsics=lens,
+                    gel=variation.gel or self.gel,
+                    variations=(),
+                )
+            )
         return moved
 
     def to_json(self) -> dict[str, Any]:
@@ -331,12 +403,17 @@ class PlaneMap:
             "insertion": self.insertion,
             "homography": self.homography.tolist(),
             "radial": None if self.radial is None else [*self.radial.centre_px, self.radial.k_per_px2],
-            "gel": None if self.gel is None else vars(self.gel),
-            "assumptions": [] if self.gel is None else list(self.gel.assumptions()),
+            "gel": None if self.gel is None else asdict(self.gel),
+            "assumptions": list(self.assumptions()),
+            "not_in_interval": list(self.not_in_interval()),
+            "gel_measurement": self.gel_measurement
+            and {**vars(self.gel_measurement), "sentence": self.gel_measurement.sentence()},
             "flatness_mm": self.flatness_mm,
             "crossing_noise_mm": self.crossing_noise_mm,
             "view": self.view_sentence(),
             "bend": self.bend and {**vars(self.bend), "sentence": self.bend.sentence()},
+            "telecentric": self.telecentric,
+            "paper_sigma_mm": self.paper_sigma_mm,
             "picture_mm": self.picture_mm and list(self.picture_mm),
             "camera_distance_mm": self.camera_distance_mm,
             "variations": [
@@ -344,6 +421,7 @@ class PlaneMap:
                     "homography": variation.homography.tolist(),
                     "lens": variation.lens and list(variation.lens),
                     "group": variation.group,
+                    "gel": None if variation.gel is None else asdict(variation.gel),
                 }
                 for variation in self.variations
             ],

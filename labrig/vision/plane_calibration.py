@@ -6,20 +6,20 @@ quarter of the line spacing or more are left out. Any other error, from the lens
 in the residuals (over the picture: `residual_field_mm`), and these decide whether the map is accepted.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.bend_variations import find_bent_homographies
+from labrig.vision.bend_variations import find_bent_homographies, raise_paper
+from labrig.vision.gel_measurement import SeenThrough, measure_gel
 from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture, require_size, size_of
 from labrig.vision.pitch_check import judge_pitch
 from labrig.vision.plane import (
-    PICTURE_AXES,
     Bend,
     Insertion,
     PlaneMap,
@@ -34,6 +34,15 @@ from labrig.vision.projection import vary_lens
 from labrig.vision.refraction import Gel
 from labrig.vision.rounding import round_down, round_up
 from labrig.vision.sheet_bend import find_bend
+from labrig.vision.steering_frame import SteeringFrame
+from labrig.vision.surface import (
+    anchor_origin,
+    find_gel_depth_mm,
+    find_surface_variations,
+    fit_sunken_paper,
+    judge_tilt,
+    require_room,
+)
 
 _FloatArray = NDArray[np.float64]
 
@@ -51,10 +60,9 @@ _PARTS = (6, 4)
 _LEAST_IN_A_PART = 8
 _LARGEST_UNEVENNESS_MM = 1.0
 _LEAST_IN_A_HALF = 8
+_LARGEST_PAPER_SIGMA_MM = 100.0
 # Printed paper is square within half a percent.
 _LARGEST_STRETCH, _LARGEST_SKEW_RAD = 0.02, float(np.deg2rad(1.0))
-# The end of the origin's ray moves with the frame; each shift leaves a thousandth of the error.
-_MAX_SHIFTS = 6
 # Side of the blocks of crossings that the hold-out leaves out in turn: the errors of neighbours are correlated.
 _BLOCK = 5
 
@@ -67,6 +75,9 @@ def calibrate_plane(
     insertion: Insertion,
     *,
     gel: Gel | None = None,
+    through: SeenThrough | None = None,
+    paper_sigma_mm: float | None = None,
+    telecentric: bool = False,
 ) -> PlaneMap:
     """Make the map from one picture of graph paper that lies in the steering plane.
 
@@ -85,7 +96,13 @@ def calibrate_plane(
         The pixel of (0, 0) mm.
     insertion : "right", "left", "up" or "down"
     gel : Gel, optional
-        Corrects for refraction; needs intrinsics.
+        Corrects for refraction; needs intrinsics, or a telecentric lens.
+    through : SeenThrough, optional
+        The paper again, through the gel: measures the gel's depth or index, and its tilt.
+    paper_sigma_mm : float, optional
+        Standard deviation of the paper's height over the needle's plane; needs intrinsics.
+    telecentric : bool
+        The lens is telecentric: the map is affine, with one radial term, and intrinsics have no meaning.
 
     Returns
     -------
@@ -95,22 +112,20 @@ def calibrate_plane(
     Raises
     ------
     InputError
-        If the pitch, the origin or the direction is impossible, or (as PictureError) the picture has another
-        size than the intrinsics.
+        If the pitch, the origin or the direction is impossible, intrinsics are given for a telecentric lens, or (as
+        PictureError) the picture has another size than the intrinsics.
     CalibrationRefusedError
         If no grid is found, no plane explains it, or the gel would reach the camera.
     """
     size = size_of(image)
     origin, direction = check_frame(origin_px, insertion)
     _check_inputs(pitch_mm, origin, size)
+    _check_lens(intrinsics, telecentric, paper_sigma_mm)
     if intrinsics is not None:
         require_size(image, intrinsics.image_size, "the lens's calibration")
-    found, ideal, ideal_origin = _find_paper(image, intrinsics, origin)
-    paper = np.asarray(found.indices * float(pitch_mm), dtype=np.float64)
-    gross_mm = _GROSS * found.step * pitch_mm
-    fit = fit_plane(ideal, paper, gross_mm, with_radial=intrinsics is None)
-    frame = _SteeringFrame(undistort(fit.radial, ideal_origin), direction, fit.homography)
-    odd = _select_odd_blocks(found)
+    sheet, ideal_origin = _find_sheet(image, intrinsics, pitch_mm, origin, telecentric)
+    fit = sheet.fit()
+    frame = SteeringFrame(undistort(fit.radial, ideal_origin), direction, fit.homography)
     bare = PlaneMap(
         homography=frame.transform(fit.homography),
         intrinsics=intrinsics,
@@ -118,40 +133,101 @@ def calibrate_plane(
         insertion=direction,
         image_size=size,
         mm_per_px=0.0,
-        holdout_rms_mm=_measure_holdout_rms(ideal, paper, odd, fit, gross_mm),
-        crossing_noise_mm=_measure_crossing_noise(found, fit),
         radial=fit.radial,
-        variations=_find_variations(found, fit, frame, intrinsics, paper),
+        telecentric=telecentric,
+        paper_sigma_mm=paper_sigma_mm,
     )
-    bare = replace(bare, mm_per_px=bare.mm_per_px_at(origin), bend=_find_bend(bare, found, ideal, odd, fit))
-    placed = _add_gel(bare, gel)
-    judged = _judge(placed, found, fit, frame.turn_rad)
-    reasons = (*judge_pitch(found, pitch_mm), *judged.reasons)
+    if gel is not None:
+        require_room(bare, gel)
+    sunken = None
+    if gel is not None and gel.paper == "gel":
+        sunken = fit_sunken_paper(replace(bare, gel=gel), frame, fit, sheet.paper_mm, sheet.fit_to)
+        sheet, fit = replace(sheet, paper_mm=sunken.straight_mm), sunken.fit
+    fitted = _add_evidence(bare, sheet, fit, frame)
+    if gel is not None and through is not None:
+        gel, measured = measure_gel(fitted, gel, through, pitch_mm)
+        fitted = replace(fitted, gel_measurement=measured)
+    # The gel is measured over the paper, wherever the needle will be, so this comes after it.
+    fitted = replace(fitted, variations=(*fitted.variations, *_vary_height(fitted)))
+    placed = _add_gel(fitted, gel)
+    by_surface = find_surface_variations(placed, sunken, sheet.ideal)
+    judged = _judge(
+        replace(placed, variations=(*placed.variations, *by_surface)), sheet.found, fit, frame.turn_rad
+    )
+    reasons = (*judge_pitch(sheet.found, pitch_mm), *judged.reasons)
     return replace(judged, accepted=not reasons, reasons=reasons)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """The crossings in the picture, their ideal pixels (N, 2), and the places (N, 2) to which they are fitted."""
+
+    found: Crossings
+    ideal: _FloatArray
+    paper_mm: _FloatArray
+    gross_mm: float
+    lens: Intrinsics | None
+    telecentric: bool
+
+    def fit(self, part: NDArray[np.bool_] | slice = slice(None)) -> PlaneFit:
+        """Fit the crossings, or a part of them."""
+        return fit_plane(
+            self.ideal[part],
+            self.paper_mm[part],
+            self.gross_mm,
+            with_radial=self.lens is None,
+            affine=self.telecentric,
+        )
+
+    def fit_to(self, places_mm: _FloatArray) -> PlaneFit:
+        """Fit the crossings to other places (N, 2)."""
+        return replace(self, paper_mm=places_mm).fit()
+
+
+def _add_evidence(bare: PlaneMap, sheet: _Sheet, fit: PlaneFit, frame: SteeringFrame) -> PlaneMap:
+    """Return the map with its homography, its uncertainty, and what the crossings say about the paper."""
+    odd = _select_odd_blocks(sheet.found)
+    fitted = replace(
+        bare,
+        homography=frame.transform(fit.homography),
+        holdout_rms_mm=_measure_holdout_rms(sheet, odd, fit),
+        crossing_noise_mm=_measure_crossing_noise(sheet.found, fit),
+        variations=_find_variations(sheet, fit, frame),
+    )
+    bend = _find_bend(fitted, sheet, odd, fit)
+    if bend is not None and sheet.lens is not None:
+        depth_mm = find_gel_depth_mm(
+            fitted, frame, fit, sheet.paper_mm, sheet.ideal, rms_mm=bend.holdout_rms_mm
+        )
+        bend = replace(bend, gel_depth_mm=depth_mm)
+    return replace(fitted, mm_per_px=fitted.mm_per_px_at(fitted.origin_px), bend=bend)
 
 
 def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
     """Return the map behind a gel, with its origin still at the origin's pixel."""
     if gel is None:
         return plane
-    height_mm = float(plane.camera_mm()[2])
-    if gel.depth_mm >= height_mm:
-        raise CalibrationRefusedError(
-            f"the gel's depth is {gel.depth_mm:g} mm, and the camera is only {round_down(height_mm, 0)} mm above "
-            "the paper",
-            "measure from the gel's surface to the needle, in mm",
-        )
-    bent = replace(plane, gel=gel)
-    shift = np.eye(3)
-    # The frame moves with the paper's plane until the origin's ray ends at (0, 0) again.
-    for _ in range(_MAX_SHIFTS):
-        moved = replace(bent, homography=shift @ plane.homography)
-        shift[:2, 2] -= moved.to_mm([plane.origin_px])[0]
-    variations = tuple(
-        replace(variation, homography=shift @ variation.homography) for variation in plane.variations
-    )
-    final = replace(bent, homography=shift @ plane.homography, variations=variations)
+    final = anchor_origin(replace(plane, gel=gel))
     return replace(final, mm_per_px=final.mm_per_px_at(final.origin_px))
+
+
+def _check_lens(intrinsics: Intrinsics | None, telecentric: bool, paper_sigma_mm: float | None) -> None:
+    if telecentric and intrinsics is not None:
+        raise InputError(
+            "intrinsics describe a lens with perspective, not a telecentric one",
+            "give the intrinsics, or say that the lens is telecentric",
+        )
+    if paper_sigma_mm is not None and intrinsics is None:
+        raise InputError(
+            "what the paper's height changes needs the camera's intrinsics",
+            "a telecentric lens sees no height" if telecentric else "calibrate them first: --intrinsics FILE",
+        )
+    if paper_sigma_mm is not None and not 0.0 <= paper_sigma_mm <= _LARGEST_PAPER_SIGMA_MM:
+        raise InputError(
+            f"the standard deviation of the paper's height is {paper_sigma_mm:g} mm, and must be from 0 to "
+            f"{_LARGEST_PAPER_SIGMA_MM:g}",
+            "measure how far the paper lies above or below the needle",
+        )
 
 
 def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int, int]) -> None:
@@ -164,15 +240,22 @@ def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int,
         )
 
 
-def _find_paper(
-    image: Picture, intrinsics: Intrinsics | None, origin: tuple[float, float]
-) -> tuple[Crossings, _FloatArray, _FloatArray]:
-    """Return the paper's crossings, their ideal pixels (N, 2), and the ideal pixel of the origin (1, 2)."""
+def _find_sheet(
+    image: Picture,
+    intrinsics: Intrinsics | None,
+    pitch_mm: float,
+    origin: tuple[float, float],
+    telecentric: bool,
+) -> tuple[_Sheet, _FloatArray]:
+    """Return the paper's crossings, and the ideal pixel of the origin (1, 2)."""
     try:
         found = find_crossings(image)
-        return found, undistort(intrinsics, found.pixels), undistort(intrinsics, np.array([origin]))
+        ideal, ideal_origin = undistort(intrinsics, found.pixels), undistort(intrinsics, np.array([origin]))
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
+    paper = np.asarray(found.indices * float(pitch_mm), dtype=np.float64)
+    gross_mm = _GROSS * found.step * pitch_mm
+    return _Sheet(found, ideal, paper, gross_mm, intrinsics, telecentric), ideal_origin
 
 
 def _select_odd_blocks(found: Crossings) -> NDArray[np.bool_]:
@@ -190,44 +273,41 @@ def _measure_crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
     return float(np.sqrt(0.5 * np.mean(steps))) if len(steps) else None
 
 
-def _find_bend(
-    bare: PlaneMap, found: Crossings, ideal: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit
-) -> Bend | None:
-    """Return the sheet's bend, with its height if the lens is known."""
-    if bare.crossing_noise_mm is None:
+def _find_bend(bare: PlaneMap, sheet: _Sheet, odd: NDArray[np.bool_], fit: PlaneFit) -> Bend | None:
+    """Return the sheet's bend, with its height if the lens is known; a telecentric lens does not see heights."""
+    if bare.crossing_noise_mm is None or bare.telecentric:
         return None
-    lens = bare.intrinsics
-    camera = None if lens is None else find_camera_mm(fit.homography, lens)
-    return find_bend(fit, ideal, found.pixels, odd, noise_mm=bare.crossing_noise_mm, camera_mm=camera)
+    camera = None if sheet.lens is None else find_camera_mm(fit.homography, sheet.lens)
+    return find_bend(
+        fit, sheet.ideal, sheet.found.pixels, odd, noise_mm=bare.crossing_noise_mm, camera_mm=camera
+    )
 
 
-def _measure_holdout_rms(
-    ideal: _FloatArray, paper: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit, gross_mm: float
-) -> float | None:
+def _measure_holdout_rms(sheet: _Sheet, odd: NDArray[np.bool_], fit: PlaneFit) -> float | None:
     """Return the rms error [mm] of each half of the paper, in alternate blocks, through the map of the other half."""
     if min((odd & fit.kept).sum(), (~odd & fit.kept).sum()) < _LEAST_IN_A_HALF:
         return None
     errors = []
     for half, other in ((odd & fit.kept, ~odd & fit.kept), (~odd & fit.kept, odd & fit.kept)):
-        through = fit_plane(ideal[other], paper[other], gross_mm, with_radial=fit.radial is not None)
-        errors.append(through.paper_mm(ideal[half]) - paper[half])
+        errors.append(sheet.fit(other).paper_mm(sheet.ideal[half]) - sheet.paper_mm[half])
     return float(np.sqrt(np.mean(np.sum(np.vstack(errors) ** 2, axis=1))))
 
 
-def _find_variations(
-    found: Crossings, fit: PlaneFit, frame: "_SteeringFrame", lens: Intrinsics | None, paper: _FloatArray
-) -> tuple[Variation, ...]:
+def _find_variations(sheet: _Sheet, fit: PlaneFit, frame: SteeringFrame) -> tuple[Variation, ...]:
     """Return the variations of the map: by the crossings' noise, by the lens, and by the bend of the paper."""
+    found, lens = sheet.found, sheet.lens
     blocks = np.unique(found.indices[fit.kept] // (_BLOCK * found.step), axis=0, return_inverse=True)[
         1
     ].ravel()
-    pixels, places = found.pixels[fit.kept], paper[fit.kept]
+    pixels, places = found.pixels[fit.kept], sheet.paper_mm[fit.kept]
     by_lens = []
     for moved in [] if lens is None else vary_lens(lens):
         homography = np.asarray(cv2.findHomography(moved.undistort_px(pixels), places)[0], dtype=np.float64)
         by_lens.append(Variation(frame.transform(homography), moved.parameters(), "lens"))
-    ideal = fit.paper_px(undistort(lens, pixels))
-    bent = find_bent_homographies(ideal, places, _find_foot_mm(fit.homography, lens, ideal))
+    bent = []
+    if not sheet.telecentric:
+        ideal = fit.paper_px(undistort(lens, pixels))
+        bent = find_bent_homographies(ideal, places, _find_foot_mm(fit.homography, lens, ideal))
     by_noise, by_bend = (
         [Variation(frame.transform(homography), None, "plane") for homography in homographies]
         for homographies in (fit.vary_homography(blocks), bent)
@@ -235,38 +315,19 @@ def _find_variations(
     return (*by_noise, *by_lens, *by_bend)
 
 
+def _vary_height(plane: PlaneMap) -> tuple[Variation, ...]:
+    """Return the map with the paper above the needle's plane by a standard deviation; the origin keeps its pixel."""
+    if not plane.paper_sigma_mm:
+        return ()
+    share = plane.paper_sigma_mm / float(plane.camera_mm()[2])
+    return (Variation(raise_paper(plane.homography, share, np.zeros(2)), None, "plane"),)
+
+
 def _find_foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _FloatArray) -> _FloatArray:
     """Return the point of the paper (2,) [mm] under the camera; without a lens, the middle of the crossings."""
     if lens is None:
         return np.asarray(apply_homography(homography, ideal.mean(axis=0)[None])[0])
     return find_camera_mm(homography, lens)[:2]
-
-
-class _SteeringFrame:
-    """The steering plane frame: `origin` (1, 2) in ideal pixels, +z along the lines nearest to the insertion.
-
-    The fitted homography decides once which lines these are; its variations share that frame.
-    """
-
-    def __init__(self, origin: _FloatArray, insertion: Insertion, homography: _FloatArray) -> None:
-        self._origin = origin
-        place = apply_homography(homography, origin)[0]
-        ahead = apply_homography(np.linalg.inv(homography), place + 1e-3 * np.eye(2)) - origin
-        lines = ahead / np.linalg.norm(ahead, axis=1)[:, None]
-        # Cosines in the picture between +y, +z (rows) and the paper's two axes (columns).
-        along = np.array(PICTURE_AXES[insertion], dtype=np.float64) @ lines.T
-        z_line = int(np.argmax(np.abs(along[1])))
-        self._turn = np.zeros((2, 2))
-        for row, line in ((0, 1 - z_line), (1, z_line)):
-            self._turn[row, line] = np.sign(along[row, line])
-        self.turn_rad = float(np.arccos(np.clip(np.abs(along[1, z_line]), 0.0, 1.0)))
-
-    def transform(self, homography: _FloatArray) -> _FloatArray:
-        """Return the homography from ideal pixels to the frame."""
-        change = np.eye(3)
-        change[:2, :2] = self._turn
-        change[:2, 2] = -self._turn @ apply_homography(homography, self._origin)[0]
-        return np.asarray(change @ homography)
 
 
 def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> PlaneMap:
@@ -279,6 +340,7 @@ def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> 
         *_judge_paper(pixels, float(np.mean(~fit.kept)), size),
         *_judge_flatness(flatness, where),
         *_judge_fit(rms, turn_rad, bare, fit),
+        *judge_tilt(bare),
     )
     return replace(
         bare,
@@ -348,18 +410,27 @@ def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap, fit: PlaneFit) ->
     # Where lines are close in the picture, single crossings are uncertain; that averages out, and is no fault.
     off_mm = float(np.sqrt(max(rms_mm**2 - (bare.crossing_noise_mm or 0.0) ** 2, 0.0)))
     if off_mm > _LARGEST_RMS_MM:
-        remedy = (
-            "lay the paper flat" if bare.intrinsics else "give the lens's calibration, or lay the paper flat"
-        )
+        if bare.telecentric:
+            remedy = "lay the paper flat; if lines run together in the picture, the lens is not telecentric"
+        elif bare.bend is not None and bare.bend.gel_depth_mm is not None:
+            remedy = "lay the paper flat, or say that it lies in the gel"
+        elif bare.intrinsics:
+            remedy = "lay the paper flat"
+        else:
+            remedy = "give the lens's calibration, or lay the paper flat"
         reasons.append(
             f"the crossings are {round_up(off_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
         )
     stretch, skew_rad = _measure_squareness(fit, bare)
     if stretch > _LARGEST_STRETCH or skew_rad > _LARGEST_SKEW_RAD:
+        remedy = (
+            "turn the telecentric lens to face the paper"
+            if bare.telecentric
+            else "show graph paper, and give the calibration of this camera's lens"
+        )
         reasons.append(
             f"the lines are no square grid through the lens: {round_up(100.0 * stretch, 1)} % longer one way, "
-            f"{round_up(np.rad2deg(skew_rad), 1)} degrees off a right angle: show graph paper, and give the "
-            "calibration of this camera's lens"
+            f"{round_up(np.rad2deg(skew_rad), 1)} degrees off a right angle: {remedy}"
         )
     if turn_rad > _LARGEST_TURN_RAD:
         reasons.append(
@@ -372,11 +443,17 @@ def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap, fit: PlaneFit) ->
 def _measure_squareness(fit: PlaneFit, bare: PlaneMap) -> tuple[float, float]:
     """Return how much longer the grid is one way, as a share, and its angle off a right one; 0 without a lens.
 
-    A calibrated lens has no freedom for either: they would be the tilt of the sheet.
+    A calibrated lens has no freedom for either: they would be the tilt of the sheet. Through a telecentric lens a tilt
+    shortens the grid one way.
     """
-    if bare.intrinsics is None:
+    if bare.telecentric:
+        across, along = np.linalg.inv(fit.homography)[:2, :2].T
+    elif bare.intrinsics is not None:
+        across, along = np.linalg.solve(bare.intrinsics.camera_matrix(), np.linalg.inv(fit.homography))[
+            :, :2
+        ].T
+    else:
         return 0.0, 0.0
-    across, along = np.linalg.solve(bare.intrinsics.camera_matrix(), np.linalg.inv(fit.homography))[:, :2].T
     lengths = float(np.linalg.norm(across)), float(np.linalg.norm(along))
     cosine = float(across @ along) / (lengths[0] * lengths[1])
     return max(lengths) / min(lengths) - 1.0, abs(float(np.arcsin(np.clip(cosine, -1.0, 1.0))))

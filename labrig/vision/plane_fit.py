@@ -19,6 +19,8 @@ _FloatArray = NDArray[np.float64]
 
 _MAX_REFITS = 10
 _HOMOGRAPHY = 8
+# The terms of perspective among them, which an affine map lacks.
+_PERSPECTIVE = (6, 7)
 # The radial term's centre may leave the picture's middle, because pictures are cropped. A weak prior holds it there: a
 # distance of this many half diagonals costs as much as one crossing's typical error.
 _CENTRE_REACH = 1.0
@@ -129,7 +131,9 @@ class _PixelScale:
         return Radial(centre, float(k) / self.half**2)
 
 
-def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radial: bool) -> PlaneFit:
+def fit_plane(
+    px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radial: bool, *, affine: bool = False
+) -> PlaneFit:
     """Fit crossings at pixels (N, 2) to their places on paper (N, 2) [mm].
 
     Parameters
@@ -138,6 +142,8 @@ def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radi
         Ideal pixels; with `with_radial`, the picture's own.
     gross_mm : float
         A crossing that is further off is a false detection.
+    affine : bool
+        Without perspective, as through a telecentric lens.
 
     Raises
     ------
@@ -145,11 +151,11 @@ def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radi
         If no plane explains the crossings.
     """
     frame = _PixelScale.of(px)
-    # OpenCV's sampling has a fixed seed of its own.
-    start = cv2.findHomography(frame.normal(px), paper_mm, cv2.RANSAC, gross_mm)[0] if len(px) >= 4 else None
+    start = _find_start(frame.normal(px), paper_mm, gross_mm, affine) if len(px) >= 4 else None
     if start is None or not abs(start[2, 2]) > 0.0:
         raise _no_plane_error()
     parameters = np.concatenate(((start / start[2, 2]).ravel()[:_HOMOGRAPHY], np.zeros(3 * with_radial)))
+    free = np.array([not (affine and number in _PERSPECTIVE) for number in range(len(parameters))])
     normal = frame.normal(px)
     residuals = _predict(parameters, normal) - paper_mm
     kept = np.zeros(len(px), dtype=bool)
@@ -160,18 +166,20 @@ def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radi
         if kept.sum() < _LEAST_CROSSINGS:
             raise _no_plane_error()
         scale = max(_MAD_TO_SIGMA * float(np.median(np.abs(residuals[kept]))), _LEAST_SCALE_MM)
-        solved = _minimise(parameters, normal[kept], paper_mm[kept], scale)
-        parameters = np.asarray(solved.x)
+        solved = _minimise(parameters, free, normal[kept], paper_mm[kept], scale)
+        parameters[free] = solved.x
         residuals = _predict(parameters, normal) - paper_mm
     rows = slice(0, 2 * int(kept.sum()))
     # SciPy scales its Jacobian by (1 + z)^(-3/4); the influence of a residual falls with (1 + z)^(-1/2).
     heavier = (1.0 + (solved.fun[rows] / (_FULL * scale)) ** 2) ** 0.25
+    jacobian = np.zeros((rows.stop, len(parameters)), order="F")
+    jacobian[:, free] = solved.jac[rows]
     return PlaneFit(
         frame.homography(parameters),
         frame.radial(parameters),
         kept,
         residuals,
-        solved.jac[rows],
+        jacobian,
         solved.fun[rows] * heavier,
         parameters,
         frame,
@@ -184,14 +192,34 @@ def _no_plane_error() -> CalibrationRefusedError:
     )
 
 
+def _find_start(
+    normal: _FloatArray, paper_mm: _FloatArray, gross_mm: float, affine: bool
+) -> _FloatArray | None:
+    """Return the map (3, 3) that most crossings support. OpenCV's sampling has a fixed seed of its own."""
+    if affine:
+        rows = cv2.estimateAffine2D(normal, paper_mm, method=cv2.RANSAC, ransacReprojThreshold=gross_mm)[0]
+        found = None if rows is None else np.vstack((rows, (0.0, 0.0, 1.0)))
+    else:
+        found = cv2.findHomography(normal, paper_mm, cv2.RANSAC, gross_mm)[0]
+    return None if found is None else np.asarray(found, dtype=np.float64)
+
+
 def _minimise(
-    start: _FloatArray, normal: _FloatArray, paper_mm: _FloatArray, scale_mm: float
+    start: _FloatArray,
+    free: NDArray[np.bool_],
+    normal: _FloatArray,
+    paper_mm: _FloatArray,
+    scale_mm: float,
 ) -> OptimizeResult:
-    def residuals(parameters: _FloatArray) -> _FloatArray:
+    """Minimise over the free parameters."""
+
+    def residuals(moved: _FloatArray) -> _FloatArray:
+        parameters = start.copy()
+        parameters[free] = moved
         held = scale_mm * parameters[_HOMOGRAPHY + 1 :] / _CENTRE_REACH
         return np.concatenate(((_predict(parameters, normal) - paper_mm).ravel(), held))
 
-    return least_squares(residuals, start, loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
+    return least_squares(residuals, start[free], loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
 
 
 def _predict(parameters: _FloatArray, normal: _FloatArray) -> _FloatArray:

@@ -58,6 +58,48 @@ class PaperBench:
         return np.column_stack((radius_mm * np.arcsin((x + along * right) / radius_mm), y + along * down))
 
 
+@dataclass(frozen=True)
+class SunkenBench(PaperBench):
+    """A sheet under a gel whose surface rises towards the camera by `slopes` (right, down) [mm/mm], `depth_mm` deep.
+
+    The depth is that over the sheet's middle. Every ray is followed by the vector form of Snell's law.
+    """
+
+    depth_mm: float = 4.0
+    index: float = 1.35
+    slopes: tuple[float, float] = (0.0, 0.0)
+
+    def mm(self, px):
+        """Return the sheet's points (N, 2) at pixels (N, 2) of the picture, through the gel."""
+        straight = super().mm(px)
+        x, y, height = self.camera_mm()
+        camera = np.array([x, y, -height])
+        ray = np.column_stack((straight, np.zeros(len(straight)))) - camera
+        ray /= np.linalg.norm(ray, axis=1)[:, None]
+        normal = np.array([*self.slopes, 1.0])
+        surface = camera + ray * ((-self.depth_mm - camera @ normal) / (ray @ normal))[:, None]
+        normal /= np.linalg.norm(normal)
+        cosine = ray @ normal
+        inner = np.sqrt(1.0 - (1.0 - cosine**2) / self.index**2) - cosine / self.index
+        bent = ray / self.index + inner[:, None] * normal
+        return (surface - bent * (surface[:, 2] / bent[:, 2])[:, None])[:, :2]
+
+
+@dataclass(frozen=True)
+class TelecentricBench(PaperBench):
+    """A telecentric camera, which looks straight down: every millimetre has as many pixels."""
+
+    px_per_mm: float = 15.6
+    turn_deg: float = 0.0
+
+    def mm(self, px):
+        """Return the sheet's points (N, 2) at pixels (N, 2) of the picture."""
+        width, height = self.intrinsics.image_size
+        turn = np.deg2rad(self.turn_deg)
+        axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+        return (np.asarray(px, dtype=float) - (width / 2, height / 2)) @ axes / self.px_per_mm
+
+
 def make_bench(
     size=(800, 600), px_per_mm=15.6, tilt_deg=2.0, turn_deg=1.0, distortion=(-0.12, 0.03, 5e-4, -3e-4, 0.0)
 ):

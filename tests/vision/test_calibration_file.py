@@ -11,7 +11,7 @@ from labrig.vision.board_warp import BoardWarp
 from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, PlaneMap, Radial, Variation
-from labrig.vision.refraction import Gel
+from labrig.vision.refraction import Gel, GelMeasurement, Layer
 from tests.disks import full_disk
 
 LENS = Intrinsics(
@@ -44,14 +44,15 @@ PLANE = PlaneMap(
     holdout_rms_mm=0.0071,
     residual_field_mm=((0.1, None, 0.2),) * 3,
     crossings=3800,
-    gel=Gel(1.35, 10.0, "surface"),
+    gel=Gel(1.35, 10.0, "surface", 0.01, 0.5, (Layer(1.52, 3.0, 0.005),), (0.01, -0.02), 1 / 300),
+    gel_measurement=GelMeasurement("depth", 10.0, 0.5, (0.5, -1.0), 0.2, 0.008, 1800),
     flatness_mm=0.02,
     crossing_noise_mm=0.008,
     bend=Bend(3, 0.009, 0.03, (10.0, 20.0), 0.4, 0.02, (1.0, 2.0), (300.0, 200.0)),
     variations=(
         Variation(np.eye(3), None, "plane"),
         Variation(2.0 * np.eye(3), (1.0,) * 10, "lens"),
-        Variation(3.0 * np.eye(3), None, "surface"),
+        Variation(3.0 * np.eye(3), None, "surface", Gel(1.36, 10.0, "surface")),
     ),
 )
 PROVENANCE = {"command": "labrig calibrate intrinsics a.png", "pictures": {"a.png": "00ff"}}
@@ -114,6 +115,23 @@ def test_variations_of_an_earlier_version_are_those_of_lens_and_plane(plane_file
     back = load_plane(plane_file, LENS)
     assert [variation.group for variation in back.variations] == ["plane", "lens", "plane"]
     assert (len(back.variants("lens")), len(back.variants("surface")), len(back.variants())) == (1, 0, 3)
+
+
+def test_a_gel_of_an_earlier_version_is_the_same_gel(plane_file):
+    """A file that names index, depth and paper alone maps to the last digit as before; its deviations are unknown."""
+    change_members(plane_file, gel={"index": 1.35, "depth_mm": 10.0, "paper": "surface"})
+    back = load_plane(plane_file, LENS)
+    y, z, height = back.camera_mm()
+    straight = replace(PLANE, gel=None).to_mm([(5.0, 6.0)])
+    aside = straight - (y, z)
+    slope = np.hypot(*aside.T) / height
+    stretch = 1.0 + 10.0 / height * (1.0 / np.sqrt(1.35**2 * (1.0 + slope**2) - slope**2) - 0.0)
+    assert (back.to_mm([(5.0, 6.0)]) == (y, z) + aside * stretch[:, None]).all()
+    assert back.not_in_interval() == (
+        "the gel's refractive index",
+        "the gel's depth",
+        "the tilt of the gel's surface",
+    )
 
 
 def test_a_stated_scale_comes_back(tmp_path):

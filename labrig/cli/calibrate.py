@@ -10,6 +10,7 @@ from labrig.cli.calibration_files import (
     ForceOption,
     OutOption,
     collect_calibration_provenance,
+    report_output,
     require_writable,
 )
 from labrig.cli.damage import require_undamaged
@@ -22,11 +23,23 @@ from labrig.cli.options import (
 )
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.cli.progress import show_working
+from labrig.cli.surface_options import (
+    GelDepthOption,
+    GelDepthSigmaOption,
+    GelIndexOption,
+    GelIndexSigmaOption,
+    LayerOption,
+    PaperOption,
+    PaperSigmaOption,
+    TelecentricOption,
+    ThroughOption,
+    TiltOption,
+    TiltSigmaOption,
+)
 from labrig.cli.template import template
 from labrig.durable import write_atomically
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
 from labrig.input_file import read_file
-from labrig.text import number
 
 _MOST_DIGITS = 2
 
@@ -109,7 +122,7 @@ def intrinsics(
         if found.board_warp is not None:
             print_line(found.board_warp.sentence())
         _print_views(document)
-    _report_output(out, found.accepted, force)
+    report_output(out, found.accepted, force)
     return 0 if found.accepted else 1
 
 
@@ -126,17 +139,17 @@ def plane(
     insertion: InsertionOption,
     pitch_mm: Annotated[float, typer.Option(help="Distance between the finest lines.")] = 1.0,
     intrinsics: IntrinsicsOption = None,
-    gel_index: Annotated[
-        float | None,
-        typer.Option(help="Refractive index of the gel above the needle; about 1.35.", show_default=False),
-    ] = None,
-    gel_depth_mm: Annotated[
-        float | None, typer.Option(help="Depth of the needle below the gel's surface.", show_default=False)
-    ] = None,
-    paper_at: Annotated[
-        Literal["needle", "surface"],
-        typer.Option(help="Where the paper was, in air: in the needle's place, or on the gel's surface."),
-    ] = "needle",
+    index: GelIndexOption = None,
+    depth_mm: GelDepthOption = None,
+    paper_at: PaperOption = "needle",
+    index_sigma: GelIndexSigmaOption = None,
+    depth_sigma_mm: GelDepthSigmaOption = None,
+    layer: LayerOption = None,
+    tilt_deg: TiltOption = (0.0, 0.0),
+    tilt_sigma_deg: TiltSigmaOption = None,
+    through_gel: ThroughOption = None,
+    paper_sigma_mm: PaperSigmaOption = None,
+    telecentric: TelecentricOption = False,
     rig: Annotated[
         Path | None,
         typer.Option(
@@ -152,43 +165,40 @@ def plane(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
-    from labrig.cli.last_plane import (
-        CONFIRMATION,
-        compare_with_file,
-        explain_no_comparison,
-        find_last_plane,
-        require_picture_of_rig,
-    )
-    from labrig.cli.lens import make_gel
-    from labrig.vision.calibration_file import load_intrinsics, save_plane
+    from labrig.cli.last_plane import find_last_plane, require_picture_of_rig
+    from labrig.cli.plane_output import compare_scale, finish_plane
+    from labrig.cli.surface import SurfaceOptions
+    from labrig.vision.calibration_file import load_intrinsics
     from labrig.vision.picture import read_picture
     from labrig.vision.plane_calibration import calibrate_plane
-    from labrig.vision.scale_check import refuse_other_scale
 
-    gel = make_gel(gel_index, gel_depth_mm, paper_at, intrinsics)
+    surface = SurfaceOptions(
+        index, depth_mm, paper_at, index_sigma, depth_sigma_mm, layer, tilt_deg, tilt_sigma_deg, through_gel
+    )
+    gel = surface.make_gel(camera_known=intrinsics is not None or telecentric)
     require_writable(out, force)
     last = find_last_plane(rig, out)
     camera = None if intrinsics is None else load_intrinsics(intrinsics)
-    picture = read_picture(image)
+    picture, through = read_picture(image), surface.read_seen_through()
     require_picture_of_rig(picture, rig)
     try:
         with show_working("finding the lines of the paper", shown=not as_json):
-            found = calibrate_plane(picture, camera, pitch_mm, origin_px, insertion, gel=gel)
+            found = calibrate_plane(
+                picture,
+                camera,
+                pitch_mm,
+                origin_px,
+                insertion,
+                gel=gel,
+                through=through,
+                paper_sigma_mm=paper_sigma_mm,
+                telecentric=telecentric,
+            )
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_PLANE, as_json)
-    comparison = compare_with_file(found, last, camera_moved=camera_moved)
-    if comparison is not None:
-        found = refuse_other_scale(found, comparison, CONFIRMATION)
-        force = force and not comparison.needs_confirmation
-    if out is not None and (found.accepted or force):
-        save_plane(out, found, collect_calibration_provenance([image]))
-    document = {**found.to_json(), "scale_comparison": None if comparison is None else asdict(comparison)}
-    if as_json:
-        print_json(document)
-    else:
-        _print_plane(document, explain_no_comparison(rig) if comparison is None else comparison.sentence)
-    _report_output(out, found.accepted, force)
-    return 0 if found.accepted else 1
+    compared = compare_scale(found, last, rig, camera_moved=camera_moved)
+    pictures = [path for path in (image, through_gel) if path is not None]
+    return finish_plane(compared, pictures, out, force=force, as_json=as_json)
 
 
 @app.command("adopt", help="Copy the calibration of a run of protocols/calibration.yaml to the rig's files.")
@@ -278,13 +288,6 @@ def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_jso
     return refusal.exit_code
 
 
-def _report_output(out: Path | None, accepted: bool, force: bool) -> None:
-    if out is not None and (accepted or force):
-        say(f"written: {out}" + ("" if accepted else " (a refused calibration, marked as refused)"))
-    elif out is not None:
-        say(f"not written: {out}")
-
-
 def _print_intrinsics(document: dict[str, Any]) -> None:
     print_line("accepted" if document["accepted"] else "refused")
     for reason in document["reasons"]:
@@ -302,23 +305,6 @@ def _print_intrinsics(document: dict[str, Any]) -> None:
         f"residual {document['rms_px']:.3f} px rms"
         + ("" if held_out is None else f", held out {held_out:.3f} px rms")
     )
-
-
-def _print_plane(document: dict[str, Any], compared: str) -> None:
-    print_line("accepted" if document["accepted"] else "refused")
-    for reason in document["reasons"]:
-        print_line(f"  {reason}")
-    print_line(
-        f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
-        f"held out {number(document['holdout_rms_mm'], 4)} mm rms, flat within {document['flatness_mm']:.3f} mm"
-    )
-    if document["view"] is not None:
-        print_line(document["view"])
-    print_line(compared)
-    if document["bend"] is not None:
-        print_line(document["bend"]["sentence"])
-    for sentence in document["assumptions"]:
-        print_line(f"assumed: {sentence}")
 
 
 def _print_views(document: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from labrig.cli.output import say
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, OutputExistsError
 from labrig.input_file import read_file
@@ -51,3 +52,11 @@ def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
             if path.is_file()
         },
     }
+
+
+def report_output(out: Path | None, accepted: bool, force: bool) -> None:
+    """Say whether a calibration was written."""
+    if out is not None and (accepted or force):
+        say(f"written: {out}" + ("" if accepted else " (a refused calibration, marked as refused)"))
+    elif out is not None:
+        say(f"not written: {out}")

@@ -8,7 +8,6 @@ from labrig.report.lens_figure import write_lens_figure
 from labrig.vision.boards import BoardSearch, Charuco
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.picture import Picture, read_picture
-from labrig.vision.refraction import Gel, PaperPlace
 
 
 def make_board_search(
@@ -71,27 +70,3 @@ def draw_figure(out: Path, lens: Intrinsics) -> None:
         If the picture cannot be written.
     """
     write_lens_figure(out.with_suffix(".png"), lens)
-
-
-def make_gel(
-    index: float | None, depth_mm: float | None, paper_at: PaperPlace, intrinsics: Path | None
-) -> Gel | None:
-    """Return the gel above the needle, None if no option describes it.
-
-    Raises
-    ------
-    InputError
-        If only one of index and depth is given, one is impossible, or the camera is not calibrated.
-    """
-    if (index is None) != (depth_mm is None):
-        raise InputError(
-            "--gel-index and --gel-depth-mm belong together", "for example --gel-index 1.35 --gel-depth-mm 10"
-        )
-    if index is None or depth_mm is None:
-        return None
-    if intrinsics is None:
-        raise InputError(
-            "a gel's refraction needs the camera's intrinsics",
-            "calibrate them first and give --intrinsics FILE",
-        )
-    return Gel(index, depth_mm, paper_at)

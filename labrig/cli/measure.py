@@ -1,7 +1,7 @@
 """`labrig measure`: measures pictures that belong to no run."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -77,7 +77,7 @@ def curvature(
     if as_json:
         print_json(rows)
     else:
-        _print(rows)
+        _print(rows, mapping.not_in_interval())
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
@@ -130,7 +130,7 @@ def tip(
     if as_json:
         print_json(rows)
     else:
-        _print_tips(rows)
+        _print_tips(rows, mapping.not_in_interval())
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
@@ -183,7 +183,7 @@ NO_TIP: dict[str, object] = {
 }
 
 
-def _print(rows: list[dict[str, object]]) -> None:
+def _print(rows: list[dict[str, object]], unknown: Sequence[str]) -> None:
     heads = ("picture", "radius mm", "95 % interval mm", "mostly from", "arc mm", "tip y, z mm")
     cells = []
     for row in rows:
@@ -200,19 +200,22 @@ def _print(rows: list[dict[str, object]]) -> None:
             ]
         )
     print_table(heads, cells)
-    _say_rest(rows, "radius_budget_mm")
+    _say_rest(rows, "radius_budget_mm", unknown)
 
 
-def _say_rest(rows: list[dict[str, object]], budget: str) -> None:
-    """Say why pictures are refused, and which sources of error are not in the interval of the others."""
+def _say_rest(rows: list[dict[str, object]], budget: str, unknown: Sequence[str]) -> None:
+    """Say why pictures are refused, and which sources of error are not in the interval of the others.
+
+    `unknown` are the quantities of the plane map without a standard deviation.
+    """
     from labrig.vision.error_budget import ErrorBudget
 
     for row in rows:
         if row["reason"]:
             say(f"{Path(str(row['image'])).name}: {row['reason']}")
     missing = [ErrorBudget(**found).missing for row in rows if isinstance(found := row[budget], dict)]
-    if missing and missing[0]:
-        say(f"Not in the interval: {', '.join(missing[0])}.")
+    if missing and (left_out := (*missing[0], *unknown)):
+        say(f"Not in the interval: {', '.join(left_out)}.")
 
 
 def _name_largest(document: object) -> str:
@@ -225,7 +228,7 @@ def _name_largest(document: object) -> str:
     )
 
 
-def _print_tips(rows: list[dict[str, object]]) -> None:
+def _print_tips(rows: list[dict[str, object]], unknown: Sequence[str]) -> None:
     heads = ("picture", "tip u, v px", "tip y, z mm", "mostly from", "score")
     cells = [
         [
@@ -238,7 +241,7 @@ def _print_tips(rows: list[dict[str, object]]) -> None:
         for row in rows
     ]
     print_table(heads, cells)
-    _say_rest(rows, "tip_budget_mm")
+    _say_rest(rows, "tip_budget_mm", unknown)
 
 
 def _format_pair(value: object) -> str:

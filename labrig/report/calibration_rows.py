@@ -40,4 +40,6 @@ def _list_plane_rows(plane: PlaneMap) -> Rows:
             f"{number(plane.rms_mm, 4)} mm; held out {number(plane.holdout_rms_mm, 4)} mm",
         ),
         ("insertion in the picture", plane.insertion),
+        *(("assumed", sentence) for sentence in plane.assumptions()),
+        *((("not in the interval", ", ".join(unknown)),) if (unknown := plane.not_in_interval()) else ()),
     )

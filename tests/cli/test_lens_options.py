@@ -1,14 +1,13 @@
-"""The options of `labrig calibrate` for boards and gels."""
+"""The options of `labrig calibrate` for boards."""
 
 from pathlib import Path
 
 import pytest
 
-from labrig.cli.lens import draw_figure, make_board_search, make_gel, name_figure
+from labrig.cli.lens import draw_figure, make_board_search, name_figure
 from labrig.errors import DiskError, InputError
 from labrig.vision.boards import BoardSearch, Charuco
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.refraction import Gel
 
 
 def test_charuco_board_is_described_by_dictionary_and_marker() -> None:
@@ -24,17 +23,6 @@ def test_dictionary_and_marker_belong_together(charuco: str | None, marker_mm: f
     with pytest.raises(InputError, match="belong together") as caught:
         make_board_search(charuco, marker_mm, 16.0, partial=False, window_px=None)
     assert "DICT_" in caught.value.hint
-
-
-def test_gel_takes_index_depth_and_a_calibrated_camera() -> None:
-    """All three make a gel; a part of them is wrong input that names the rest."""
-    lens = Path("intrinsics.json")
-    assert make_gel(1.35, 10.0, "surface", lens) == Gel(1.35, 10.0, "surface")
-    assert make_gel(None, None, "needle", None) is None
-    with pytest.raises(InputError, match="belong together"):
-        make_gel(1.35, None, "needle", lens)
-    with pytest.raises(InputError, match="needs the camera's intrinsics"):
-        make_gel(1.35, 10.0, "needle", None)
 
 
 def test_picture_that_cannot_be_written_is_a_fault_of_the_machine(tmp_path: Path) -> None:

@@ -67,6 +67,8 @@ def test_the_calibration_protocol_shows_the_gel_that_it_could_correct():
         ("{index: 1.35}", "plane.gel.depth_mm"),
         ("{depth_mm: 10}", "plane.gel.index"),
         ("{index: 1.35, depth_mm: 10, paper_at: table}", "plane.gel.paper_at"),
+        ("{index: 1.35, depth_mm: 10, tilt_deg: [0, 30]}", "plane.gel.tilt_deg.1"),
+        ("{index: 1.35, depth_mm: 10, layers: [{index: wood, thickness_mm: 3}]}", "plane.gel.layers.0.index"),
     ],
 )
 def test_a_gel_that_cannot_be_is_refused_at_its_key(gel: str, key: str):

@@ -27,7 +27,6 @@ from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
-from labrig.vision.refraction import Gel
 from labrig.vision.scale_check import ScaleComparison, refuse_other_scale
 from labrig.vision.zhang import calibrate_from_pictures
 
@@ -119,10 +118,16 @@ def _calibrate_plane(
     if not papers:
         return None, ("no picture of the graph paper was recorded",)
     plane = protocol.plane
-    gel = None if plane.gel is None else Gel(plane.gel.index, plane.gel.depth_mm, plane.gel.paper_at)
+    gel = None if plane.gel is None else plane.gel.gel()
     try:
         found = calibrate_plane(
-            papers[-1][1], lens, plane.pitch_mm, plane.origin_px, plane.insertion, gel=gel
+            papers[-1][1],
+            lens,
+            plane.pitch_mm,
+            plane.origin_px,
+            plane.insertion,
+            gel=gel,
+            paper_sigma_mm=plane.paper_sigma_mm,
         )
     except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
         return None, (_explain(refusal),)

@@ -1,5 +1,6 @@
 """Lens and plane from the pictures of a camera calibration run."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane, save_plane
 from labrig.vision.plane import PlaneMap
-from labrig.vision.refraction import Gel
+from labrig.vision.refraction import Gel, Layer
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
 from tests.pages import write_page
 
@@ -50,12 +51,17 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
-    """Index, depth and paper position reach the plane map; a pixel is longer behind 10 mm of gel than on it."""
-    run = record_calibration(tmp_path, views=10, gel="{index: 1.35, depth_mm: 10, paper_at: surface}")
+    """Index, depth, wall, tilt and paper position reach the map; a pixel is longer behind 10 mm of gel than on it."""
+    known = "depth_sigma_mm: 0.5, tilt_deg: [0, 1], layers: [{index: acrylic, thickness_mm: 2}]"
+    run = record_calibration(
+        tmp_path, views=10, gel=f"{{index: 1.35, depth_mm: 10, paper_at: surface, {known}}}"
+    )
     content, folder = _analyse(run)
     lens = load_intrinsics(folder / "intrinsics.json")
     plane = load_plane(folder / "plane.json", lens)
-    assert plane.gel == Gel(1.35, 10.0, "surface")
+    wall, tilt = Layer.of("acrylic", 2.0), (0.0, math.radians(1.0))
+    assert plane.gel == Gel(1.35, 10.0, "surface", None, 0.5, (wall,), tilt)
+    assert len(plane.variants("surface")) == 2
     assert content.plane is not None
     assert content.plane["assumptions"] == list(plane.gel.assumptions())
     on_paper = replace(plane, gel=None).to_mm([(320.0, 200.0), (321.0, 200.0)])

@@ -14,7 +14,7 @@ from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place, propagate_map
 from labrig.vision.plane import PlaneMap, Variation
 from tests.vision.rendering import RenderedLens
-from tests.vision.side_lit_needle import SideLitNeedle, draw_random_needle
+from tests.vision.side_lit_needle import Light, SideLitNeedle, draw_random_needle
 
 SETTINGS = CurvatureSettings()
 PICTURES = 24
@@ -30,7 +30,7 @@ def measure(needle, settings=SETTINGS, plane=None):
 @cache
 def measure_side_lit():
     """Return pairs (measurement, true radius) of needles with a lamp inside or outside their bend."""
-    lights = ("lamp inside the bend", "lamp outside the bend")
+    lights: tuple[Light, ...] = ("lamp inside the bend", "lamp outside the bend")
     bands_mm = ((30.0, 40.0), (40.0, 60.0))
     needles = [
         draw_random_needle(seed // 2, bands_mm[seed % 2], lights[seed // 2 % 2]) for seed in range(PICTURES)

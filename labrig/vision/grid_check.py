@@ -6,7 +6,7 @@ in between, so its place and direction do not count; a camera that was bumped sh
 scale the paper contradicts is refused: the camera was moved since it was made, or other lines were counted then.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,8 +86,8 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
     require_size(image, plane.image_size, "the plane map")
     try:
         found = find_crossings(image)
-        # The paper lies in air, as when the plane was calibrated; the gel comes afterwards.
-        seen = replace(plane, gel=None).to_mm(found.pixels)
+        # The paper lies as when the plane was calibrated, mostly in air; the gel comes afterwards.
+        seen = plane.at_paper().to_mm(found.pixels)
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
     numbers = found.indices * _find_multiple(found, seen, plane, pitch_mm)

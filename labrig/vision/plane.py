@@ -281,6 +281,10 @@ class PlaneMap:
         left, right, top, bottom = self.to_mm(sides)
         return float(np.sqrt(np.abs(np.linalg.det(np.array([right - left, bottom - top])))))
 
+    def at_paper(self) -> "PlaneMap":
+        """Return the map to the paper as it was calibrated: through the gel only if the paper lay in it."""
+        return self if self.gel is None or self.gel.paper == "gel" else replace(self, gel=None)
+
     @property
     def picture_mm(self) -> tuple[float, float] | None:
         """Width and height of the picture on the paper, through its middle [mm]; None without the picture's size."""
@@ -310,10 +314,8 @@ class PlaneMap:
             (right / 2, down),
             (right / 2, down / 2),
         ]
-        # A sheet in the gel is seen through it, one in air is not.
-        gel = self.gel if self.gel is not None and self.gel.paper == "gel" else None
         try:
-            return replace(self, gel=gel).to_mm(ends)
+            return self.at_paper().to_mm(ends)
         except MeasurementRefusedError:  # the lens was calibrated for the middle of the picture only
             return None
 

@@ -7,6 +7,7 @@ import pytest
 
 from labrig.errors import CalibrationRefusedError, InputError
 from labrig.vision.gel_measurement import SeenThrough
+from labrig.vision.grid_check import check_grid
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.refraction import Gel, Layer
 
@@ -54,6 +55,8 @@ def test_paper_in_the_gel_is_flat_and_fixes_the_scale():
     assert plane.accepted, plane.reasons
     assert plane.bend is None
     assert largest_error_mm(plane, sunken) < 0.003
+    seen = check_grid(picture, plane, 1.0)
+    assert (seen.scale, seen.other_scale) == pytest.approx((1.0, 1.0), abs=2e-4)
     px = field_px()
     for moved in plane.variants("surface"):
         assert np.abs(moved.to_mm(px) - plane.to_mm(px)).max() < 0.02

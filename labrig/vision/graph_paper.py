@@ -32,7 +32,7 @@ _FloatArray = NDArray[np.float64]
 _LEVELS, _LEAST_LEVEL_PX = 4, 150
 _LEVEL_ORDER = (1, 0, 2, 3)
 _SEEDS_PER_LEVEL = 2
-# A grid that was followed over less of the picture is used only if there is no larger one.
+# A grid that was followed over less of the picture is used only if there is no clearer one.
 _LARGE_SHARE, _LEAST_SHARE = 0.8, 0.03
 # So many windows of a grid are even where no trace of ink disturbs it. Otherwise the next quantile clips the density.
 _EVEN = 0.9
@@ -136,7 +136,7 @@ def _find_grid(density: Density) -> tuple[Crossings, float] | None:
 
     Raises MeasurementRefusedError.
     """
-    tracked = _track_largest(density)
+    tracked = _track_best(density)
     if tracked is None:
         return None
     ruling = read_ruling(clip(density, _HEAVIEST), tracked)
@@ -158,21 +158,21 @@ def _expect_crossings(tracked: TrackedGrid, located: Crossings, pixels: int) -> 
     return tracked.share * pixels / cell_px
 
 
-def _track_largest(density: Density) -> TrackedGrid | None:
-    """Return the first grid that covers nearly the whole picture, or else the largest.
+def _track_best(density: Density) -> TrackedGrid | None:
+    """Return the first grid that covers nearly the whole picture, or else the clearest.
 
     If a trace of ink, a needle for instance, disturbs even that, the density is clipped further.
     """
-    largest: TrackedGrid | None = None
+    best: TrackedGrid | None = None
     for quantile in _CLIP_QUANTILES:
         for found in _track_candidates(clip(density, quantile=quantile)):
-            if largest is None or found.even_share > largest.even_share:
-                largest = found
-            if largest.even_share >= _LARGE_SHARE:
-                return largest
-        if largest is not None and largest.even_share >= _EVEN * largest.share:
+            if best is None or found.clarity > best.clarity:
+                best = found
+            if best.even_share >= _LARGE_SHARE:
+                return best
+        if best is not None and best.even_share >= _EVEN * best.share:
             break
-    return largest if largest is not None and largest.even_share >= _LEAST_SHARE else None
+    return best if best is not None and best.even_share >= _LEAST_SHARE else None
 
 
 def _track_candidates(density: Density) -> Iterator[TrackedGrid]:

@@ -88,6 +88,11 @@ class TrackedGrid:
         """
         return self.share * float(np.mean(self._is_even())) if len(self.pixels) >= _LEAST_EVEN else 0.0
 
+    @property
+    def clarity(self) -> float:
+        """Return how much of the picture shows the lines, and how dark: a faint wave everywhere is none of lines."""
+        return float(self.even_share * np.sqrt(self.amplitude))
+
     def _is_even(self) -> NDArray[np.bool_]:
         """Return which windows' waves are near a quadratic function of the place, fitted by least distances."""
         u, v = ((self.pixels - self.pixels.mean(axis=0)) / np.ptp(self.pixels, axis=0).max()).T

@@ -73,6 +73,8 @@ _LEAST_LINE_SHARE = 0.6
 _RESOLVED_CELL_PX, _MOST_COVER, _LEAST_RUN = 13.0, 0.44, 0.4
 # A window samples its mean cell at these places, in steps that were followed.
 _NEAR, _CELL_WINDOWS = (np.arange(7) + 0.5) / 7.0 - 0.5, 2000
+# A window is brighter than others if it is below the middle of all by so many times the distance to this quantile.
+_PLAIN_QUANTILE, _BRIGHT = 0.3, 7.0
 _SHIFTS = np.array([0.618034, 0.754878])
 _SAMPLES_PER_LINE, _LEAST_CELL_SAMPLES = 6, 24
 _LARGEST_RATIO = 1.35
@@ -493,6 +495,7 @@ def _average_cells(
     shifts = np.arange(len(coordinates))[:, None] * _SHIFTS % 1.0 * (_NEAR[1] - _NEAR[0])
     around = np.array([(a, b) for a in _NEAR for b in _NEAR]) + shifts[:, None]
     values = _sample(density, grid.pixels[chosen, None] + np.einsum("nxa,nsa->nsx", inverse, around))
+    values[_is_beside_edge(values)] = np.nan
     places = (coordinates[:, None] + around - offsets) / steps
     bins = np.floor((places - np.floor(places)) * samples).astype(int) % samples
     seen = np.isfinite(values)
@@ -503,6 +506,16 @@ def _average_cells(
     mean = np.where(count > 0, total / np.maximum(count, 1), total.sum() / max(count.sum(), 1))
     noise = np.mean((squares / np.maximum(count, 1) - mean**2) / np.maximum(count - 1, 1))
     return np.asarray(mean.reshape(samples, samples)), float(noise)
+
+
+def _is_beside_edge(values: _FloatArray) -> NDArray[np.bool_]:
+    """Return which windows (N,) of samples (N, M) are brighter as a whole than others: beside the paper's dark edge.
+
+    Heavier lines make a window darker; how bright those without are is told by the lower half of the windows.
+    """
+    levels = values.mean(axis=1)
+    low, middle = np.nanquantile(levels, (_PLAIN_QUANTILE, 0.5)) if np.isfinite(levels).any() else (0.0, 0.0)
+    return np.asarray(levels < middle - _BRIGHT * (middle - low))
 
 
 def _cover(cell: _FloatArray) -> float:

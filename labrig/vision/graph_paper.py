@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.grid_seed import find_seeds
+from labrig.vision.grid_seed import Seed, find_seeds
 from labrig.vision.grid_tracking import TrackedGrid, track_grid
 from labrig.vision.line_density import Density, blur, clip, halve, measure_darkness, measure_ink
 from labrig.vision.picture import Picture
@@ -179,8 +179,10 @@ def _track_candidates(density: Density) -> Iterator[TrackedGrid]:
     """Yield the grids that grow from the clearest patches of every level, then from the next clearest."""
     levels = halve(density, _LEVELS, _LEAST_LEVEL_PX)
     order = sorted(range(len(levels)), key=_LEVEL_ORDER.index)
-    seeds = {level: find_seeds(levels[level]) for level in order}
+    seeds: dict[int, list[Seed]] = {}
     for number, level in product(range(_SEEDS_PER_LEVEL), order):
+        if level not in seeds:
+            seeds[level] = find_seeds(levels[level])
         tracked = track_grid(levels[level], seeds[level][number]) if number < len(seeds[level]) else None
         if tracked is not None and tracked.is_square():
             yield tracked.enlarge(2**level)
@@ -243,12 +245,13 @@ class _Located:
 
     def _sample_arms(self, centres: _FloatArray, across: _FloatArray, along: _FloatArray) -> _FloatArray:
         """Return the density across a line (2, N, samples), averaged along it on either side of the crossing."""
-        sides = np.array((-1.0, 1.0))[:, None] * self.arms.along
-        spread = _ACROSS[:, None, None, None, None] * across + sides[:, :, None, None] * along
-        maps = (centres + spread).reshape(-1, *centres.shape).astype(np.float32)
-        drawn = cv2.remap(
-            self.density, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        places = (np.array((-1.0, 1.0))[:, None] * self.arms.along).ravel()
+        start = centres.T[:, None] + _ACROSS[:, None] * across.T[:, None]
+        beside = places[:, None] * along.T[:, None]
+        maps = np.empty((2, len(_ACROSS), len(places), len(centres)), dtype=np.float32)
+        np.add(start[:, :, None], beside[:, None], out=maps, casting="same_kind")
+        u, v = maps.reshape(2, -1, len(centres))
+        drawn = cv2.remap(self.density, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         values = np.asarray(drawn, dtype=np.float64).reshape(
             len(_ACROSS), 2, len(self.arms.along), len(centres)
         )
@@ -303,9 +306,9 @@ def _grow(located: _Located, start: _Ring) -> tuple[NDArray[np.int64], _FloatArr
     places = np.full((*(start.cells.max(axis=0) - low + 1 + _MARGIN), 2), np.nan)
     tries = np.zeros(places.shape[:2], dtype=int)
     ring = replace(start, cells=start.cells - low)
-    least = located.arms.least_contrast * np.median(located.refine(ring)[1], axis=0)
-    while len(ring.cells):
-        found, contrasts = located.refine(ring)
+    found, contrasts = located.refine(ring)
+    least = located.arms.least_contrast * np.median(contrasts, axis=0)
+    while True:
         near = np.linalg.norm(
             found - ring.predicted, axis=1
         ) * located.lines < _LARGEST_SHIFT * np.linalg.norm(ring.steps, axis=2).min(axis=1)
@@ -313,6 +316,9 @@ def _grow(located: _Located, start: _Ring) -> tuple[NDArray[np.int64], _FloatArr
         tries[tuple(ring.cells.T)] += 1
         places[tuple(ring.cells[good].T)] = found[good]
         ring = _predict_ring(places, tries, located.density.shape)
+        if not len(ring.cells):
+            break
+        found, contrasts = located.refine(ring)
     cells = np.argwhere(np.isfinite(places[..., 0]))
     return cells + low, places[tuple(cells.T)]
 

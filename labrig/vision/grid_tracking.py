@@ -9,6 +9,7 @@ beyond the paper's edge, or under something.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -80,7 +81,7 @@ class TrackedGrid:
         )
         return bool(max(first, second) < _LARGEST_RATIO * min(first, second))
 
-    @property
+    @cached_property
     def even_share(self) -> float:
         """Return the share of the picture's windows whose waves change slowly over the picture, as perspective has it.
 

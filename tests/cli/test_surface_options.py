@@ -1,5 +1,6 @@
 """The options of `labrig calibrate plane` for gel, walls and a telecentric lens, and the journey through its files."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from labrig.vision.calibration_file import load_plane, save_intrinsics, save_pla
 from labrig.vision.refraction import Gel, Layer
 from labrig.vision.surface import anchor_origin, find_surface_variations
 from tests.cli.conftest import Labrig
-from tests.vision.graph_paper_pictures import TelecentricBench, draw_paper, make_bench
+from tests.vision.graph_paper_pictures import SunkenBench, TelecentricBench, draw_paper, make_bench
 from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
 FRAME = ("--origin-px", "100.3", "200.7", "--insertion", "right")
@@ -88,6 +89,42 @@ def test_a_wall_of_known_glass_goes_through_file_and_measurement(labrig: Labrig,
     moves = [np.linalg.norm(np.diff(other.to_mm(ends), axis=0)) for other in plane.variants("surface")]
     assert len(moves) == 3
     assert len(set(np.round(moves, 6))) == 3
+
+
+def test_a_picture_through_the_gel_gives_its_depth_and_tilt(labrig: Labrig, tmp_path: Path) -> None:
+    """The command says what it measured, and the file holds it with its standard deviation and both pictures."""
+    bench = make_bench((480, 360), px_per_mm=12.0)
+    sunken = SunkenBench(bench.intrinsics, bench.mm_to_ideal, depth_mm=5.0)
+    bare, through, lens, out = (
+        tmp_path / name for name in ("bare.png", "gel.png", "lens.json", "plane.json")
+    )
+    cv2.imwrite(str(bare), draw_paper(bench))
+    cv2.imwrite(str(through), draw_paper(sunken, seed=1))
+    save_intrinsics(lens, bench.intrinsics, {})
+    known = (
+        "--intrinsics",
+        lens,
+        "--gel-index",
+        "1.35",
+        "--gel-index-sigma",
+        "0.01",
+        "--through-gel",
+        through,
+    )
+    done = labrig("calibrate", "plane", bare, *FRAME, *known, "--out", out)
+    assert done.exit_code == 0, done.err
+    assert "crossings seen through it the gel is" in done.out
+    gel = load_plane(out, bench.intrinsics).gel
+    assert gel is not None
+    assert gel.depth_mm == pytest.approx(5.0, abs=0.2)
+    # The index's standard deviation, 0.01, is one of depth / (n (n - 1)) times as much.
+    assert gel.depth_sigma_mm == pytest.approx(0.106, rel=0.1)
+    assert gel.tilt_rad == pytest.approx((0.0, 0.0), abs=0.005)
+    assert gel.tilt_sigma_rad is not None
+    assert set(json.loads(out.read_text(encoding="utf-8"))["provenance"]["pictures"]) == {
+        "bare.png",
+        "gel.png",
+    }
 
 
 def test_a_telecentric_lens_goes_through_file_and_measurement(labrig: Labrig, tmp_path: Path) -> None:

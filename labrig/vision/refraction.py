@@ -220,10 +220,6 @@ class Gel:
                 break
         return found
 
-    def slopes(self, straight_mm: _FloatArray, centre: _FloatArray) -> _FloatArray:
-        """Return the derivatives (N, 2, 2) of `bend`: rows (y, z) of the end, columns those of the straight ray."""
-        return self._trace(straight_mm, centre, derive=True)[1]
-
     def _is_radial(self, centre: _FloatArray) -> bool:
         return not any(self.tilt_rad) and bool(centre[3])
 

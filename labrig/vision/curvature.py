@@ -364,7 +364,7 @@ def _find_systematic(
             )
         )
     return ErrorBudget(
-        **propagate_map(plane, lambda variant: change(variant.to_mm(px) - mapped)),
+        **propagate_map(plane, px, lambda places: change(places - mapped)),
         roll=roll,
         lighting=float(np.hypot(by_light, LEAST_LIGHT_SHIFT_PX * plane.mm_per_px)),
     )

@@ -6,7 +6,7 @@ interval**, and whoever reads the number must be told so.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Self, get_args
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,21 +78,21 @@ class ErrorBudget:
 
 
 def propagate_map(
-    plane: PlaneMap, change: Callable[[PlaneMap], ArrayLike]
+    plane: PlaneMap, px: ArrayLike, change: Callable[[FloatArray], ArrayLike]
 ) -> dict[VariationGroup, float | None]:
     """Return the standard deviation [mm] of a quantity by each group of the map's variations; None for an empty group.
 
     Parameters
     ----------
     plane : PlaneMap
+    px : (N, 2) array
+        The pixels that the quantity rests on.
     change : callable
-        Returns the change of the quantity, a number or a vector, if a variant replaces the map.
+        Returns the change of the quantity, a number or a vector, if the pixels show these places (N, 2) instead.
     """
-    moves = {
-        group: [change(variant) for variant in plane.variants(group)] for group in get_args(VariationGroup)
-    }
     return {
-        group: float(np.linalg.norm(np.array(found))) if found else None for group, found in moves.items()
+        group: float(np.linalg.norm(np.array([change(places) for places in moved]))) if moved else None
+        for group, moved in plane.map_by_variants(px).items()
     }
 
 
@@ -133,7 +133,7 @@ def budget_place(
     light = measure(errors.light_shift_mm)
     floor_mm = LEAST_LIGHT_SHIFT_PX * plane.mm_per_px
     return ErrorBudget(
-        **propagate_map(plane, lambda variant: measure(variant.to_mm(pixel)[0] - here) or 0.0),
+        **propagate_map(plane, pixel, lambda places: measure(places[0] - here) or 0.0),
         roll=measure(errors.roll_shift_mm),
         lighting=None if light is None else float(np.hypot(light, floor_mm)),
         fit=errors.fit_mm,

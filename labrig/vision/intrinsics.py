@@ -116,7 +116,7 @@ class Intrinsics:
 
     def directions(self, px: ArrayLike) -> _FloatArray:
         """Return the unit vectors (N, 3), z away from the camera, that appear at pixels (N, 2)."""
-        flat = self._to_directions(self.undistort_px(px))
+        flat = self.to_directions(self.undistort_px(px))
         rays = np.column_stack((flat, np.ones(len(flat))))
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
@@ -131,7 +131,7 @@ class Intrinsics:
 
     def distort_px(self, px: ArrayLike) -> _FloatArray:
         """Return where the lens puts ideal pixels (N, 2)."""
-        return self._to_px(_distort(self._to_directions(px), self.distortion)[0])
+        return self.to_px(_distort(self.to_directions(px), self.distortion)[0])
 
     def undistort_px(self, px: ArrayLike) -> _FloatArray:
         """Return the ideal pixels (N, 2) of pixels (N, 2) in a picture.
@@ -142,15 +142,15 @@ class Intrinsics:
             If the model cannot be inverted at a pixel: it lies outside the region that the boards covered,
             where the fitted distortion folds over.
         """
-        wanted = self._to_directions(px)
+        wanted = self.to_directions(px)
         found, off = _undistort(wanted, self.distortion)
         if off.size and not off.max() <= _UNDISTORTION_TOLERANCE:
-            worst = self._to_px(wanted)[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
+            worst = self.to_px(wanted)[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
             raise MeasurementRefusedError(
                 f"the lens model has no inverse at pixel ({worst[0]:.1f}, {worst[1]:.1f})",
                 "photograph the board in that part of the picture and calibrate again",
             )
-        return self._to_px(found)
+        return self.to_px(found)
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of size, matrix and distortion, by which a plane map identifies its lens."""
@@ -186,7 +186,8 @@ class Intrinsics:
             ],
         }
 
-    def _to_directions(self, px: ArrayLike) -> _FloatArray:
+    def to_directions(self, px: ArrayLike) -> _FloatArray:
+        """Return the directions (N, 2), x and y at distance 1, of ideal pixels (N, 2)."""
         array = np.asarray(px, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise InputError(
@@ -196,7 +197,8 @@ class Intrinsics:
         flat[:, 0] -= self.skew / self.fx * flat[:, 1]
         return np.asarray(flat)
 
-    def _to_px(self, directions: _FloatArray) -> _FloatArray:
+    def to_px(self, directions: _FloatArray) -> _FloatArray:
+        """Return the ideal pixels (N, 2) of directions (N, 2)."""
         px = directions * (self.fx, self.fy) + (self.cx, self.cy)
         px[:, 0] += self.skew * directions[:, 1]
         return np.asarray(px)
@@ -206,7 +208,21 @@ def _rows(table: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | No
     return None if table is None else [list(row) for row in table]
 
 
-def _distort(points: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:
+def undistort_by_each(lenses: Sequence[Intrinsics], px: _FloatArray) -> _FloatArray:
+    """Return the ideal pixels (K, N, 2) of pixels (N, 2) by K lenses, at once. Raises as `Intrinsics.undistort_px`."""
+    wanted = np.concatenate([lens.to_directions(px) for lens in lenses])
+    coefficients = np.repeat([lens.distortion for lens in lenses], len(px), axis=0).T
+    found, off = _undistort(wanted, tuple(coefficients))
+    if off.size and not off.max() <= _UNDISTORTION_TOLERANCE:
+        return np.stack([lens.undistort_px(px) for lens in lenses])
+    return np.stack(
+        [lens.to_px(part) for lens, part in zip(lenses, np.split(found, len(lenses)), strict=True)]
+    )
+
+
+def _distort(
+    points: _FloatArray, distortion: Sequence[float | _FloatArray]
+) -> tuple[_FloatArray, _FloatArray]:
     """Return distorted directions (N, 2) and their Jacobians (N, 2, 2) with respect to the ideal directions."""
     k1, k2, p1, p2, k3 = distortion
     x, y = points[:, 0], points[:, 1]
@@ -226,7 +242,9 @@ def _distort(points: _FloatArray, distortion: tuple[float, ...]) -> tuple[_Float
     return moved, jacobian
 
 
-def _undistort(wanted: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:
+def _undistort(
+    wanted: _FloatArray, distortion: Sequence[float | _FloatArray]
+) -> tuple[_FloatArray, _FloatArray]:
     """Return ideal directions (N, 2) and the distances (N,) of their distorted images from `wanted`."""
     found = wanted.copy()
     for _ in range(_MAX_NEWTON_STEPS):

@@ -10,13 +10,14 @@ The map of a telecentric lens is affine. Its rays are parallel, so a gel shifts 
 """
 
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, Self
+from functools import cached_property
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.intrinsics import Intrinsics, undistort_by_each
 from labrig.vision.refraction import Gel, GelMeasurement
 
 Insertion = Literal["right", "left", "up", "down"]
@@ -243,7 +244,10 @@ class PlaneMap:
         MeasurementRefusedError
             If the lens model cannot be inverted at a pixel.
         """
-        ideal = undistort(self.intrinsics or self.radial, _as_points(px, "pixels"))
+        return self.ideal_to_mm(undistort(self.intrinsics or self.radial, _as_points(px, "pixels")))
+
+    def ideal_to_mm(self, ideal: _FloatArray) -> _FloatArray:
+        """Return points (N, 2) in the plane [mm] of pixels (N, 2) from which the lens's distortion has been taken."""
         straight = apply_homography(self.homography, ideal)
         return straight if self.gel is None else self.gel.bend(straight, self.camera_centre())
 
@@ -371,10 +375,30 @@ class PlaneMap:
 
         With `group`, only along the axes of that group; an empty list means that its uncertainty is not known.
         """
+        axes = zip(self.variations, self._variants, strict=True)
+        return [variant for variation, variant in axes if group in (None, variation.group)]
+
+    def map_by_variants(self, px: ArrayLike) -> dict[VariationGroup, list[_FloatArray]]:
+        """Return what `to_mm` of each variant returns for pixels (N, 2), by group, with all lenses at once.
+
+        Raises as `to_mm`.
+        """
+        points = _as_points(px, "pixels")
+        own, others = self.intrinsics or self.radial, [variant.intrinsics for variant in self._variants]
+        varied = [lens for lens in others if lens is not None and lens is not own]
+        by_own = undistort(own, points)
+        by_varied = iter(undistort_by_each(varied, points) if varied else ())
+        found: dict[VariationGroup, list[_FloatArray]] = {group: [] for group in get_args(VariationGroup)}
+        for variation, variant in zip(self.variations, self._variants, strict=True):
+            is_own = variant.intrinsics is None or variant.intrinsics is own
+            ideal = by_own if is_own else next(by_varied)
+            found[variation.group].append(variant.ideal_to_mm(ideal))
+        return found
+
+    @cached_property
+    def _variants(self) -> "list[PlaneMap]":
         moved = []
         for variation in self.variations:
-            if group not in (None, variation.group):
-                continue
             lens = self.intrinsics
             if lens is not None and variation.lens is not None:
                 lens = lens.with_parameters(variation.lens)

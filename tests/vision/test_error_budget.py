@@ -90,7 +90,7 @@ def test_several_variations_of_a_group_add_their_squares():
     ]
     plane = replace(exact, variations=tuple(Variation(shift, None, "plane") for shift in shifts))
     here = exact.to_mm([(50.0, 60.0)])[0]
-    assert propagate_map(plane, lambda variant: variant.to_mm([(50.0, 60.0)])[0] - here) == {
+    assert propagate_map(plane, [(50.0, 60.0)], lambda places: places[0] - here) == {
         "lens": None,
         "plane": pytest.approx(5.0),
         "surface": None,

@@ -24,6 +24,8 @@ def load_plane_map(
     """
     if plane is not None and px_per_mm is not None:
         raise InputError("--plane and --px-per-mm both turn pixels into mm", "give one of them")
+    if plane is not None and origin_px is not None:
+        raise InputError("--origin-px belongs to --px-per-mm; a plane map has its origin", "leave it out")
     if plane is not None:
         return _load_calibrated(intrinsics, plane, insertion)
     if px_per_mm is None:

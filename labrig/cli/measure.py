@@ -45,6 +45,8 @@ def curvature(
     roll_sd_deg: Annotated[
         float | None,
         typer.Option(
+            min=0,
+            max=30,
             help="Standard deviation of the bevel's roll; 2 if it was set by eye. Default: not in the interval.",
             show_default=False,
         ),
@@ -71,13 +73,17 @@ def curvature(
     def measure(path: Path) -> dict[str, object]:
         image = read_picture(path)
         masked = None if not_needle is None else not_needle.find_masked(path.name, image)
-        return measure_curvature(image, mapping, settings, masked=masked).to_json()
+        found = measure_curvature(image, mapping, settings, masked=masked).to_json()
+        return {
+            **found,
+            "not_in_interval": _list_missing(found["radius_budget_mm"], mapping.not_in_interval()),
+        }
 
     rows = _measure_each(images, measure, NOTHING)
     if as_json:
         print_json(rows)
     else:
-        _print(rows, mapping.not_in_interval())
+        _print(rows)
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
@@ -126,12 +132,24 @@ def tip(
         region_px,
         None if mask is None else load_mask(mask),
     )
-    rows = _measure_each(images, lambda path: search_tip(path, mapping, search), NO_TIP)
+
+    def measure(path: Path) -> dict[str, object]:
+        found = search_tip(path, mapping, search)
+        return {**found, "not_in_interval": _list_missing(found["tip_budget_mm"], mapping.not_in_interval())}
+
+    rows = _measure_each(images, measure, NO_TIP)
     if as_json:
         print_json(rows)
     else:
-        _print_tips(rows, mapping.not_in_interval())
+        _print_tips(rows)
     return 0 if all(row["accepted"] for row in rows) else 1
+
+
+def _list_missing(budget: object, unknown: Sequence[str]) -> list[str]:
+    """Return the sources of error that an error bar leaves out: those of its budget, and `unknown` ones of the map."""
+    from labrig.vision.error_budget import ErrorBudget
+
+    return [*ErrorBudget(**budget).missing, *unknown] if isinstance(budget, dict) else []
 
 
 def _measure_each(
@@ -164,6 +182,7 @@ NOTHING: dict[str, object] = {
     "radius_mm": None,
     "radius_ci95_mm": None,
     "radius_budget_mm": None,
+    "not_in_interval": [],
     "centre_mm": None,
     "tip_mm": None,
     "tip_budget_mm": None,
@@ -177,13 +196,14 @@ NO_TIP: dict[str, object] = {
     "tip_px": None,
     "tip_mm": None,
     "tip_budget_mm": None,
+    "not_in_interval": [],
     "heading_rad": None,
     "score": None,
     "distinctness": None,
 }
 
 
-def _print(rows: list[dict[str, object]], unknown: Sequence[str]) -> None:
+def _print(rows: list[dict[str, object]]) -> None:
     heads = ("picture", "radius mm", "95 % interval mm", "mostly from", "arc mm", "tip y, z mm")
     cells = []
     for row in rows:
@@ -200,21 +220,18 @@ def _print(rows: list[dict[str, object]], unknown: Sequence[str]) -> None:
             ]
         )
     print_table(heads, cells)
-    _say_rest(rows, "radius_budget_mm", unknown)
+    _say_rest(rows)
 
 
-def _say_rest(rows: list[dict[str, object]], budget: str, unknown: Sequence[str]) -> None:
-    """Say why pictures are refused, and which sources of error are not in the interval of the others.
-
-    `unknown` are the quantities of the plane map without a standard deviation.
-    """
-    from labrig.vision.error_budget import ErrorBudget
-
+def _say_rest(rows: list[dict[str, object]]) -> None:
+    """Say why pictures are refused, and which sources of error are not in the interval of the others."""
     for row in rows:
         if row["reason"]:
             say(f"{Path(str(row['image'])).name}: {row['reason']}")
-    missing = [ErrorBudget(**found).missing for row in rows if isinstance(found := row[budget], dict)]
-    if missing and (left_out := (*missing[0], *unknown)):
+    left_out = next(
+        (found for row in rows if isinstance(found := row["not_in_interval"], list) and found), ()
+    )
+    if left_out:
         say(f"Not in the interval: {', '.join(left_out)}.")
 
 
@@ -228,7 +245,7 @@ def _name_largest(document: object) -> str:
     )
 
 
-def _print_tips(rows: list[dict[str, object]], unknown: Sequence[str]) -> None:
+def _print_tips(rows: list[dict[str, object]]) -> None:
     heads = ("picture", "tip u, v px", "tip y, z mm", "mostly from", "score")
     cells = [
         [
@@ -241,7 +258,7 @@ def _print_tips(rows: list[dict[str, object]], unknown: Sequence[str]) -> None:
         for row in rows
     ]
     print_table(heads, cells)
-    _say_rest(rows, "tip_budget_mm", unknown)
+    _say_rest(rows)
 
 
 def _format_pair(value: object) -> str:

@@ -84,6 +84,11 @@ class SurfaceOptions:
                 "--gel-index and --gel-depth-mm belong together",
                 "for example --gel-index 1.35 --gel-depth-mm 10",
             )
+        elif not given and self.paper_at != "needle":
+            raise InputError(
+                f"--paper-at {self.paper_at} belongs to a gel, and none is described",
+                "give --gel-index and --gel-depth-mm too",
+            )
         elif not given and self._describes_more():
             raise InputError(
                 "layers, tilts and standard deviations belong to a gel",

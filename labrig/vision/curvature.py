@@ -355,7 +355,8 @@ def _find_systematic(
     mapped = plane.to_mm(px)
     by_light = change(shaft.light_shift_mm[rows][sample])
     roll = None
-    if settings.roll_sd_rad is not None:
+    # Without the camera's place the perspective is not known, which is most of what a roll does.
+    if settings.roll_sd_rad is not None and (plane.intrinsics is not None or plane.telecentric):
         bending = BendingPlane.of(shaft, plane)
         roll = combine_turns(
             *(

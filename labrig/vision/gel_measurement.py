@@ -252,7 +252,7 @@ def _require_gel(problem: _Problem, solution: _FloatArray, sigma: float, rms_mm:
     if not max(low, none + _LEAST_SIGMAS * sigma) < solution[0] < _NEARLY * high:
         raise CalibrationRefusedError(
             f"no gel explains the paper seen through it: its {problem.quantity} would be {solution[0]:.3g} ± "
-            f"{sigma:.2g}",
+            f"{sigma:.2g}{' mm' if problem.quantity == 'depth' else ''}",
             "picture the paper in air and then through the gel, and move neither paper nor camera in between",
         )
     if rms_mm > _LARGEST_RMS_MM:

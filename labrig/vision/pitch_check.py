@@ -9,6 +9,7 @@ would otherwise be larger than any sheet, or if they are as thick for their dist
 import numpy as np
 
 from labrig.vision.graph_paper import Crossings
+from labrig.vision.ruling import Rhythm
 
 # Distances of heavier lines [mm]: metric paper, and paper in inches (a quarter, a half, one).
 _HEAVY_MM = (5.0, 10.0, 6.35, 12.7, 25.4)
@@ -65,11 +66,21 @@ def _judge_rhythm(found: Crossings, pitch_mm: float) -> list[str]:
         return []
     counted = f"every {_ORDINALS.get(wrong, f'{wrong}th')} line is heavier"
     implied = f"with lines {pitch_mm:g} mm apart that would be every {wrong * pitch_mm:g} mm"
-    return [f"{counted}: {implied}, and paper has heavier lines every 5 or 10 mm: {_suggest(found, wrong)}"]
+    fitting = _list_fitting(rhythm, wrong)
+    return [f"{counted}: {implied}, and paper has heavier lines every 5 or 10 mm: {_suggest(found, fitting)}"]
 
 
-def _suggest(found: Crossings, every: int) -> str:
-    fitting = " or ".join(f"{heavy / every:g}" for heavy in (5.0, 10.0))
+def _list_fitting(rhythm: Rhythm, every: int) -> list[float]:
+    """Return the pitches [mm] that fit all heavier lines, or if none does, those every `every` lines."""
+    near = [heavy / every for heavy in (5.0, 10.0)]
+    fitting = [
+        pitch for pitch in near if _is_heavy(rhythm.heavy * pitch) and _is_heavy(rhythm.heaviest * pitch)
+    ]
+    return fitting or near
+
+
+def _suggest(found: Crossings, pitches_mm: list[float]) -> str:
+    fitting = " or ".join(f"{pitch:g}" for pitch in pitches_mm)
     closer = ", or come closer until finer lines are seen" if found.ruling.hidden == 1 else ""
     return (
         f"the lines counted are {found.pitch_px:.1f} px apart: measure them; {fitting} mm would fit{closer}"

@@ -144,7 +144,7 @@ class Gel:
         return (
             f"The graph paper lay {self._say_place()}.",
             self._say_surface(),
-            f"The gel's refractive index is {self.index:g} throughout.",
+            f"The gel's refractive index is {self.index:.4g} throughout.",
         )
 
     def unknown_sigmas(self) -> tuple[str, ...]:
@@ -270,9 +270,9 @@ class Gel:
 
     def _say_place(self) -> str:
         if self.paper == "needle":
-            return f"in air where the needle was to be, {self.depth_mm:g} mm below the place of the gel's surface"
+            return f"in air where the needle was to be, {self.depth_mm:.4g} mm below the place of the gel's surface"
         if self.paper == "gel":
-            return f"in the gel where the needle was to be, {self.depth_mm:g} mm below the gel's surface"
+            return f"in the gel where the needle was to be, {self.depth_mm:.4g} mm below the gel's surface"
         outermost = "outermost" if self.layers else "gel's"
         return f"in air on the {outermost} surface, {self.height_mm():g} mm above the needle"
 

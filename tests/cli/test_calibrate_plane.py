@@ -130,7 +130,7 @@ def test_a_pitch_that_the_heavier_lines_contradict_is_refused(calibrate: Calibra
     done = calibrate("--pitch-mm", 5, "--out", out)
     assert (done.exit_code, out.exists()) == (1, False)
     assert "every 5th line is heavier" in done.out
-    assert "1 or 2 mm would fit" in done.out
+    assert "; 1 mm would fit" in done.out
     assert "The picture is 166 mm wide" in done.out
 
 

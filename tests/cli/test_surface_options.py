@@ -58,6 +58,7 @@ def test_refuses_a_layer_that_says_nothing(text: str) -> None:
     [
         {"layers": ("glass:3",)},
         {"tilt_sigma_deg": 1.0},
+        {"paper_at": "gel"},
         {"through": Path("p.png")},
         {"through": Path("p.png"), "index": 1.35, "depth_mm": 10.0},
         {"through": Path("p.png"), "index": 1.35, "depth_sigma_mm": 1.0},

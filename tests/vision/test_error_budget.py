@@ -19,6 +19,7 @@ from tests.vision.side_lit_needle import Light, SideLitNeedle, draw_random_needl
 SETTINGS = CurvatureSettings()
 PICTURES = 24
 NEEDLE = SideLitNeedle(28.0, 36.0, entry_mm=(12.0, 12.0))
+TELECENTRIC = replace(PlaneMap.from_scale(NEEDLE.px_per_mm, (0.0, 0.0), "right"), telecentric=True)
 
 
 def measure(needle, settings=SETTINGS, plane=None):
@@ -114,11 +115,16 @@ def test_drift_since_the_calibration_is_a_part_of_the_plane():
 
 
 def test_roll_out_of_the_plane_is_added_where_it_is_known():
-    """A stated roll has a part in the radius, a roll of zero has none, and an impossible one is refused."""
-    known = measure(NEEDLE, replace(SETTINGS, roll_sd_rad=np.deg2rad(4.0)))
+    """A stated roll has a part in the radius, and a roll of zero has none; an impossible one is refused.
+
+    Where the camera stands is not known without intrinsics: the roll's part is not known either.
+    """
+    stated = replace(SETTINGS, roll_sd_rad=np.deg2rad(4.0))
+    known = measure(NEEDLE, stated, TELECENTRIC)
     assert known.radius_budget_mm.roll > 0.0
     assert known.tip_budget_mm.roll is None
-    assert measure(NEEDLE, replace(SETTINGS, roll_sd_rad=0.0)).radius_budget_mm.roll == 0.0
+    assert measure(NEEDLE, replace(SETTINGS, roll_sd_rad=0.0), TELECENTRIC).radius_budget_mm.roll == 0.0
+    assert measure(NEEDLE, stated).radius_budget_mm.roll is None
     with pytest.raises(InputError, match="roll_sd_rad"):
         CurvatureSettings(roll_sd_rad=1.0)
 
@@ -135,7 +141,9 @@ def test_a_rolled_needle_seems_less_bent():
 def test_no_source_makes_the_interval_shorter():
     """A needle seen over few blocks has a wide interval, and a known roll before it does not narrow it."""
     short = replace(NEEDLE, length_mm=22.0)
-    without, known = (measure(short, replace(SETTINGS, roll_sd_rad=roll)) for roll in (None, np.deg2rad(2.0)))
+    without, known = (
+        measure(short, replace(SETTINGS, roll_sd_rad=roll), TELECENTRIC) for roll in (None, np.deg2rad(2.0))
+    )
     assert known.sigma_radius_mm > without.sigma_radius_mm
     assert np.diff(known.radius_ci95_mm) >= np.diff(without.radius_ci95_mm)
 

@@ -96,7 +96,7 @@ class GraphPaper(Model):
     paper_sigma_mm: float | None = Field(
         None,
         ge=0,
-        le=100,
+        le=10,
         description="Standard deviation of the paper's height over the needle's plane [mm]; null: not in the interval.",
     )
     gel: GelAbove | None = Field(

@@ -113,6 +113,7 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
     shown = sorted(content.insertions, key=lambda trial: (trial.reached, trial.trial))[:_SHOWN]
     return {
         "content": content,
+        "not_in_interval": plane.not_in_interval(),
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),

@@ -5,8 +5,10 @@ profile across them tells which lines of the sheet were followed (`ruling`). The
 then refined on its own; where lines are close, every few lines. From these crossings the grid grows outwards to the
 edge of picture and paper: a crossing counts only if both of its lines run on to both sides.
 
-If darkness alone shows no grid, because it is faint or lies under pen traces and printed dots, the ink is used: colour
-and darkness together, without pixels far darker than any line. Crossings that their neighbours contradict are left out.
+Faint lines, blurred behind gel for instance, show few of the crossings that the windows let expect. Each crossing is
+then located by longer stretches of its lines, over the next crossings. If these are few too, because the lines lie
+under pen traces and printed dots, the ink is tried: colour and darkness together, without pixels far darker than any
+line. What shows most of the crossings expected is used. Crossings that their neighbours contradict are left out.
 """
 
 from collections.abc import Iterator

@@ -22,8 +22,9 @@ _FITS, _LARGEST_MISFIT = 3, 0.1
 _LEAST_WINDOWS = 60
 # Half the width of a line that is taken out [px], and its limits in distances between lines.
 _LINE_PX, _LEAST_REACH, _MOST_REACH = 3.0, 0.1, 0.25
-# Lines far apart may be blurred more: that in standard deviations of their profile, and its limit.
-_FAR_PX, _BROAD, _MOST_BROAD = 13.0, 2.5, 0.4
+# Lines far apart may be blurred more: that in standard deviations of their profile, its limit, and how much more at the
+# least. What is taken out in vain hides a second grid.
+_FAR_PX, _BROAD, _MOST_BROAD, _BROADER = 13.0, 2.5, 0.4, 1.5
 _LEVELS, _LEAST_LEVEL_PX = 3, 200
 # A second grid is followed over at least this share of what the first covers, and at least so dark for it.
 _LEAST_SHARE, _LEAST_AMPLITUDE = 0.3, 0.06
@@ -81,8 +82,9 @@ def _take_out(density: Density, grid: TrackedGrid, ruling: Ruling) -> Density | 
 
 def _choose_reach(spacing_px: float, width: float) -> float:
     """Return half the width that a line is taken out with, in distances between lines."""
+    thin = float(np.clip(_LINE_PX / spacing_px, _LEAST_REACH, _MOST_REACH))
     broad = min(_BROAD * width, _MOST_BROAD) if spacing_px > _FAR_PX else 0.0
-    return broad if broad > _MOST_REACH else float(np.clip(_LINE_PX / spacing_px, _LEAST_REACH, _MOST_REACH))
+    return broad if broad > _BROADER * thin else thin
 
 
 def _find_places(shape: tuple[int, ...], grid: TrackedGrid) -> list[_FloatArray] | None:

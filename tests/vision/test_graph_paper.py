@@ -62,6 +62,7 @@ def length_error(plane, sheet):
         ("2/10", 7.0, {"ink": "orange", "paper": "cream"}),
         ("1", 6.5, {"ink": "grey", "grey": True}),
         ("5", 6.0, {"ink": "green", "noise": 6.0}),
+        ("5", 5.6, {"blur_px": 2.5}),
     ],
 )
 def test_lines_are_counted_right(ruling, px_per_mm, how):
@@ -106,8 +107,17 @@ def test_lines_that_may_be_heavier_ones_are_refused():
         no_graph_paper.draw_keyboard,
         no_graph_paper.draw_second_grid,
         lambda: no_graph_paper.draw_second_grid(60.0, 30.0),
+        lambda: no_graph_paper.draw_second_grid(48.0),
     ],
-    ids=["lined", "dotted", "chessboard", "keyboard", "second grid", "turned second grid"],
+    ids=[
+        "lined",
+        "dotted",
+        "chessboard",
+        "keyboard",
+        "second grid",
+        "turned second grid",
+        "on every 4th line",
+    ],
 )
 def test_what_is_no_graph_paper_alone_is_refused(draw):
     """Lined and dotted paper, a chessboard, a keyboard, and a second grid drawn by hand give no plane map."""

@@ -24,7 +24,7 @@ _LEAST_WINDOWS = 60
 _LINE_PX, _LEAST_REACH, _MOST_REACH = 3.0, 0.1, 0.25
 # Lines far apart may be blurred more: that in standard deviations of their profile, its limit, and how much more at the
 # least. What is taken out in vain hides a second grid.
-_FAR_PX, _BROAD, _MOST_BROAD, _BROADER = 13.0, 2.5, 0.4, 1.5
+_FAR_PX, _BROAD, _MOST_BROAD, _BROADER = 13.0, 2.5, 0.4, 2.0
 _LEVELS, _LEAST_LEVEL_PX = 3, 200
 # A second grid is followed over at least this share of what the first covers, and at least so dark for it.
 _LEAST_SHARE, _LEAST_AMPLITUDE = 0.3, 0.06

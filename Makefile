@@ -26,8 +26,9 @@ check-code: $(READY)
 	$(BIN)/lint-imports
 	$(BIN)/deptry .
 
+# Tests start labrig some hundred times: it is compiled once, also where the environment forbids that.
 check-tests: $(READY) $(OUTSIDE)
-	$(BIN)/pytest -n 2 --dist worksteal $(COVERAGE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 2 --dist worksteal $(COVERAGE)
 
 coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests

@@ -61,8 +61,6 @@ PaperSigmaOption = Annotated[
     float | None,
     typer.Option(
         "--paper-sigma-mm",
-        min=0,
-        max=10,
         help="Standard deviation of the paper's height over the needle's plane.",
         show_default=False,
     ),

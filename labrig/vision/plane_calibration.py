@@ -60,7 +60,7 @@ _PARTS = (6, 4)
 _LEAST_IN_A_PART = 8
 _LARGEST_UNEVENNESS_MM = 1.0
 _LEAST_IN_A_HALF = 8
-_LARGEST_PAPER_SIGMA_MM = 100.0
+_LARGEST_PAPER_SIGMA_MM = 10.0
 # Printed paper is square within half a percent.
 _LARGEST_STRETCH, _LARGEST_SKEW_RAD = 0.02, float(np.deg2rad(1.0))
 # Side of the blocks of crossings that the hold-out leaves out in turn: the errors of neighbours are correlated.

@@ -12,11 +12,16 @@ What is decided here
 - A needle of a known design draws its radius once, uniformly within the design's tolerance, by seed and needle_id; the
   gels' radii, which apply to the paper's needle, are scaled by it over 30 mm. The hinges themselves are not simulated.
 - A phantom is a block with obstacles cast in, for one insertion. Unless the description states otherwise, only there
-  is the path disturbed: the curvature wanders, the tip turns by itself, and in cavities it goes straight.
-- The path is computed in space: at a roll other than 0 and pi it leans out of the plane. Pictures show its projection
-  along the plane's normal: a millimetre out of the plane would appear half a percent smaller.
+  is the path disturbed: the curvature wanders, the tip turns by itself, in cavities it goes straight, the tip lags
+  behind the insertion, and layers have other radii. Its obstacles may lie beside where the protocol says, and its
+  target may move.
+- The bevel follows the rotation axis with play (`torsion`): as far as friction along the needle can wind it up. The
+  wind-up stays while the needle advances without turning, and while it waits.
+- The path is computed in space: at a roll other than 0 and pi, or behind a sheath that leans, it leaves the plane. The
+  picture shows it where its rays meet the plane, and as wide as its distance makes it (`parallax`). The same holds for
+  its cut, the sheath and obstacles.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
-  made from the paper holds for the needle), depth of field, motion blur, wind-up of the needle. Forces of the gel
-  resist the axes, and change no path: one at the cutting tip, and friction for each millimetre of needle and sheath.
+  made from the paper holds for the needle), depth of field, motion blur. Forces of the gel resist the axes, and change
+  no path: one at the cutting tip, and friction for each millimetre of needle and sheath.
 """

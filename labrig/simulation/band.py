@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import Field32, Floats, pixel_plane, plane_to_pixels
+from labrig.simulation.parallax import see_path
 from labrig.simulation.unevenness import NODE_MM
 
 Indexes = npt.NDArray[np.intp]
@@ -49,7 +50,8 @@ class Band:
     """The pixels near a centre line.
 
     region : the rectangle around them; inside : their rows and columns (N,) in it; lateral_mm (N,) : distance to
-    the line, positive on its +y side; arc_mm (N,) : arc length at the foot; heading_rad (N,) : heading there.
+    the line at the line's own distance from the camera, positive on its +y side; arc_mm (N,) : arc length at the foot;
+    heading_rad (N,) : heading there as it is seen.
     """
 
     region: Region
@@ -64,15 +66,16 @@ def find_band(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band 
 
     Parameters
     ----------
-    table : (N, 5) array
-        Columns arc, y, z, heading, curvature, spaced `NODE_MM` in arc, as from `Track.table`.
+    table : (N, 8) array
+        Columns arc, y, z, heading, curvature, x, lean, bend, spaced `NODE_MM` in arc, as from `Track.table`.
     lens : LensDescription
         The camera.
     margin_px : int
         Rim of the region beyond the band.
     """
     plane = pixel_plane(lens)
-    pixels = plane_to_pixels(table[:, 1:3], lens)
+    seen = see_path(table, lens)
+    pixels = plane_to_pixels(seen.table[:, 1:3], lens)
     halo_px = HALO_MM / plane.mm_per_px
     region = find_region(pixels, halo_px + margin_px, lens)
     if region.is_empty:
@@ -81,7 +84,9 @@ def find_band(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band 
     if nearest.size == 0:
         return None
     y, z = plane.y_mm[region.slices][inside], plane.z_mm[region.slices][inside]
-    return Band(region, inside, *_find_feet(table.astype(np.float32), nearest, y, z))
+    lateral, arc, heading = _find_feet(seen.table.astype(np.float32), nearest, y, z)
+    scale = np.asarray(seen.scale[nearest], np.float32)
+    return Band(region, inside, np.divide(lateral, scale, dtype=np.float32), arc, heading)
 
 
 def _find_nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Indexes, Pixels]:

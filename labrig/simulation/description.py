@@ -70,6 +70,14 @@ class NeedleDescription(Model):
     link_mm: PositiveMm = Field(
         3.0, description="Length of a link between two hinges; each cut shows as a tick [mm]."
     )
+    torsion_lag_deg: Annotated[float, Field(ge=0, le=90)] = Field(
+        0.0,
+        description="Torsional play: the bevel follows the rotation axis only when it is this far behind, in each "
+        "direction, and stays behind until the axis turns back [deg].",
+    )
+    torsion_lag_deg_per_mm: Annotated[float, Field(ge=0, le=5)] = Field(
+        0.0, description="What friction adds to the play for each millimetre of needle in the gel [deg/mm]."
+    )
     design: DesignDescription | None = Field(
         None,
         description="What the needle was designed for; each needle draws its radius in between, and the gels' radii "
@@ -86,6 +94,14 @@ class SheathDescription(Model):
     )
     angle_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = Field(
         0.2, description="Standard deviation, from hole to hole, of the direction of entry [deg]."
+    )
+    x_play_sd_mm: NonNegativeMm = Field(
+        0.0,
+        description="Standard deviation, from hole to hole, of the tip's distance from the steering plane [mm].",
+    )
+    lean_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.0,
+        description="Standard deviation, from hole to hole, of the angle of entry out of the plane [deg].",
     )
 
 
@@ -170,6 +186,11 @@ class DisturbancesDescription(Model):
         0, description="Cavities in each path, in which the needle does not steer [-]."
     )
     cavity_mm: tuple[float, float] = Field((6.0, 10.0), description="Shortest and longest cavity [mm].")
+    slip_sd_fraction: Annotated[float, Field(ge=0, le=0.1)] = Field(
+        0.0,
+        description="Share of the inserted length by which the tip lags behind, because needle and gel give way: the "
+        "size of a normal draw with this standard deviation, once for a hole [-].",
+    )
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield invalid lengths of cavities."""
@@ -178,6 +199,17 @@ class DisturbancesDescription(Model):
             yield Conflict(
                 "cavity_mm", f"[{shortest:g}, {longest:g}] mm; must be positive, the shortest first"
             )
+
+
+class LayerDescription(Model):
+    """A layer of a phantom in which the needle steers at another radius than in the rest of the gel."""
+
+    until_mm: PositiveMm = Field(
+        description="Where the layer ends, along z from the origin of the steering plane [mm]."
+    )
+    radius_scale: Annotated[float, Field(gt=0, le=10)] = Field(
+        description="Radius in the layer over the radius drawn for the gel [-]."
+    )
 
 
 def _paper_gels() -> tuple[GelDescription, ...]:
@@ -199,6 +231,20 @@ class WorldDescription(Model):
         default_factory=DisturbancesDescription, description="What keeps the needle from its arcs."
     )
     sheath: SheathDescription = Field(default_factory=SheathDescription, description="The sheath.")
+    layers: tuple[LayerDescription, ...] = Field(
+        (),
+        description="Layers of a phantom from the origin on; beyond the last of them the gel is as under `gels`.",
+    )
+    obstacle_shift_sd_mm: NonNegativeMm = Field(
+        0.0,
+        description="How far, along each axis, a phantom's obstacles lie from where the protocol says: the standard "
+        "deviation [mm].",
+    )
+    target_moves_mm: NonNegativeMm = Field(
+        0.0,
+        description="How far the target moves in the steering plane while the needle covers the distance to it, in "
+        "a direction that is drawn for each phantom [mm].",
+    )
     resistance: ResistanceDescription = Field(
         default_factory=ResistanceDescription, description="Forces of the gel on needle and sheath."
     )
@@ -233,7 +279,7 @@ class WorldDescription(Model):
     )
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield gels out of order, and a needle that does not fit the sheath."""
+        """Yield gels and layers out of order, and a needle that does not fit the sheath."""
         for index, (earlier, later) in enumerate(pairwise(self.gels), start=1):
             if later.gelatin_percent <= earlier.gelatin_percent:
                 yield Conflict(
@@ -241,6 +287,10 @@ class WorldDescription(Model):
                     f"{later.gelatin_percent:g} % follows {earlier.gelatin_percent:g} %",
                     "list each gel once, by rising gelatin",
                 )
+        for index, (upper, lower) in enumerate(pairwise(self.layers), start=1):
+            if lower.until_mm <= upper.until_mm:
+                message = f"{lower.until_mm:g} mm follows {upper.until_mm:g} mm"
+                yield Conflict(f"layers.{index}.until_mm", message, "list the layers by rising until_mm")
         if self.needle.diameter_mm >= self.sheath.diameter_mm:
             message = f"{self.needle.diameter_mm:g} mm; must be below sheath.diameter_mm"
             yield Conflict("needle.diameter_mm", f"{message}, {self.sheath.diameter_mm:g} mm")

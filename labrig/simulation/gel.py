@@ -11,7 +11,12 @@ import cv2
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.simulation.description import GELS_DESIGN_RADIUS_MM, GelDescription, WorldDescription
+from labrig.simulation.description import (
+    GELS_DESIGN_RADIUS_MM,
+    GelDescription,
+    LayerDescription,
+    WorldDescription,
+)
 from labrig.simulation.lens import Field32, Floats
 from labrig.simulation.seeds import stream
 from labrig.simulation.track import Track
@@ -59,9 +64,10 @@ def draw_needle_scale(world: WorldDescription, seed: int, needle_id: str | None)
 class Hole:
     """A place where the sheath enters, what was drawn for it, and what has been cut there so far.
 
-    number, position_mm : the operator's; radius_mm : of the needle's path; play_mm, heading_rad : of
-    the sheath; patchiness (N,) : how dark the cut looks at each mm; unevenness : what disturbs the path;
-    track : the needle's path, from the time the needle first left the sheath, with the linear axis at
+    number, position_mm : the operator's; radius_mm : of the needle's path; play_mm, heading_rad : of the sheath;
+    x_mm, lean_rad : the same out of the plane; slip_fraction : share of the insertion by which the tip lags behind;
+    layers : where the radius is scaled; patchiness (N,) : how dark the cut looks at each mm; unevenness : what disturbs
+    the path; track : the needle's path, from the time the needle first left the sheath, with the linear axis at
     track_linear_mm; sheath_reach_mm : the linear axis' farthest position.
     """
 
@@ -72,14 +78,20 @@ class Hole:
     heading_rad: float
     patchiness: Field32
     unevenness: Unevenness = field(default_factory=no_unevenness)
+    x_mm: float = 0.0
+    lean_rad: float = 0.0
+    slip_fraction: float = 0.0
+    layers: tuple[LayerDescription, ...] = ()
     track: Track | None = None
     track_linear_mm: float = 0.0
     sheath_reach_mm: float = 0.0
 
-    def sheath_point_mm(self, beyond_origin_mm: float) -> tuple[float, float]:
-        """Return the point (y, z) of the sheath's axis this far beyond the plane's origin."""
-        y_mm = self.play_mm + beyond_origin_mm * math.sin(self.heading_rad)
-        return y_mm, beyond_origin_mm * math.cos(self.heading_rad)
+    def sheath_point_mm(self, beyond_origin_mm: float) -> tuple[float, float, float]:
+        """Return the point (x, y, z) of the sheath's axis this far beyond the plane's origin."""
+        in_plane_mm = beyond_origin_mm * math.cos(self.lean_rad)
+        y_mm = self.play_mm + in_plane_mm * math.sin(self.heading_rad)
+        x_mm = self.x_mm + beyond_origin_mm * math.sin(self.lean_rad)
+        return x_mm, y_mm, in_plane_mm * math.cos(self.heading_rad)
 
 
 def make_empty_hole() -> Hole:
@@ -158,6 +170,7 @@ def make_hole(
     mean, sd = interpolate_radius_mm(world.gels, specimen.gelatin_percent)
     radius, play, angle = random.standard_normal(3).tolist()
     disturbed, path = specimen.is_phantom or world.disturbances.in_every_gel, stream(seed, "path", *purpose)
+    x, lean, slip = stream(seed, "out of plane and slip", *purpose).standard_normal(3).tolist()
     return Hole(
         *place,
         radius_mm=scale * (mean + sd * radius),
@@ -165,6 +178,10 @@ def make_hole(
         heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
         patchiness=_draw_patchiness(random),
         unevenness=draw_unevenness(world.disturbances, path) if disturbed else no_unevenness(),
+        x_mm=world.sheath.x_play_sd_mm * x,
+        lean_rad=math.radians(world.sheath.lean_play_sd_deg * lean),
+        slip_fraction=world.disturbances.slip_sd_fraction * abs(slip) if disturbed else 0.0,
+        layers=world.layers if specimen.is_phantom else (),
     )
 
 

@@ -125,6 +125,14 @@ def steering_plane_pose(lens: LensDescription) -> Pose:
     return Pose(rotation, ray * (normal[2] * lens.distance_mm / (normal @ ray)))
 
 
+@lru_cache(maxsize=2)
+def camera_place_mm(lens: LensDescription) -> tuple[float, float, float]:
+    """Return the centre of projection in the steering plane's frame, (x, y, z); x is negative."""
+    pose = steering_plane_pose(lens)
+    y, z, x = (-pose.rotation.T @ pose.translation_mm).tolist()
+    return x, y, z
+
+
 @dataclass(frozen=True)
 class PixelPlane:
     """Where each pixel's ray meets the steering plane, y_mm and z_mm (H, W), and a pixel's size there."""

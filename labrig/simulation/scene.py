@@ -76,19 +76,24 @@ def draw_channel(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescri
     if hole.sheath_reach_mm <= 0:
         return
     entry = hole.sheath_point_mm(-world.sheath_tip_at_origin_linear_mm)
-    start = (entry[0] + shift_mm, entry[1])
-    band = find_band(_make_straight_table(start, hole.heading_rad, hole.sheath_reach_mm), world.lens)
+    table = _make_straight_table(entry, hole, hole.sheath_reach_mm)
+    table[:, 1] += shift_mm
+    band = find_band(table, world.lens)
     if band is not None:
         span = PathSpan(0.0, hole.sheath_reach_mm)
         draw_cut(sharp[band.region.slices], band, span, world.sheath.diameter_mm, 0.5 * hole.patchiness)
 
 
-def _make_straight_table(start_mm: tuple[float, float], heading_rad: float, length_mm: float) -> Floats:
-    """Return a straight path as a table of nodes."""
+def _make_straight_table(start_mm: tuple[float, float, float], hole: Hole, length_mm: float) -> Floats:
+    """Return a straight path along the sheath of a hole as a table of nodes."""
     arc = np.arange(0.0, length_mm, NODE_MM)
-    y = start_mm[0] + arc * math.sin(heading_rad)
-    z = start_mm[1] + arc * math.cos(heading_rad)
-    return np.stack([arc, y, z, np.full_like(arc, heading_rad), np.zeros_like(arc)], axis=1)
+    in_plane = arc * math.cos(hole.lean_rad)
+    y = start_mm[1] + in_plane * math.sin(hole.heading_rad)
+    z = start_mm[2] + in_plane * math.cos(hole.heading_rad)
+    x = start_mm[0] + arc * math.sin(hole.lean_rad)
+    straight = np.zeros_like(arc)
+    heading, lean = np.full_like(arc, hole.heading_rad), np.full_like(arc, hole.lean_rad)
+    return np.stack([arc, y, z, heading, straight, x, lean, straight], axis=1)
 
 
 def draw_backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm: float) -> Backdrop:

@@ -14,6 +14,7 @@ from labrig.simulation.band import HALO_MM, Band, find_region
 from labrig.simulation.description import LightDescription, NeedleDescription, WorldDescription
 from labrig.simulation.gel import Ball, Bubble, Hole
 from labrig.simulation.lens import Field32, pixel_plane, plane_to_pixels
+from labrig.simulation.parallax import see_path, see_points
 
 _SHEATH_SEEN_MM = 60.0  # more of the sheath than any picture shows
 _LAMP_HEIGHT = 1.2  # height of the lamp over its distance aside
@@ -116,10 +117,13 @@ def _bevel_cut_mm(across: Field32, roll_rad: float, needle: NeedleDescription) -
 def draw_sheath(picture: Field32, hole: Hole, beyond_origin_mm: float, world: WorldDescription) -> None:
     """Draw the sheath from the picture's edge to its tip: brushed steel, lighter than the needle."""
     plane = pixel_plane(world.lens)
-    tip = hole.sheath_point_mm(beyond_origin_mm)
-    along_axis = (math.sin(hole.heading_rad), math.cos(hole.heading_rad))
+    x_mm, y_mm, z_mm = hole.sheath_point_mm(beyond_origin_mm)
+    end = np.array([(0.0, y_mm, z_mm, hole.heading_rad, 0.0, x_mm, hole.lean_rad, 0.0)])
+    seen = see_path(end, world.lens)
+    _, *tip, heading_rad, _ = seen.table[0].tolist()
+    along_axis = (math.sin(heading_rad), math.cos(heading_rad))
     axis = np.array(tip) - np.linspace(0, _SHEATH_SEEN_MM, 13)[:, None] * along_axis
-    diameter_mm = world.sheath.diameter_mm
+    diameter_mm = world.sheath.diameter_mm * float(seen.scale[0])
     margin_px = (diameter_mm + HALO_MM) / plane.mm_per_px
     region = find_region(plane_to_pixels(axis, world.lens), margin_px, world.lens)
     if region.is_empty:
@@ -131,7 +135,7 @@ def draw_sheath(picture: Field32, hole: Hole, beyond_origin_mm: float, world: Wo
     share = coverage(inside, plane.mm_per_px) * coverage(behind, plane.mm_per_px)
     patch = picture[region.slices]
     patch *= 1 - 0.12 * np.exp(-((np.minimum(inside, 0) / 0.5) ** 2)) * (behind > 0)
-    steel = _draw_sheath_steel(lateral / np.float32(0.5 * diameter_mm), hole.heading_rad, world.light)
+    steel = _draw_sheath_steel(lateral / np.float32(0.5 * diameter_mm), heading_rad, world.light)
     patch += share * (steel - patch)
 
 
@@ -164,14 +168,15 @@ def draw_bubble(picture: Field32, bubble: Bubble, shift_mm: float, world: WorldD
 def draw_ball(picture: Field32, ball: Ball, world: WorldDescription) -> None:
     """Draw an obstacle of tinted, translucent gel: darker with its thickness, and with a faint rim."""
     plane = pixel_plane(world.lens)
-    _, y_mm, z_mm = ball.centre_mm
-    middle = plane_to_pixels(np.array([(y_mm, z_mm)]), world.lens)
-    region = find_region(middle, 1.2 * ball.radius_mm / plane.mm_per_px + 2, world.lens)
+    centre, scale = see_points(np.array([ball.centre_mm]), world.lens)
+    (y_mm, z_mm), radius_mm = centre[0], ball.radius_mm * float(scale[0])
+    middle = plane_to_pixels(centre, world.lens)
+    region = find_region(middle, 1.2 * radius_mm / plane.mm_per_px + 2, world.lens)
     if region.is_empty:
         return
     dy = plane.y_mm[region.slices] - np.float32(y_mm)
     dz = plane.z_mm[region.slices] - np.float32(z_mm)
-    out = np.sqrt(dy**2 + dz**2) / np.float32(ball.radius_mm)
+    out = np.sqrt(dy**2 + dz**2) / np.float32(radius_mm)
     inside = np.sqrt(np.clip(1 - out**2, 0, 1))
-    rim = np.exp(-(((out - 0.98) * np.float32(ball.radius_mm) / 0.25) ** 2))
+    rim = np.exp(-(((out - 0.98) * np.float32(radius_mm) / 0.25) ** 2))
     picture[region.slices] *= 1 - 0.28 * inside - 0.06 * rim

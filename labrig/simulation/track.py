@@ -2,9 +2,10 @@
 
 Headings are zero along +z and positive towards +y. A bevel at roll 0 bends the path towards -y, at roll pi
 towards +y (equation 5 of the paper): the final curvature at roll delta is -cos(delta) / r in the plane and
-sin(delta) / r out of it, towards +x. The path leans out of the plane by small angles only, and is computed there to
-first order. The hinges need arc length to close: over the first `hinge_closing_mm` the curvature grows linearly. From
-then on only their play matters: after half a turn of the bevel the curvature swings over in `backlash_mm`.
+sin(delta) / r out of it, towards +x; in a layer of a phantom, r is scaled. The path leans out of the plane by small
+angles only, and is computed there to first order. The hinges need arc length to close: over the first
+`hinge_closing_mm` the curvature grows linearly. From then on only their play matters: after half a turn of the bevel
+the curvature swings over in `backlash_mm`.
 """
 
 import math
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from labrig.simulation.description import LayerDescription
 from labrig.simulation.lens import Floats
 from labrig.simulation.unevenness import NODE_MM, Unevenness, no_unevenness
 
@@ -21,15 +23,20 @@ _STEADY: Wander = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class Bending:
-    """How the needle bends: its radius with closed hinges (infinite: straight), and two lengths.
+    """How the needle bends: its radius with closed hinges (infinite: straight), two lengths, and layers.
 
     hinge_closing_mm : arc length over which the hinges close; backlash_mm : over which the curvature swings to the
-    other side after half a turn.
+    other side after half a turn; layers : where the radius is scaled.
     """
 
     radius_mm: float
     hinge_closing_mm: float
     backlash_mm: float
+    layers: tuple[LayerDescription, ...] = ()
+
+    def scale_radius_at(self, z_mm: float) -> float:
+        """Return the scale of the radius at a depth."""
+        return next((layer.radius_scale for layer in self.layers if z_mm < layer.until_mm), 1.0)
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,8 @@ class Track:
         Where the needle leaves the sheath, (y, z).
     heading_rad : float
         Direction of the sheath.
+    out_of_plane : (float, float)
+        Place x [mm] and lean [rad] of the sheath.
     bending : Bending
         How the needle bends.
     unevenness : Unevenness
@@ -93,13 +102,16 @@ class Track:
         heading_rad: float,
         bending: Bending,
         unevenness: Unevenness | None = None,
+        *,
+        out_of_plane: tuple[float, float] = (0.0, 0.0),
     ) -> None:
+        self._bending = bending
         self._curvature_1_mm = 1.0 / bending.radius_mm
         self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
         self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
         self._hinge_closing_mm = bending.hinge_closing_mm
         self._unevenness = no_unevenness() if unevenness is None else unevenness
-        self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0)]
+        self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
         self._end = self._nodes[0]
 
     @property
@@ -120,7 +132,8 @@ class Track:
         closing = node.arc_mm < self._hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
-        sought = self._curvature_1_mm * float(self._unevenness.curvature_share[stretch])
+        share = float(self._unevenness.curvature_share[stretch]) / self._bending.scale_radius_at(node.z_mm)
+        sought = self._curvature_1_mm * share
         return node.advance(
             length_mm,
             _approach(node.curvature_1_mm, -math.cos(roll_rad) * sought, limit),
@@ -152,12 +165,17 @@ class Track:
     def table(self, from_arc_mm: float = 0.0) -> Floats:
         """Return the nodes from an arc length, straight before 0, to the end.
 
-        (N, 5), columns arc, y, z, heading, curvature; spaced `NODE_MM` in arc except for the last.
+        (N, 8), columns arc, y, z, heading, curvature, x, lean, bend; spaced `NODE_MM` in arc except for the last.
         """
         before = [self.node_at(-count * NODE_MM) for count in range(math.ceil(-from_arc_mm / NODE_MM), 0, -1)]
         end = [] if self._end.arc_mm == self._nodes[-1].arc_mm else [self._end]
         nodes = [*before, *self._nodes, *end]
-        return np.array([(n.arc_mm, n.y_mm, n.z_mm, n.heading_rad, n.curvature_1_mm) for n in nodes])
+        return np.array(
+            [
+                (n.arc_mm, n.y_mm, n.z_mm, n.heading_rad, n.curvature_1_mm, n.x_mm, n.lean_rad, n.bend_1_mm)
+                for n in nodes
+            ]
+        )
 
     def points_mm(self, every_mm: float = NODE_MM) -> Floats:
         """Return the path in space from the sheath's tip to the end, (N, 3) as (x, y, z)."""

@@ -30,6 +30,7 @@ from labrig.simulation.scene import Backdrop, draw_backdrop, draw_gel, draw_with
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blur
 from labrig.simulation.strokes import PathSpan
+from labrig.simulation.torsion import follow_with_play
 from labrig.simulation.track import Bending, PathNode, Track
 
 _PATH_EVERY_MM = 0.5
@@ -38,7 +39,7 @@ _STUCK_MM = 0.5  # a deeper instrument would tear the gel when a hand moves it
 
 @dataclass(frozen=True)
 class _Axes:
-    """Positions of the three axes."""
+    """Positions of the three axes; the rotation is that of the needle's base, which is clamped at an angle."""
 
     insertion_mm: float = 0.0
     rotation_rad: float = 0.0
@@ -68,7 +69,8 @@ class World:
     def __init__(self, description: WorldDescription, seed: int) -> None:
         self.description = description
         self._seed = seed
-        self._axes = _Axes()
+        self._axes = _Axes(rotation_rad=math.radians(description.needle.clamp_roll_deg))
+        self._bevel_rad = self._axes.rotation_rad
         self._pushes = True
         self._needle_id: str | None = None
         self._target_mm: tuple[float, float, float] | None = None
@@ -84,7 +86,7 @@ class World:
         self._sensor = Sensor(seed, size_px, description.noise_sd, description.light.level)
 
     def mount_needle(self, needle_id: str) -> None:
-        """Clamp a needle into the instrument, which starts without a needle.
+        """Clamp a needle into the instrument, which starts without a needle; its bevel is not wound up.
 
         Raises
         ------
@@ -93,6 +95,7 @@ class World:
         """
         self._refuse_if_stuck("the needle is changed")
         self._needle_id = needle_id
+        self._bevel_rad = self._axes.rotation_rad
 
     def place_specimen(self, name: str, gelatin_percent: float) -> None:
         """Put a specimen before the sheath, fresh or with its earlier tracks.
@@ -111,6 +114,8 @@ class World:
     def place_phantom(self, name: str, gelatin_percent: float, obstacles: Sequence[Ball]) -> None:
         """Put a fresh block with obstacles cast in before the sheath, for one insertion.
 
+        The obstacles are given where the protocol says; the description may shift them.
+
         Raises
         ------
         InputError
@@ -118,11 +123,32 @@ class World:
         """
         self._refuse_if_stuck(f"{name} is placed")
         plain = cast_specimen(self.description, self._seed, name, gelatin_percent)
-        self._put_before_sheath(replace(plain, obstacles=tuple(obstacles), is_phantom=True))
+        cast = self._shift_obstacles(name, obstacles)
+        self._put_before_sheath(replace(plain, obstacles=cast, is_phantom=True))
+
+    def _shift_obstacles(self, name: str, obstacles: Sequence[Ball]) -> tuple[Ball, ...]:
+        """Return the obstacles where they truly are."""
+        random = stream(self._seed, "obstacles", name)
+        shifts_mm = self.description.obstacle_shift_sd_mm * random.standard_normal((len(obstacles), 3))
+        return tuple(
+            Ball(tuple((shift_mm + ball.centre_mm).tolist()), ball.radius_mm)
+            for ball, shift_mm in zip(obstacles, shifts_mm, strict=True)
+        )
 
     def aim_at(self, target_mm: tuple[float, float, float]) -> None:
-        """Store the target (x, y, z) of the insertion into the present phantom."""
+        """Store where the target (x, y, z) is before the needle is inserted into the present phantom."""
         self._target_mm = target_mm
+
+    def locate_target_mm(self) -> tuple[float, float, float] | None:
+        """Return where the target (x, y, z) is now: it moves with the needle's tip, and does not move back."""
+        track = self._hole.track
+        if self._target_mm is None or self._specimen is None or track is None:
+            return self._target_mm
+        way_mm = math.dist(self._target_mm, _xyz(track.node_at(0.0)))
+        moved_mm = self.description.target_moves_mm * min(1.0, track.length_mm / way_mm)
+        angle_rad = stream(self._seed, "target", self._specimen.name).uniform(0.0, math.tau)
+        x, y, z = self._target_mm
+        return x, y + moved_mm * math.sin(angle_rad), z + moved_mm * math.cos(angle_rad)
 
     def point_at_pixel_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
         """Return the point (x, y, z) of the steering plane that the camera sees at a pixel (u, v)."""
@@ -189,6 +215,7 @@ class World:
         if insertion_mm != self._axes.insertion_mm:
             self._pushes = insertion_mm > self._axes.insertion_mm
         self._axes = _Axes(insertion_mm, rotation_rad + clamped_rad, linear_mm)
+        self._bevel_rad = follow_with_play(self._bevel_rad, self._axes.rotation_rad, self._torsion_lag_rad())
         hole = self._hole
         if self._specimen is None:
             hole.track = None
@@ -200,10 +227,17 @@ class World:
     def _cut(self, hole: Hole) -> None:
         if hole.track is None:
             needle = self.description.needle
-            bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm)
-            hole.track = Track(self._sheath_tip_mm(), hole.heading_rad, bending, hole.unevenness)
+            bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm, hole.layers)
+            x, y, z = self._sheath_tip_mm()
+            out_of_plane = x, hole.lean_rad
+            hole.track = Track((y, z), hole.heading_rad, bending, hole.unevenness, out_of_plane=out_of_plane)
             hole.track_linear_mm = self._axes.linear_mm
-        hole.track.extend(self._needle_span().to_mm, self._axes.rotation_rad)
+        hole.track.extend(self._needle_span().to_mm, self._bevel_rad)
+
+    def _torsion_lag_rad(self) -> float:
+        """Return how far the bevel may be behind the rotation axis, in each direction."""
+        needle = self.description.needle
+        return math.radians(needle.torsion_lag_deg + needle.torsion_lag_deg_per_mm * self._needle_in_gel_mm())
 
     def insertion_force_n(self) -> float:
         """Return the force that resists the insertion axis [N]: at the needle's tip as it cuts on, and along it."""
@@ -248,12 +282,13 @@ class World:
         """Return the truth about the insertion in the present hole, ready for JSON.
 
         Its keys: specimen, gelatin_percent, needle_id, hole, radius_mm (drawn), each possibly None;
-        hole_position_mm; sheath_tip_mm [y, z] where the needle left it; tip_mm [y, z] and arc_length_mm at the
-        deepest so far, so that they are the same before and after the needle is withdrawn. In a phantom also the
+        hole_position_mm; sheath_tip_mm [y, z] where the needle left it; tip_mm [y, z], tip_x_mm and arc_length_mm at
+        the deepest so far, so that they are the same before and after the needle is withdrawn. In a phantom also the
         keys of `_phantom_truth`.
         """
         hole, track = self._hole, self._hole.track
-        start = self._sheath_tip_mm() if track is None else _yz(track.node_at(0.0))
+        start = self._sheath_tip_mm() if track is None else _xyz(track.node_at(0.0))
+        tip = start if track is None else _xyz(track.node_at(track.length_mm))
         return {
             "specimen": None if self._specimen is None else self._specimen.name,
             "gelatin_percent": None if self._specimen is None else self._specimen.gelatin_percent,
@@ -261,8 +296,9 @@ class World:
             "hole": hole.number,
             "hole_position_mm": hole.position_mm,
             "radius_mm": hole.radius_mm if math.isfinite(hole.radius_mm) else None,
-            "sheath_tip_mm": list(start),
-            "tip_mm": list(start if track is None else _yz(track.node_at(track.length_mm))),
+            "sheath_tip_mm": list(start[1:]),
+            "tip_mm": list(tip[1:]),
+            "tip_x_mm": tip[0],
             "arc_length_mm": 0.0 if track is None else track.length_mm,
             **self._phantom_truth(),
         }
@@ -270,13 +306,13 @@ class World:
     def _phantom_truth(self) -> dict[str, object]:
         """Return the truth about an insertion into a phantom, in space; empty for another gel.
 
-        tip_x_mm; target_mm [x, y, z], true_target_error_mm and true_min_clearance_mm, from the needle's surface to an
-        obstacle's, each possibly None; path_mm [[x, y, z], ...], a point every half millimetre.
+        target_mm [x, y, z] where it is now, true_target_error_mm and true_min_clearance_mm, from the needle's surface
+        to an obstacle's, each possibly None; path_mm [[x, y, z], ...], a point every half millimetre.
         """
         if self._specimen is None or not self._specimen.is_phantom:
             return {}
-        track, balls, target = self._hole.track, self._specimen.obstacles, self._target_mm
-        path = np.array([(0.0, *self._sheath_tip_mm())]) if track is None else track.points_mm()
+        track, balls, target = self._hole.track, self._specimen.obstacles, self.locate_target_mm()
+        path = np.array([self._sheath_tip_mm()]) if track is None else track.points_mm()
         radius_mm = 0.5 * self.description.needle.diameter_mm
         clearances = [
             float(np.linalg.norm(path - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
@@ -284,7 +320,6 @@ class World:
         ]
         coarse = path if track is None else track.points_mm(_PATH_EVERY_MM)
         return {
-            "tip_x_mm": float(path[-1, 0]),
             "target_mm": None if target is None else list(target),
             "true_target_error_mm": None if target is None else float(np.linalg.norm(path[-1] - target)),
             "true_min_clearance_mm": min(clearances, default=None),
@@ -299,7 +334,15 @@ class World:
         track, span = self._hole.track, self._needle_span()
         if track is None or span.to_mm <= span.from_mm:
             return np.empty((0, 2))
-        return np.array([_yz(track.node_at(arc)) for arc in np.linspace(span.from_mm, span.to_mm, points)])
+        arcs = np.linspace(span.from_mm, span.to_mm, points)
+        return np.array([_xyz(track.node_at(arc))[1:] for arc in arcs])
+
+    def tip_mm(self) -> tuple[float, float, float]:
+        """Return where the needle's tip (x, y, z) is now, or the sheath's while the needle is inside it."""
+        track, span = self._hole.track, self._needle_span()
+        if track is None or span.to_mm <= span.from_mm:
+            return self._sheath_tip_mm()
+        return _xyz(track.node_at(span.to_mm))
 
     def _enter_hole(self, specimen: GelBlock, number: int | None, position_mm: float) -> None:
         place = (number, position_mm)
@@ -314,14 +357,15 @@ class World:
             message = f"{action} while the instrument stands {depth_mm:.1f} mm deep in {self._specimen.name}"
             raise InputError(message, f"withdraw needle and sheath to {_STUCK_MM} mm or less first")
 
-    def _sheath_tip_mm(self) -> tuple[float, float]:
+    def _sheath_tip_mm(self) -> tuple[float, float, float]:
         origin_mm = self.description.sheath_tip_at_origin_linear_mm
         return self._hole.sheath_point_mm(self._axes.linear_mm - origin_mm)
 
     def _needle_span(self) -> PathSpan:
         """Return the part of the track between the sheath's tip and the needle's."""
         sheath_mm = self._axes.linear_mm - self._hole.track_linear_mm
-        return PathSpan(sheath_mm, sheath_mm + self._axes.insertion_mm, self._axes.rotation_rad)
+        arrives_mm = self._axes.insertion_mm * (1.0 - self._hole.slip_fraction)
+        return PathSpan(sheath_mm, sheath_mm + arrives_mm, self._bevel_rad)
 
     def _scene_name(self) -> str:
         if self._covering is not None:
@@ -355,5 +399,5 @@ class World:
         return self._scene.sharp
 
 
-def _yz(node: PathNode) -> tuple[float, float]:
-    return node.y_mm, node.z_mm
+def _xyz(node: PathNode) -> tuple[float, float, float]:
+    return node.x_mm, node.y_mm, node.z_mm

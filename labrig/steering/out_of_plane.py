@@ -1,0 +1,149 @@
+"""How far the tip may be out of the steering plane, which one camera does not see.
+
+To first order the needle leans out of the plane by lean' = sin(bevel) / r + noise along its length s, and is displaced
+by x' = lean, so that a bend made at s displaces the tip at L by (L - s) times as much. Four sources are known:
+
+- The roll zero is off by a constant e. A bend at the roll d then leads out of the plane by cos(d) e / r, as if the
+  whole path were turned about the axis of its start.
+- Torsion: friction on the shaft keeps the bevel behind its drive by a lag h, whichever way it was turned last. Half
+  turns back and forth alternate both the side of the bend and the sign of the lag, so that their parts add up.
+- The heading wanders out of the plane with q per root of the length: x has the standard deviation q sqrt(L^3 / 3).
+- The start is displaced, and leans.
+
+The sources are independent; none is seen, so all are taken as normal about 0. In space a path that is turned about its
+start by e has x = e y. The first order puts the integral of the heading in place of y, the integral of its sine: 3 %
+more at a heading of 25 degrees, 8 % at 40.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from labrig.errors import InputError
+
+
+@dataclass(frozen=True)
+class RolledStretch:
+    """A length of path inserted without a turn of the bevel.
+
+    Parameters
+    ----------
+    length_mm : float
+    roll_rad : float
+        Of the bevel as commanded, from the roll zero: 0 bends towards -y.
+    turned : int
+        The direction in which the bevel was turned last: 1, -1, or 0 if that is not known.
+    """
+
+    length_mm: float
+    roll_rad: float
+    turned: int
+
+
+@dataclass(frozen=True)
+class OutOfPlaneSettings:
+    """Standard deviations of what leads the needle out of the plane.
+
+    Parameters
+    ----------
+    heading_sd_rad_per_root_mm : float
+        Of the lean after a millimetre; it grows with the square root of the length.
+    start_sd_mm, start_sd_rad : float
+        Of the place and the lean of the needle where it leaves the sheath.
+    roll_zero_sd_rad : float
+        Of the roll zero.
+    lag_sd_rad : float
+        Of the bevel's lag behind its drive that is left after compensation.
+
+    Raises
+    ------
+    InputError
+        For a standard deviation that is negative or not finite.
+    """
+
+    heading_sd_rad_per_root_mm: float
+    start_sd_mm: float
+    start_sd_rad: float
+    roll_zero_sd_rad: float
+    lag_sd_rad: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0.0 <= value < math.inf:
+                raise InputError(f"{name} is {value:g}, it must be a number that is 0 or more")
+
+
+@dataclass(frozen=True)
+class OutOfPlaneBudget:
+    """Standard deviation of the tip's place out of the plane by source [mm], and of its lean [rad]."""
+
+    roll_zero_mm: float
+    torsion_mm: float
+    heading_mm: float
+    start_mm: float
+    lean_rad: float
+
+    @property
+    def total_mm(self) -> float:
+        """Standard deviation of the tip's place out of the plane by all sources."""
+        return math.hypot(self.roll_zero_mm, self.torsion_mm, self.heading_mm, self.start_mm)
+
+
+def budget_out_of_plane(
+    stretches: Sequence[RolledStretch], radius_mm: float, settings: OutOfPlaneSettings
+) -> OutOfPlaneBudget:
+    """Return how far the tip may be out of the plane at the end of these stretches.
+
+    Parameters
+    ----------
+    stretches : sequence of RolledStretch
+        From the start of the path on.
+    radius_mm : float
+        Of the needle's arcs.
+    settings : OutOfPlaneSettings
+
+    Raises
+    ------
+    InputError
+        For a radius or a length that is not a positive number, or not 0 or more.
+    """
+    if not 0.0 < radius_mm < math.inf:
+        raise InputError(f"radius_mm is {radius_mm:g}, it must be above 0")
+    length_mm = sum(stretch.length_mm for stretch in stretches)
+    constant, lagging, unknown = _Sensitivity(), _Sensitivity(), _Sensitivity()
+    left_mm = length_mm
+    for stretch in stretches:
+        if not 0.0 <= stretch.length_mm < math.inf:
+            raise InputError(f"length_mm of a stretch is {stretch.length_mm:g}, it must be 0 or more")
+        lean = math.cos(stretch.roll_rad) * stretch.length_mm / radius_mm
+        part = _Sensitivity(lean * (left_mm - 0.5 * stretch.length_mm), lean)
+        constant = constant.plus(part, 1)
+        lagging = lagging.plus(part, -stretch.turned)
+        unknown = unknown.plus(part, 1 if stretch.turned == 0 else 0)
+        left_mm -= stretch.length_mm
+    roll, lag = settings.roll_zero_sd_rad, settings.lag_sd_rad
+    heading = settings.heading_sd_rad_per_root_mm
+    return OutOfPlaneBudget(
+        roll_zero_mm=roll * abs(constant.x_mm),
+        torsion_mm=lag * math.hypot(lagging.x_mm, unknown.x_mm),
+        heading_mm=heading * math.sqrt(length_mm**3 / 3.0),
+        start_mm=math.hypot(settings.start_sd_mm, settings.start_sd_rad * length_mm),
+        lean_rad=math.hypot(
+            roll * constant.lean,
+            lag * lagging.lean,
+            lag * unknown.lean,
+            heading * math.sqrt(length_mm),
+            settings.start_sd_rad,
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Sensitivity:
+    """By how much a radian of roll displaces the tip [mm] and makes it lean [rad]."""
+
+    x_mm: float = 0.0
+    lean: float = 0.0
+
+    def plus(self, other: "_Sensitivity", sign: int) -> "_Sensitivity":
+        return _Sensitivity(self.x_mm + sign * other.x_mm, self.lean + sign * other.lean)

@@ -1,0 +1,129 @@
+"""Turns of a bevel behind a play, against a simulated play operator."""
+
+import math
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.errors import InputError
+from labrig.steering.out_of_plane import RolledStretch
+from labrig.steering.torsion import (
+    BaseLimits,
+    BaseTurn,
+    TorsionalLag,
+    TurnAhead,
+    centre_bevel,
+    choose_turn,
+    find_lag_sensitivity_mm,
+)
+
+RADIUS_MM = 28.0
+WIDE = BaseLimits(-13.0, 13.0)
+
+lengths_mm = st.lists(st.floats(2.0, 40.0), min_size=2, max_size=6)
+lags = st.builds(TorsionalLag, st.floats(0.0, 0.2), st.floats(0.0, 0.004))
+
+
+def turn_with(bevel_rad: float, turn: BaseTurn, lag_rad: float) -> float:
+    """Return where a play operator leaves the bevel after the base is driven as a turn says."""
+    for base_rad in (turn.farthest_rad, turn.to_rad):
+        bevel_rad = min(max(bevel_rad, base_rad - lag_rad), base_rad + lag_rad)
+    return bevel_rad
+
+
+def steer(
+    arcs_mm: Sequence[float], known: TorsionalLag, true: TorsionalLag, limits: BaseLimits = WIDE
+) -> tuple[list[BaseTurn], list[RolledStretch], list[float]]:
+    """Return turns, stretches and the bevel in each arc, with a half turn between two arcs."""
+    path, bevels_rad, turns = [RolledStretch(arcs_mm[0], 0.0, 0)], [0.0], list[BaseTurn]()
+    for number in range(1, len(arcs_mm)):
+        ahead = [TurnAhead(math.pi, arc_mm) for arc_mm in arcs_mm[number:]]
+        base_rad = turns[-1].to_rad if turns else 0.0
+        turns.append(choose_turn(path, base_rad, ahead, known, limits, radius_mm=RADIUS_MM))
+        bevels_rad.append(turn_with(bevels_rad[-1], turns[-1], true.at(sum(arcs_mm[:number]))))
+        path.append(RolledStretch(arcs_mm[number], turns[-1].to_rad, turns[-1].direction))
+    return turns, path, bevels_rad
+
+
+def displacement_mm(arcs_mm: Sequence[float], bevels_rad: Sequence[float]) -> float:
+    """Return x at the end of a path, to first order in the lean."""
+    left_mm, x_mm = sum(arcs_mm), 0.0
+    for arc_mm, bevel_rad in zip(arcs_mm, bevels_rad, strict=True):
+        x_mm += math.sin(bevel_rad) * arc_mm * (left_mm - arc_mm / 2) / RADIUS_MM
+        left_mm -= arc_mm
+    return x_mm
+
+
+def sensitivity_of(arcs_mm: Sequence[float], directions: Sequence[int]) -> float:
+    """Return |dx/dh| for half turns in these directions."""
+    rolls_rad = [math.pi * sum(directions[:number]) for number in range(len(arcs_mm))]
+    stretches = [
+        RolledStretch(arc_mm, roll_rad, turned)
+        for arc_mm, roll_rad, turned in zip(arcs_mm, rolls_rad, (0, *directions), strict=True)
+    ]
+    return abs(find_lag_sensitivity_mm(stretches, RADIUS_MM))
+
+
+@given(lengths_mm, lags)
+def test_with_the_true_lag_the_bevel_ends_where_it_should_be(arcs_mm: list[float], lag: TorsionalLag) -> None:
+    """After overshoot and return the bevel is at the base's angle, so that the play is free on both sides."""
+    turns, _, bevels_rad = steer(arcs_mm, lag, lag)
+    assert bevels_rad[1:] == pytest.approx([turn.to_rad for turn in turns], abs=1e-12)
+
+
+@given(lengths_mm, st.floats(-0.02, 0.02))
+def test_the_sensitivity_foretells_what_an_error_of_the_lag_does(
+    arcs_mm: list[float], error_rad: float
+) -> None:
+    """For a small error of the lag, x at the end is dx/dh times the error."""
+    known, true = TorsionalLag(0.2), TorsionalLag(0.2 + error_rad)
+    _, path, bevels_rad = steer(arcs_mm, known, true)
+    expected_mm = find_lag_sensitivity_mm(path, RADIUS_MM) * error_rad
+    assert displacement_mm(arcs_mm, bevels_rad) == pytest.approx(expected_mm, abs=0.03)
+
+
+@given(lengths_mm, lags)
+def test_no_other_directions_leave_less(arcs_mm: list[float], lag: TorsionalLag) -> None:
+    """|dx/dh| is no larger than back and forth or all the same way, but for 1 mm/rad that each choice may round off."""
+    turns, path, _ = steer(arcs_mm, lag, lag)
+    alternating = [1 if number % 2 == 0 else -1 for number in range(len(turns))]
+    least = min(sensitivity_of(arcs_mm, alternating), sensitivity_of(arcs_mm, [1] * len(turns)))
+    assert abs(find_lag_sensitivity_mm(path, RADIUS_MM)) <= least + len(turns)
+
+
+@given(lengths_mm, lags, st.floats(4.0, 13.0))
+def test_the_base_is_never_driven_beyond_its_limits(
+    arcs_mm: list[float], lag: TorsionalLag, limit_rad: float
+) -> None:
+    """Angles and overshoots are within the limits of the axis; the bevel still gets every turn."""
+    turns, _, _ = steer(arcs_mm, lag, lag, BaseLimits(-limit_rad, limit_rad))
+    before_rad = 0.0
+    for turn in turns:
+        assert abs(turn.to_rad) <= limit_rad
+        assert abs(turn.farthest_rad) <= limit_rad
+        assert abs(turn.to_rad - before_rad) == pytest.approx(math.pi)
+        assert turn.overshoot_rad * turn.direction >= 0.0
+        before_rad = turn.to_rad
+
+
+@given(st.floats(-13.0, 13.0), st.floats(0.0, 0.3), st.floats(-0.3, 0.3))
+def test_a_bevel_in_the_sheath_is_centred(from_rad: float, lag_rad: float, off: float) -> None:
+    """From any base angle, and wherever the bevel was in its play, it comes to the roll zero."""
+    turn = centre_bevel(from_rad, TorsionalLag(lag_rad), WIDE)
+    bevel_rad = from_rad + off * lag_rad / 0.3
+    if abs(from_rad) > 2 * lag_rad:
+        assert turn_with(bevel_rad, turn, lag_rad) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_turns_in_one_stretch_of_gel_alternate_the_side() -> None:
+    """Two equal parts of the displacement cancel: the second turn goes on in the direction of the first."""
+    turns, _, _ = steer([30.0, 40.0, 30.0], TorsionalLag(), TorsionalLag())
+    assert turns[0].direction == turns[1].direction
+
+
+def test_no_turn_is_refused() -> None:
+    """A choice without a turn to make is refused."""
+    with pytest.raises(InputError, match="no turn"):
+        choose_turn([], 0.0, [], TorsionalLag(), WIDE, radius_mm=RADIUS_MM)

@@ -1,4 +1,4 @@
-"""The state of a rig across runs: whether a needle is in tissue, referenced axes, and the needle's roll zero.
+"""The state of a rig across runs: whether a needle is in tissue, referenced axes, the needle's roll zero and torsion.
 
 The file is replaced atomically and forced to disk. If it is missing or damaged, a needle may be in tissue. A file of
 something else is never replaced.
@@ -17,10 +17,36 @@ from labrig.devices.worker import Do, do_at_once
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
 from labrig.input_file import open_file, parse_json, read_file
+from labrig.steering.torsion import TorsionalLag
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
 _BEGIN_BYTES = 4096
+
+
+@dataclass(frozen=True)
+class Torsion:
+    """By how much the bevel of a needle stays behind the rotation axis, as measured by a run.
+
+    Parameters
+    ----------
+    lag_rad, lag_rad_per_mm : float
+        On either side: with no needle in the gel, and for each millimetre of it.
+    sd_rad : float
+        Standard deviation of the lag: the largest between the sheath and the deepest measurement.
+    run : str
+        The run that measured it.
+    """
+
+    lag_rad: float
+    lag_rad_per_mm: float
+    sd_rad: float
+    run: str
+
+    @property
+    def lag(self) -> TorsionalLag:
+        """The lag at each depth."""
+        return TorsionalLag(self.lag_rad, self.lag_rad_per_mm)
 
 
 @dataclass(frozen=True)
@@ -35,12 +61,15 @@ class RollZero:
         Position of the rotation axis, and its standard deviation.
     run : str
         The run that found it.
+    torsion : Torsion or None
+        Of the needle as it is clamped; None if it was not measured.
     """
 
     needle_id: str
     zero_rad: float
     sd_rad: float
     run: str
+    torsion: Torsion | None = None
 
 
 @dataclass(frozen=True)
@@ -224,7 +253,7 @@ def _parse(document: Any) -> RigState:
         raise ValueError("needle_in_tissue is neither true, false nor null")
     if not isinstance(referenced, list):
         raise TypeError("referenced is no list")
-    roll_zero = _parse_roll_zero(document.get("roll_zero"))
+    roll_zero = parse_roll_zero(document.get("roll_zero"))
     return RigState(
         needle,
         since,
@@ -244,8 +273,8 @@ def parse_current_limits(document: object) -> dict[str, tuple[int, int]]:
     return {str(axis): (int(own_ma), int(set_ma)) for axis, (own_ma, set_ma) in document.items()}
 
 
-def _parse_roll_zero(document: object) -> RollZero | None:
-    """Return the roll zero of a state file; files of earlier versions have none."""
+def parse_roll_zero(document: object) -> RollZero | None:
+    """Return the roll zero of a state file or record; those of earlier versions have none, or none with a torsion."""
     if document is None:
         return None
     if not isinstance(document, dict):
@@ -253,7 +282,19 @@ def _parse_roll_zero(document: object) -> RollZero | None:
     zero_rad, sd_rad = float(document["zero_rad"]), float(document["sd_rad"])
     if not (math.isfinite(zero_rad) and sd_rad >= 0):
         raise ValueError("roll_zero holds no numbers")
-    return RollZero(str(document["needle_id"]), zero_rad, sd_rad, str(document["run"]))
+    torsion = _parse_torsion(document.get("torsion"))
+    return RollZero(str(document["needle_id"]), zero_rad, sd_rad, str(document["run"]), torsion)
+
+
+def _parse_torsion(document: object) -> Torsion | None:
+    if document is None:
+        return None
+    if not isinstance(document, dict):
+        raise TypeError("torsion is no mapping")
+    lag_rad, per_mm, sd_rad = (float(document[key]) for key in ("lag_rad", "lag_rad_per_mm", "sd_rad"))
+    if not (math.isfinite(lag_rad) and math.isfinite(per_mm) and sd_rad >= 0):
+        raise ValueError("torsion holds no numbers")
+    return Torsion(lag_rad, per_mm, sd_rad, str(document["run"]))
 
 
 def _save(path: Path, state: RigState) -> None:

@@ -146,6 +146,12 @@ def choose_turn(
     return _turn_where_room_is(base_rad, turns[0], lag.at(depth_mm), limits)
 
 
+def turn_back_and_forth(base_rad: float, roll_rad: float) -> BaseTurn:
+    """Return the turn back towards the roll zero, or away from it; nothing is done about a lag."""
+    direction = -1 if base_rad > 0.0 else 1
+    return BaseTurn(direction, base_rad + direction * abs(roll_rad), 0.0)
+
+
 def centre_bevel(from_rad: float, lag: TorsionalLag, limits: BaseLimits) -> BaseTurn:
     """Return how to bring the bevel from a base angle to the roll zero while the needle is in the sheath."""
     direction = 1 if from_rad <= 0.0 else -1

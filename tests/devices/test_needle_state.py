@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.needle_state import NeedleState, RollZero
+from labrig.devices.needle_state import NeedleState, RollZero, Torsion, parse_roll_zero
 from labrig.errors import DiskError
 
 
@@ -89,6 +89,20 @@ def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None
     assert NeedleState(tmp_path / "rig.state.json").state.roll_zero == zero
 
 
+def test_the_torsion_is_remembered_with_the_roll_zero_of_its_needle(tmp_path: Path) -> None:
+    """It reads back unchanged, is given for its own needle alone, and a roll zero without one has none."""
+    store = NeedleState(tmp_path / "rig.state.json")
+    torsion = Torsion(0.01, 0.002, 0.02, "20261121-roll-zero")
+    zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero", torsion)
+    store.update(needle_in_tissue=False, referenced=("rotation",), roll_zero=zero)
+    again = NeedleState(tmp_path / "rig.state.json")
+    assert again.recall_roll_zero("N1") == zero
+    assert again.recall_roll_zero("N2") is None
+    assert parse_roll_zero({"needle_id": "N1", "zero_rad": 0.1, "sd_rad": 0.01, "run": "before"}) == RollZero(
+        "N1", 0.1, 0.01, "before"
+    )
+
+
 @pytest.mark.parametrize("left", [(), ("insertion", "linear")])
 def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
     tmp_path: Path, left: tuple[str, ...]
@@ -102,7 +116,15 @@ def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
     assert NeedleState(tmp_path / "rig.state.json").state.roll_zero is None
 
 
-@pytest.mark.parametrize("value", ['"none"', '{"needle_id": "N1"}', '{"needle_id": "N1", "zero_rad": "x"}'])
+@pytest.mark.parametrize(
+    "value",
+    [
+        '"none"',
+        '{"needle_id": "N1"}',
+        '{"needle_id": "N1", "zero_rad": "x"}',
+        '{"needle_id": "N1", "zero_rad": 0, "sd_rad": 0, "run": "a", "torsion": {"lag_rad": 0}}',
+    ],
+)
 def test_a_damaged_roll_zero_makes_the_whole_state_doubtful(tmp_path: Path, value: str) -> None:
     """A needle may be in tissue then."""
     path = tmp_path / "rig.state.json"

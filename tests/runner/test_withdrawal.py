@@ -42,6 +42,14 @@ def test_a_turn_is_undone_where_it_was_made() -> None:
     ]
 
 
+def test_the_overshoot_of_a_turn_is_not_repeated() -> None:
+    """The record shows a turn past its angle and back; the withdrawal turns once."""
+    turn = (0.0, 1.6, 3.3, 3.6, 3.3, 3.14)
+    path = (AxisPositions(0, 0, 5), *(AxisPositions(20, rad, 5) for rad in turn), AxisPositions(50, 3.14, 5))
+    moves = [(move.axis, move.position) for move in plan_reverse_moves(path)]
+    assert moves == [("insertion", 20), ("rotation", 0.0), ("insertion", 0.0), ("linear", 0.0)]
+
+
 def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
     """A needle already retracted beyond its turn is only moved out."""
     on_the_way_out = (*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.devices.camera import Exposure
-from labrig.devices.needle_state import NEW, RigState, RollZero, parse_current_limits
+from labrig.devices.needle_state import NEW, RigState, parse_current_limits, parse_roll_zero
 from labrig.devices.operator import Answer
 from labrig.errors import RecordError
 from labrig.record.can_log import CanFrame
@@ -211,13 +211,12 @@ def _read_truth(line: Mapping[str, Any]) -> dict[str, object]:
 def _read_state(recorded: object) -> RigState:
     if not isinstance(recorded, Mapping):
         return NEW
-    roll_zero = recorded.get("roll_zero")
     return RigState(
         needle_in_tissue=recorded.get("needle_in_tissue"),
         since_run=recorded.get("since_run"),
         referenced=tuple(recorded.get("referenced", ())),
         note=str(recorded.get("note", "")),
-        roll_zero=None if roll_zero is None else RollZero(**roll_zero),
+        roll_zero=parse_roll_zero(recorded.get("roll_zero")),
         current_limits=parse_current_limits(recorded.get("current_limits")),
     )
 

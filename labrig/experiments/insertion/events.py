@@ -22,8 +22,21 @@ class InsertionRole(PictureRole):
     PLAN = "plan"
 
 
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class RecordedTorsion(_Part):
+    """The measured lag of the bevel behind the rotation axis, and its standard deviation."""
+
+    lag_rad: float
+    lag_rad_per_mm: float
+    sd_rad: float
+    run: str
+
+
 class InsertionStart(SpecimenTrialStart):
-    """An insertion begins: its target, its obstacles, and the roll zero in use."""
+    """An insertion begins: its target, its obstacles, and the roll zero and torsion in use."""
 
     target_mm: _Point
     tolerance_mm: float
@@ -32,6 +45,7 @@ class InsertionStart(SpecimenTrialStart):
     start_heading_rad: float
     roll_zero_rad: float
     roll_zero_sd_rad: float
+    torsion: RecordedTorsion | None = None
 
 
 class InsertionStop(TrialStop):
@@ -58,13 +72,14 @@ class InsertionEvent(Event):
 
 
 class BevelTurn(InsertionEvent):
-    """The bevel is turned while the needle stands still."""
+    """The rotation axis turns the bevel while the needle stands still; it first goes past `to_rad` by the overshoot."""
 
     kind: ClassVar[str] = "flip"
 
     depth_mm: float
     from_rad: float
     to_rad: float
+    overshoot_rad: float = 0.0
 
 
 class NeedleHeld(InsertionEvent):
@@ -74,10 +89,6 @@ class NeedleHeld(InsertionEvent):
 
     stop: str | None
     detail: str
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class RecordedEstimate(_Part):

@@ -66,10 +66,11 @@ def _find_roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -
     certified = NeedleState(rig.state_path).state.roll_zero
     needle_id = protocol.needle.needle_id
     if protocol.roll_zero is None and (certified is None or certified.needle_id != needle_id):
+        other = "" if certified is None else f" (its roll zero is of needle {certified.needle_id})"
         yield Problem(
             "roll_zero",
-            f"rig {rig.name} has no certified roll zero of needle {needle_id}, and the protocol does not say how to "
-            "find it",
+            f"rig {rig.name} has no certified roll zero of needle {needle_id}{other}, and the protocol does not say "
+            "how to find it",
             "say how under roll_zero:, or first labrig run protocols/roll-zero.yaml on this rig"
             if rig.state_path is not None
             else "say how under roll_zero:; a simulated rig without state_file is new in every run",

@@ -4,15 +4,18 @@ The needle advances at the set speed from one turn of the bevel to the next, and
 because gel relaxes around a needle that stops. It stops for a turn: half a turn takes most of a second, and a bevel
 that turns while the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see. The
 bevel lags behind its drive by the time in the rig file (`axes.rotation.lag_s`). The procedure waits for that time, so
-that the turn acts where it was planned, however long the lag.
+that the turn acts where it was planned, however long the lag. Waiting does not help against torsion: directions and
+overshoots do, see `steering.torsion`.
 
 The path starts at the sheath's tip, in the sheath's direction, as found in a picture once the sheath is in. If the
 sheath stands elsewhere than origin and linear encoder allow, the insertion ends before the needle leaves it.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import pairwise
 
 from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
@@ -31,6 +34,7 @@ from labrig.experiments.insertion.events import (
     PathSought,
     RecordedEstimate,
     RecordedPose,
+    RecordedTorsion,
     TipObserved,
 )
 from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
@@ -43,16 +47,27 @@ from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import withdraw
+from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.step import SteeringState, start_steering, step_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
+from labrig.steering.torsion import (
+    BaseLimits,
+    BaseTurn,
+    TorsionalLag,
+    TurnAhead,
+    centre_bevel,
+    choose_turn,
+    turn_back_and_forth,
+)
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture
 
 _HOLD_S = 1.0
 _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
+_SAME_RAD = 0.01
 _UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
 
 
@@ -128,7 +143,7 @@ def _insert_once(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
         )
     rig.needle.mark_in_tissue(session.recorder.run_name)
-    session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
+    insertion.centre_bevel()
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     insertion.path.append(collect_axis_positions(rig.read_states()))
     picture = session.take_picture(InsertionRole.SCENE, trial)
@@ -148,7 +163,7 @@ def _steer(
 ) -> tuple[SteeringState, SteeringCommand]:
     """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
     while command.stop is None:
-        insertion.turn_bevel(command.roll_rad)
+        insertion.turn_bevel(command.roll_rad, state)
         picture = insertion.advance(command)
         seen = insertion.find_tip(picture, state)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
@@ -199,22 +214,78 @@ class _Insertion:
     trial: int
     settings: SteeringSettings
     path: list[AxisPositions] = field(default_factory=list)
+    rolled: list[RolledStretch] = field(default_factory=list)
+    turned: int = 0
     bevel_rad: float = 0.0
     run_to_mm: float = 0.0
 
-    def turn_bevel(self, roll_rad: float) -> None:
-        """Turn the bevel by half a turn while the needle stands still, in the direction back towards the roll zero."""
+    def centre_bevel(self) -> None:
+        """Turn the bevel to the roll zero while the needle is in the sheath."""
+        rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
+        if self.protocol.policy.turning == "compensated":
+            from_rad = self.session.rig.read_states()["rotation"].position - zero_rad
+            turn = centre_bevel(from_rad, self._lag, self._base_limits)
+            self.turned = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
+            if turn.overshoot_rad:
+                self.session.move("rotation", zero_rad + turn.farthest_rad, rotation.max_speed / 2)
+        self.session.move("rotation", zero_rad, rotation.max_speed / 2)
+
+    def turn_bevel(self, roll_rad: float, state: SteeringState) -> None:
+        """Turn the bevel while the needle stands still, in the direction that the protocol's `turning` leads to."""
         if roll_rad == 0.0:
             return
-        rotation = self.session.rig.rotation
-        from_rad = self.roll_zero.zero_rad + self.bevel_rad
-        self.bevel_rad += -abs(roll_rad) if self.bevel_rad > 0.0 else abs(roll_rad)
-        to_rad = self.roll_zero.zero_rad + self.bevel_rad
-        depth_mm = self.path[-1].insertion_mm
-        self.session.record(BevelTurn(trial=self.trial, depth_mm=depth_mm, from_rad=from_rad, to_rad=to_rad))
-        self.session.move("rotation", to_rad, rotation.nearest_speed(rotation.max_speed))
+        rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
+        rolled = self._list_rolled(state.insertion_mm)
+        turn = self._choose_turn(roll_rad, state, rolled)
+        self.session.record(
+            BevelTurn(
+                trial=self.trial,
+                depth_mm=self.path[-1].insertion_mm,
+                from_rad=zero_rad + self.bevel_rad,
+                to_rad=zero_rad + turn.to_rad,
+                overshoot_rad=turn.overshoot_rad,
+            )
+        )
+        self.rolled, self.turned, self.bevel_rad = rolled, turn.direction, turn.to_rad
+        speed = rotation.nearest_speed(rotation.max_speed)
+        if turn.overshoot_rad:
+            self.session.move("rotation", zero_rad + turn.farthest_rad, speed)
+            self.session.rig.wait(rotation.lag_s)
+        self.session.move("rotation", zero_rad + turn.to_rad, speed)
         self.session.rig.wait(rotation.lag_s)
         self.path.append(collect_axis_positions(self.session.rig.read_states()))
+
+    def _choose_turn(
+        self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]
+    ) -> BaseTurn:
+        """Return how to make a turn, with regard to the turns that are planned behind it."""
+        if self.protocol.policy.turning == "back_and_forth":
+            return turn_back_and_forth(self.bevel_rad, roll_rad)
+        at_mm = [state.insertion_mm, *(turn.at_mm for turn in state.ahead), state.end_mm]
+        rolls_rad = (roll_rad, *(turn.roll_rad for turn in state.ahead))
+        turns = [
+            TurnAhead(roll, max(0.0, to_mm - from_mm))
+            for roll, (from_mm, to_mm) in zip(rolls_rad, pairwise(at_mm), strict=True)
+        ]
+        radius_mm = self.settings.problem.radius_mm
+        return choose_turn(rolled, self.bevel_rad, turns, self._lag, self._base_limits, radius_mm=radius_mm)
+
+    def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
+        """Return the stretches between turns of the bevel, the present one included."""
+        since_mm = sum(stretch.length_mm for stretch in self.rolled)
+        return [*self.rolled, RolledStretch(max(0.0, to_mm - since_mm), self.bevel_rad, self.turned)]
+
+    @property
+    def _lag(self) -> TorsionalLag:
+        """The measured lag of the bevel; none if it was not measured."""
+        torsion = self.roll_zero.torsion
+        return TorsionalLag() if torsion is None else torsion.lag
+
+    @property
+    def _base_limits(self) -> BaseLimits:
+        """The limits of the rotation axis, from the roll zero."""
+        low_rad, high_rad = self.session.rig.rotation.limits
+        return BaseLimits(low_rad - self.roll_zero.zero_rad, high_rad - self.roll_zero.zero_rad)
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
         """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
@@ -326,6 +397,7 @@ class _Insertion:
     def record_start(self, aim: Aim, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
+        torsion = self.roll_zero.torsion
         self.session.record(
             InsertionStart(
                 trial=self.trial,
@@ -341,6 +413,7 @@ class _Insertion:
                 start_heading_rad=0.0,
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
+                torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
             )
         )
         self._record_plan(state, None)

@@ -177,6 +177,12 @@ class Policy(Model):
         _DEFAULT.least_clearance_mm,
         description="If no path keeps clearance_mm, take a path that keeps this [mm].",
     )
+    turning: Annotated[Literal["compensated", "back_and_forth"], Former(value="back_and_forth")] = Field(
+        "compensated",
+        description="How the bevel is turned against torsion of the needle. compensated: in the directions whose lags "
+        "displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and "
+        "back.",
+    )
 
 
 class InsertionProtocol(MovingProtocol):

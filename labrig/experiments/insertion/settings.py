@@ -25,7 +25,7 @@ def make_insertion_settings(
         When the start or the target is inside an obstacle.
     """
     planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
-    values = policy.model_dump()
+    values = policy.model_dump(exclude={"turning"})
     deviation_mm = values.pop("deviation_mm")
     return SteeringSettings(
         problem=PlanProblem(

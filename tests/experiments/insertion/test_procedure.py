@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labrig.devices.needle_state import RollZero
+from labrig.devices.needle_state import RollZero, Torsion
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -116,11 +116,43 @@ def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived:
 
 
 def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tuple[Outcome, Run]) -> None:
-    """Each flip is half a turn, and the bevel stays within a turn of its certified zero."""
+    """Each flip is half a turn, without overshoot as long as no torsion was measured, within the axis' limits."""
     _, run = arrived
     for flip in events(run, "flip"):
         assert abs(flip["to_rad"] - flip["from_rad"]) == pytest.approx(math.pi)
-        assert abs(flip["to_rad"]) < 2 * math.pi
+        assert "overshoot_rad" not in flip
+        assert abs(flip["to_rad"]) < 13.0
+
+
+def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
+    """The rotation axis goes past each angle by the lag at that depth and back; the withdrawal ends at the zero."""
+    protocol = insertion("target.position_mm=[0,3,25]")
+    torsion = Torsion(lag_rad=0.1, lag_rad_per_mm=0.01, sd_rad=0.02, run="before")
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
+        opened.opened.rig.needle.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before", torsion))
+        _, run = opened.conduct(protocol)
+    moves = [event for event in events(run, "move_done") if event["axis"] == "rotation"]
+    assert [move["position"] for move in moves[:2]] == pytest.approx([0.1, 0.0], abs=0.002)
+    flips = events(run, "flip")
+    assert flips
+    for flip in flips:
+        lag_rad = 0.1 + 0.01 * flip["depth_mm"]
+        assert abs(flip["overshoot_rad"]) == pytest.approx(lag_rad, abs=0.001)
+        past, back = [move["position"] for move in moves if move["t_s"] > flip["t_s"]][:2]
+        assert past - flip["to_rad"] == pytest.approx(flip["overshoot_rad"], abs=0.002)
+        assert back == pytest.approx(flip["to_rad"], abs=0.002)
+    held_s = events(run, "hold")[0]["t_s"]
+    ahead = {round(flip["from_rad"], 2) for flip in flips}
+    assert {round(move["position"], 2) for move in moves if move["t_s"] > held_s} <= ahead
+
+
+def test_a_bevel_turned_back_and_forth_stays_within_a_turn(tmp_path: Path) -> None:
+    """With `turning: back_and_forth`, as in records of before, every second turn goes back."""
+    protocol = insertion("target.position_mm=[0,3,25]", "policy.turning=back_and_forth")
+    _, run = conduct_insertion(tmp_path, protocol)
+    flips = events(run, "flip")
+    assert flips
+    assert all(abs(flip["to_rad"]) < 2 * math.pi for flip in flips)
 
 
 def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:

@@ -96,8 +96,8 @@ class TargetMissedError(AnswerIsNoError):
     Parameters
     ----------
     reason : str
-        target_missed, needle_lost or needle_stuck if the needle was inserted and withdrawn again; sheath_astray if it
-        did not leave its sheath; no_path or no_roll_zero if nothing was inserted.
+        target_missed, reached_in_plane_only, needle_lost or needle_stuck if the needle was inserted and withdrawn
+        again; sheath_astray if it did not leave its sheath; no_path or no_roll_zero if nothing was inserted.
     """
 
     def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:

@@ -72,7 +72,7 @@ def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool)
     if error is not None:
         return error.exit_code
     result = {} if finished.result is None else finished.result
-    return 1 if result.get("accepted") is False or result.get("reached") is False else 0
+    return 1 if result.get("accepted") is False or result.get("reached", True) is not True else 0
 
 
 def print_summary(summary: Summary) -> None:

@@ -42,7 +42,7 @@ def check(
             raise
         for line in failure_lines(error):
             say(line)
-        _print_check(error.problems, None, None, faults)
+        _print_check(error.problems, (), None, None, faults)
         return error.exit_code
     if description is not None:
         faults += _report_plugin_faults(DRIVES, CAMERAS)
@@ -52,9 +52,10 @@ def check(
     problems = plan.problems if plan.refusal is None else (plan.refusal,)
     disk_bytes = estimate_disk_bytes(plan, description)
     if as_json:
-        _print_check(problems, plan.duration_s, disk_bytes, faults)
+        _print_check(problems, plan.warnings, plan.duration_s, disk_bytes, faults)
     else:
         _print_problems(problems)
+        _print_problems(plan.warnings, "warning: ")
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
         print_wrapped(
@@ -65,9 +66,9 @@ def check(
     return 1 if problems else 0
 
 
-def _print_problems(problems: tuple[Problem, ...]) -> None:
+def _print_problems(problems: tuple[Problem, ...], kind: str = "") -> None:
     for problem in problems:
-        print_wrapped(f"{problem.where}: {problem.message}")
+        print_wrapped(f"{kind}{problem.where}: {problem.message}")
         if problem.hint:
             print_wrapped(f"  hint: {problem.hint}", 4)
 
@@ -82,6 +83,7 @@ def _report_plugin_faults(*groups: str) -> list[dict[str, object]]:
 
 def _print_check(
     problems: tuple[Problem, ...],
+    warnings: tuple[Problem, ...],
     duration_s: float | None,
     disk_bytes: int | None,
     plugins: list[dict[str, object]],
@@ -90,6 +92,7 @@ def _print_check(
         {
             "ok": not problems,
             "problems": [asdict(problem) for problem in problems],
+            "warnings": [asdict(warning) for warning in warnings],
             "duration_s": duration_s,
             "disk_bytes": disk_bytes,
             "plugins": plugins,

@@ -32,11 +32,11 @@ class Former:
 
     Parameters
     ----------
-    value : bool, float or str
+    value : bool, float, str or None
         What runs did before; a record without the key was made with it.
     """
 
-    value: bool | float | str
+    value: bool | float | str | None
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ class RunPlan:
         Reasons against the run: moves beyond a limit, pictures that cannot be measured, a target out of view.
     refusal : Problem or None
         Why the answer will be no although the run could be made, such as no path to a target.
+    warnings : tuple of Problem
+        Why the answer may be no, such as a tolerance below what the camera can certify.
     """
 
     trials: int = 0
@@ -57,6 +59,7 @@ class RunPlan:
     operator_steps: int = 0
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
+    warnings: tuple[Problem, ...] = ()
 
     @property
     def work(self) -> float:

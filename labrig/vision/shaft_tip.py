@@ -19,7 +19,7 @@ _OVER_MM, _LEAST_MM = 5.0, 1.5
 _BEVEL_ONSET = 0.3
 # Standard deviation of a shaft's end in the picture [px]: in `python -m tests.benchmarks insertion` measured and true
 # ends differ by 0.1 mm rms, which is a pixel there. A bevel has no edge square to the shaft.
-_READ_PX = 1.0
+READ_PX = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,4 +120,4 @@ def _find_errors(shaft: Shaft, plane: PlaneMap, tip_mm: FloatArray, roll_sd_rad:
     roll_shift = None
     if roll_sd_rad is not None and plane.intrinsics is not None:
         roll_shift = BendingPlane.of(shaft, plane).project(tip_mm[None], roll_sd_rad)[0] - tip_mm
-    return PlaceErrors(shaft.light_shift_mm[-1], roll_shift, _READ_PX * plane.mm_per_px)
+    return PlaceErrors(shaft.light_shift_mm[-1], roll_shift, READ_PX * plane.mm_per_px)

@@ -14,7 +14,7 @@ EXPERIMENT = ExperimentDeclaration(
     summary="labrig.experiments.insertion.summary:summarise",
     view="labrig.experiments.insertion.view:make_view",
     compare="labrig.experiments.insertion.summary:compare",
-    reanalysis_keys=("estimator", "planner", "policy"),
+    reanalysis_keys=("estimator", "planner", "policy", "out_of_plane"),
     puts_needle_in_tissue=True,
     counts="insertions",
 )

@@ -23,6 +23,15 @@ from labrig.analysis.origin import find_origins
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
+from labrig.experiments.insertion.ending import (
+    Ending,
+    SeenEnd,
+    TargetErrorBounds,
+    TracedPath,
+    bound_error,
+    measure_end,
+    missed_by_shaft,
+)
 from labrig.experiments.insertion.events import (
     BevelTurn,
     InsertionEvent,
@@ -42,14 +51,14 @@ from labrig.experiments.insertion.result import (
     InsertionStep,
     InsertionTrial,
 )
-from labrig.experiments.insertion.settings import make_insertion_settings, restore_settings
+from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, restore_settings
 from labrig.record.reader import Run
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.step import SteeringState, start_steering, step_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
-from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.template_file import load_template
 from labrig.vision.tip import TipFix
 
@@ -142,10 +151,11 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
             {"estimator": protocol.estimator.model_dump(), "planner": protocol.planner.model_dump()}
         ),
         made=len(insertions),
-        arrived=sum(trial.reached for trial in insertions),
+        arrived=sum(trial.reached is True for trial in insertions),
         causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
-        reached=bool(insertions) and all(trial.reached for trial in insertions),
+        reached=_combine_reached([trial.reached for trial in insertions]),
         target_error_mm=_find_largest([trial.target_error_mm for trial in insertions]),
+        target_error_interval_mm=_find_widest([trial.target_error_interval_mm for trial in insertions]),
         true_target_error_mm=_find_largest([trial.true_target_error_mm for trial in insertions]),
         true_min_clearance_mm=_find_least([trial.true_min_clearance_mm for trial in insertions]),
         replans=sum(trial.replans for trial in insertions),
@@ -187,11 +197,13 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
     budget = None if end is None else _find_budget(end, target_mm, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
+    bounds = _bound_error(events, settings, source, end, steps)
+    ending = _decide_ending(events.stop, error_mm, bounds, source.sentinel, tolerance_mm)
     recorded = [event.estimate.position_mm[1:] for event in events.observations]
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
-        **_decide_outcome(stop, error_mm, tolerance_mm, source.sentinel),
+        **_describe_ending(ending, bounds),
         target_mm=start.target_mm,
         tolerance_mm=tolerance_mm,
         obstacles=start.obstacles,
@@ -217,21 +229,61 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     )
 
 
-def _decide_outcome(
-    stop: InsertionStop | None, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
-) -> dict[str, Any]:
-    """Return how an insertion ended: as steered, unless the shaft shows a miss or the camera was bumped."""
+def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[str, Any]:
+    return {
+        "outcome": ending.outcome,
+        "stop": ending.stop,
+        "cause": ending.cause,
+        "reached": ending.reached,
+        "target_error_interval_mm": None if bounds is None else bounds.interval_mm,
+        "target_error_sources_mm": None if bounds is None else bounds.sources,
+    }
+
+
+def _bound_error(
+    events: _Events,
+    settings: SteeringSettings,
+    source: _Source,
+    end: ShaftTip | None,
+    steps: Sequence[InsertionStep],
+) -> TargetErrorBounds | None:
+    """Return the distance in space from the target; None if the protocol knows the plane alone, or nothing was seen."""
+    start, stop, plane = events.start, events.stop, source.view.plane
+    torsion_sd_rad = None if start.torsion is None else start.torsion.sd_rad
+    unseen = make_out_of_plane(source.protocol, start.roll_zero_sd_rad, torsion_sd_rad)
+    bumped = source.sentinel is not None and not source.sentinel.accepted
+    if unseen is None or stop is None or bumped or (end is None and not steps):
+        return None
+    if end is None:
+        last = steps[-1]
+        seen = SeenEnd.of_estimate(np.array(last.estimate_mm), last.position_sd_mm, plane)
+    else:
+        seen = SeenEnd.of_shaft(end, plane, _find_drift(source.sentinel))
+    turns = tuple(event for event in events.way if isinstance(event, BevelTurn))
+    path = TracedPath(turns, start.roll_zero_rad, stop.depth_mm, stop.centred)
+    return bound_error(seen, path.budget(settings, unseen), start.target_mm)
+
+
+def _decide_ending(
+    stop: InsertionStop | None,
+    error_mm: float | None,
+    bounds: TargetErrorBounds | None,
+    sentinel: Sentinel | None,
+    tolerance_mm: float,
+) -> Ending:
+    """Return how an insertion ended: as steered, unless the camera was bumped or the shaft shows otherwise."""
     if stop is None:
-        cause = "the run ended before the insertion did"
-        return {"outcome": "stopped", "stop": "interrupted", "cause": cause, "reached": False}
-    if sentinel is not None and not sentinel.accepted and stop.outcome == "reached":
-        cause = sentinel.reason or ""
-        return {"outcome": "unknown", "stop": "camera_bumped", "cause": cause, "reached": False}
-    if stop.outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
-        cause = f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
-        return {"outcome": "missed", "stop": "target_missed", "cause": cause, "reached": False}
-    reached = stop.outcome == "reached"
-    return {"outcome": stop.outcome, "stop": str(stop.stop), "cause": stop.cause, "reached": reached}
+        return Ending("stopped", "interrupted", "the run ended before the insertion did")
+    steered_there = stop.outcome in ("reached", "reached_in_plane_only")
+    if not steered_there:
+        return Ending(stop.outcome, str(stop.stop), stop.cause)
+    if sentinel is not None and not sentinel.accepted:
+        return Ending("unknown", "camera_bumped", sentinel.reason or "")
+    if bounds is not None:
+        return bounds.decide(tolerance_mm)
+    if error_mm is not None and error_mm > tolerance_mm:
+        return missed_by_shaft(error_mm, tolerance_mm)
+    return Ending(stop.outcome, str(stop.stop), stop.cause)
 
 
 def _retrace(
@@ -358,19 +410,10 @@ def _measure_end(
         return None, "there is no final picture"
     if source.sentinel is not None and not source.sentinel.accepted:
         return None, source.sentinel.reason
-    needle, sheath, mask = source.protocol.needle, source.protocol.sheath, source.view.mask
     picture = source.run.pictures[stop.final_frame]
     try:
-        image = picture.read()
-        masked = None if mask is None else mask.find_masked(Path(picture.file).name, image)
-        return measure_shaft_tip(
-            image,
-            source.view.plane,
-            needle.diameter_mm,
-            sheath.diameter_mm,
-            masked=masked,
-            roll_sd_rad=roll_sd_rad,
-        ), None
+        name = Path(picture.file).name
+        return measure_end(picture.read(), source.view, source.protocol, roll_sd_rad, name), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{source.run.path}/", "")
 
@@ -384,8 +427,12 @@ def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source)
     towards = tip_mm - target_mm
     towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
     budget = budget_place(source.view.plane, end.tip_px, end.errors, towards)
-    drift = 0.0 if source.sentinel is None else (source.sentinel.drift or 0.0)
-    return budget.with_drift(drift * float(np.linalg.norm(tip_mm)))
+    return budget.with_drift(_find_drift(source.sentinel) * float(np.linalg.norm(tip_mm)))
+
+
+def _find_drift(sentinel: Sentinel | None) -> float:
+    """Return the relative change of scale between the grid pictures."""
+    return 0.0 if sentinel is None else (sentinel.drift or 0.0)
 
 
 def _read_true_path(truth: TrueInsertion | None) -> _TruePath:
@@ -414,6 +461,19 @@ def _average(values: Sequence[float | None]) -> float | None:
 def _find_largest(values: Sequence[float | None]) -> float | None:
     """Return the largest of the known values; None if all are unknown."""
     return max((value for value in values if value is not None), default=None)
+
+
+def _find_widest(intervals: Sequence[Point | None]) -> Point | None:
+    """Return the interval that reaches furthest; None if there is none."""
+    known = [interval for interval in intervals if interval is not None]
+    return max(known, key=lambda interval: interval[1], default=None)
+
+
+def _combine_reached(reached: Sequence[bool | None]) -> bool | None:
+    """Return whether every target was reached: False without an insertion, None if none was missed and one is open."""
+    if not reached or False in reached:
+        return False
+    return None if None in reached else True
 
 
 def _find_least(values: Sequence[float | None]) -> float | None:

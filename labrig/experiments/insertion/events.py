@@ -49,7 +49,10 @@ class InsertionStart(SpecimenTrialStart):
 
 
 class InsertionStop(TrialStop):
-    """An insertion has ended: `reached`, `missed` or `stopped`, by which stop command, why, and at which depth."""
+    """An insertion has ended: its outcome, by which stop, why, and at which depth.
+
+    `centred` is the direction in which the bevel was turned to the roll zero before: 1, -1, or 0 if it is not known.
+    """
 
     outcome: str
     stop: str | None
@@ -57,6 +60,7 @@ class InsertionStop(TrialStop):
     final_frame: int
     depth_mm: float
     replans: int
+    centred: int = 0
 
 
 class InsertionSheath(SheathEvent):

@@ -14,7 +14,12 @@ from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
+from labrig.experiments.insertion.result import (
+    InsertionPlan,
+    InsertionResult,
+    InsertionTrial,
+    TargetErrorSources,
+)
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
@@ -71,6 +76,15 @@ class ShownInsertion:
 
 
 @dataclass(frozen=True)
+class SourcesRow:
+    """What the interval in space of an insertion consists of [mm], and which source is the largest."""
+
+    number: int
+    sources: TargetErrorSources
+    largest: str
+
+
+@dataclass(frozen=True)
 class _Moment:
     """A picture to show: its frame, time, depth and occasion, and the plans up to then."""
 
@@ -110,11 +124,12 @@ def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
 
 def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
     plane = load_plane_map(run)
-    shown = sorted(content.insertions, key=lambda trial: (trial.reached, trial.trial))[:_SHOWN]
+    shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
         "content": content,
         "not_in_interval": plane.not_in_interval(),
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
+        "sources": _collect_sources(content),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
@@ -126,17 +141,39 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
     }
 
 
+def _collect_sources(content: InsertionResult) -> list[SourcesRow]:
+    """Return what the intervals in space consist of, a row for each insertion that has one."""
+    return [
+        SourcesRow(trial.trial + 1, trial.target_error_sources_mm, trial.target_error_sources_mm.largest)
+        for trial in content.insertions
+        if trial.target_error_sources_mm is not None
+    ]
+
+
 def _write_verdict(content: InsertionResult) -> list[str]:
     """Return the page in a sentence or two."""
     if not content.made:
         return ["No insertion was begun."]
     sentences = [f"{content.arrived} of {format_count(content.made, 'insertion')} reached the target."]
     several = content.made > 1
+    open_ones = sum(trial.reached is None for trial in content.insertions)
+    if open_ones:
+        sentences.append(
+            f"{format_count(open_ones, 'insertion')} ended within the tolerance in the plane; whether in space too, "
+            "one camera does not tell."
+        )
     if content.target_error_mm is not None:
         where = "is never further than" if several else "is"
         sentences.append(
             f"Measured by the shaft in the final picture, the needle's end {where} "
             f"{number(content.target_error_mm)} mm from it{_format_uncertainty(content)}."
+        )
+    if content.target_error_interval_mm is not None:
+        which = "the least certain insertion" if several else "it"
+        low, high = map(number, content.target_error_interval_mm)
+        sentences.append(
+            f"That is the distance in the plane; in space, {which} ended between {low} and {high} mm from the target "
+            "with a probability of 95 %."
         )
     if content.true_target_error_mm is not None:
         most, least = ("at most ", "at least ") if several else ("", "")

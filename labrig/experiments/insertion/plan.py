@@ -1,14 +1,18 @@
-"""The plan of an insertion, and whether a path leads to its target, before anything moves."""
+"""The plan of an insertion before anything moves: whether a path leads to its target, and how sure its end can be."""
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
-from labrig.devices.needle_state import NeedleState
+import numpy as np
+
+from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LabrigError, Problem
 from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
+from labrig.experiments.insertion.ending import SeenEnd, bound_error
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import make_insertion_settings
+from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.shared.rig_view import load_plane_map, load_tip_view
 from labrig.experiments.shared.roll_zero_search import RollZeroOrder
 from labrig.protocol.sections import RollZeroSteps
@@ -20,7 +24,17 @@ from labrig.runner.plan import (
     plan_insertion_moves,
     plan_roll_move,
 )
+from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
+from labrig.steering.planner import Plan
 from labrig.steering.step import start_steering
+from labrig.steering.torsion import (
+    BaseLimits,
+    TorsionalLag,
+    TurnAhead,
+    choose_turn,
+    turn_back_and_forth,
+)
+from labrig.vision.shaft_tip import READ_PX
 
 
 def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
@@ -33,6 +47,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
     turn = plan_roll_move(rig, "roll_zero.rolls", 2 * math.pi)
     problems = (*find_rig_problems(protocol, rig, (turn, *moves)), *_find_roll_zero_problems(protocol, rig))
     problems = problems or tuple(_find_aim_problems(protocol, rig))
+    foreseen = _Foreseen() if problems else _foresee(protocol, rig)
     looks = math.ceil(insertion.max_length_mm / insertion.frame_every_mm)
     pictures, operator_steps = count_sentinel_work(protocol.sentinel)
     return RunPlan(
@@ -43,7 +58,8 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         + pictures,
         operator_steps=2 * trials + (0 if first is None else 3 + first.steps.rolls) + operator_steps,
         problems=problems,
-        refusal=None if problems else _foresee_refusal(protocol, rig),
+        refusal=foreseen.refusal,
+        warnings=foreseen.warnings,
     )
 
 
@@ -90,12 +106,63 @@ def _find_aim_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iter
         yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
 
 
-def _foresee_refusal(protocol: InsertionProtocol, rig: RigDescription) -> Problem | None:
-    """Return the reason why no path leads to the target; None if there is a path, or the target is not known yet."""
+@dataclass(frozen=True)
+class _Foreseen:
+    """What the first plan says: why there is no path, or why its end may not be certified."""
+
+    refusal: Problem | None = None
+    warnings: tuple[Problem, ...] = ()
+
+
+def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
+    """Plan the path, unless the target is not known yet, and bound the error at its end."""
     if protocol.target.ask:
-        return None
-    aim = make_aim(protocol, load_plane_map(rig))
-    _, command = start_steering(make_insertion_settings(protocol, aim.target_mm, aim.obstacles))
-    if command.stop is None:
-        return None
-    return Problem("target", f"there is no path: {command.detail}", "move target or obstacles")
+        return _Foreseen()
+    plane = load_plane_map(rig)
+    aim = make_aim(protocol, plane)
+    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    state, command = start_steering(settings)
+    if command.stop is not None:
+        message = f"there is no path: {command.detail}"
+        return _Foreseen(refusal=Problem("target", message, "move target or obstacles"))
+    roll_zero, radius_mm = _expect_roll_zero(protocol, rig), settings.problem.radius_mm
+    torsion_sd_rad = None if roll_zero.torsion is None else roll_zero.torsion.sd_rad
+    unseen = make_out_of_plane(protocol, roll_zero.sd_rad, torsion_sd_rad)
+    if unseen is None:
+        return _Foreseen()
+    rolled = _list_stretches(state.plan, roll_zero, rig, protocol.policy.turning, radius_mm)
+    budget = budget_out_of_plane(rolled, radius_mm, unseen)
+    sd_mm = READ_PX * plane.mm_per_px
+    seen = SeenEnd.of_estimate(np.array(aim.target_mm[1:]), sd_mm, plane)
+    warning = bound_error(seen, budget, aim.target_mm).warn(settings.problem.tolerance_mm)
+    return _Foreseen(warnings=() if warning is None else (warning,))
+
+
+def _expect_roll_zero(protocol: InsertionProtocol, rig: RigDescription) -> RollZero:
+    """Return the certified roll zero, or one that is only just certified."""
+    needle_id = protocol.needle.needle_id
+    certified = NeedleState(rig.state_path).recall_roll_zero(needle_id)
+    if certified is not None or protocol.roll_zero is None:
+        return certified or RollZero(needle_id, 0.0, 0.0, "")
+    return RollZero(needle_id, 0.0, math.radians(protocol.roll_zero.max_sd_deg), "")
+
+
+def _list_stretches(
+    path: Plan, roll_zero: RollZero, rig: RigDescription, turning: str, radius_mm: float
+) -> list[RolledStretch]:
+    """Return the arcs of a path with the directions in which the bevel will be turned before them."""
+    low_rad, high_rad = rig.axes.rotation.limits
+    limits = BaseLimits(low_rad - roll_zero.zero_rad, high_rad - roll_zero.zero_rad)
+    lag = TorsionalLag() if roll_zero.torsion is None else roll_zero.torsion.lag
+    ahead = [TurnAhead(arc.roll_rad, arc.length_mm) for arc in path.arcs]
+    base_rad, turned, rolled = 0.0, 0, list[RolledStretch]()
+    for number, arc in enumerate(path.arcs):
+        if arc.roll_rad != 0.0:
+            turn = (
+                turn_back_and_forth(base_rad, arc.roll_rad)
+                if turning == "back_and_forth"
+                else choose_turn(rolled, base_rad, ahead[number:], lag, limits, radius_mm=radius_mm)
+            )
+            base_rad, turned = turn.to_rad, turn.direction
+        rolled.append(RolledStretch(arc.length_mm, base_rad, turned))
+    return rolled

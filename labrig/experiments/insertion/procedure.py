@@ -9,6 +9,9 @@ overshoots do, see `steering.torsion`.
 
 The path starts at the sheath's tip, in the sheath's direction, as found in a picture once the sheath is in. If the
 sheath stands elsewhere than origin and linear encoder allow, the insertion ends before the needle leaves it.
+
+A needle that was steered to the target is measured in the last picture, and `ending` decides whether it is there in
+space too.
 """
 
 import math
@@ -22,8 +25,9 @@ from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
-from labrig.errors import FileFormatError, TargetMissedError
+from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
 from labrig.experiments.insertion.aim import Aim, find_aim_problems, locate_obstacles, make_aim
+from labrig.experiments.insertion.ending import Ending, SeenEnd, TracedPath, bound_error, measure_end
 from labrig.experiments.insertion.events import (
     BevelTurn,
     InsertionRole,
@@ -39,7 +43,7 @@ from labrig.experiments.insertion.events import (
 )
 from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import make_insertion_settings, with_start
+from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, with_start
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
@@ -69,6 +73,8 @@ _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
 _SAME_RAD = 0.01
 _UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
+# Endings whose names a run has for its own; every other is a missed target.
+_NAMED = (*_UNSURE, "reached_in_plane_only")
 
 
 def run(protocol: InsertionProtocol, session: Session) -> None:
@@ -84,19 +90,19 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
     view = session.compute(partial(load_tip_view, session.rig.description))
     before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     roll_zero = _obtain_roll_zero(protocol, session)
-    missed: list[SteeringCommand] = []
+    missed: list[Ending] = []
     for trial in range(protocol.repetitions):
-        command = _insert_once(protocol, session, view, roll_zero, trial)
-        missed += [command] if command.stop != "target_reached" else []
+        ending = _insert_once(protocol, session, view, roll_zero, trial)
+        missed += [] if ending.reached else [ending]
     after = photograph_grid(protocol.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, protocol.sentinel, view.plane, session)
     if missed:
+        worst = min(missed, key=lambda ending: ending.reached is None)
         made = protocol.repetitions
-        reason = missed[0].stop if missed[0].stop in _UNSURE else "target_missed"
         raise TargetMissedError(
-            f"{made - len(missed)} of {made} insertions reached the target; {missed[0].stop}: {missed[0].detail}",
-            "the report shows where the needle left its path",
-            reason=str(reason),
+            f"{made - len(missed)} of {made} insertions reached the target; {worst.stop}: {worst.cause}",
+            worst.hint or "the report shows where the needle left its path",
+            reason=worst.stop if worst.stop in _NAMED else "target_missed",
         )
 
 
@@ -127,8 +133,8 @@ def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:
 
 def _insert_once(
     protocol: InsertionProtocol, session: Session, view: TipView, roll_zero: RollZero, trial: int
-) -> SteeringCommand:
-    """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return the last command."""
+) -> Ending:
+    """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return how it ended."""
     rig, sheath = session.rig, protocol.sheath
     session.progress(
         _estimate_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}"
@@ -154,8 +160,7 @@ def _insert_once(
         insertion.confirm(picture.image, aim, state, origin)
         state, command = _steer(insertion, state, command)
     rig.stop()
-    insertion.finish(state, command)
-    return command
+    return insertion.finish(state, command)
 
 
 def _steer(
@@ -215,6 +220,8 @@ class _Insertion:
     settings: SteeringSettings
     path: list[AxisPositions] = field(default_factory=list)
     rolled: list[RolledStretch] = field(default_factory=list)
+    turns: list[BevelTurn] = field(default_factory=list)
+    centred: int = 0
     turned: int = 0
     bevel_rad: float = 0.0
     run_to_mm: float = 0.0
@@ -226,6 +233,7 @@ class _Insertion:
             from_rad = self.session.rig.read_states()["rotation"].position - zero_rad
             turn = centre_bevel(from_rad, self._lag, self._base_limits)
             self.turned = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
+            self.centred = self.turned
             if turn.overshoot_rad:
                 self.session.move("rotation", zero_rad + turn.farthest_rad, rotation.max_speed / 2)
         self.session.move("rotation", zero_rad, rotation.max_speed / 2)
@@ -237,15 +245,15 @@ class _Insertion:
         rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
         rolled = self._list_rolled(state.insertion_mm)
         turn = self._choose_turn(roll_rad, state, rolled)
-        self.session.record(
-            BevelTurn(
-                trial=self.trial,
-                depth_mm=self.path[-1].insertion_mm,
-                from_rad=zero_rad + self.bevel_rad,
-                to_rad=zero_rad + turn.to_rad,
-                overshoot_rad=turn.overshoot_rad,
-            )
+        event = BevelTurn(
+            trial=self.trial,
+            depth_mm=self.path[-1].insertion_mm,
+            from_rad=zero_rad + self.bevel_rad,
+            to_rad=zero_rad + turn.to_rad,
+            overshoot_rad=turn.overshoot_rad,
         )
+        self.session.record(event)
+        self.turns.append(event)
         self.rolled, self.turned, self.bevel_rad = rolled, turn.direction, turn.to_rad
         speed = rotation.nearest_speed(rotation.max_speed)
         if turn.overshoot_rad:
@@ -361,16 +369,17 @@ class _Insertion:
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
         self.session.ask(ConfirmPlan(str(file), self.view.compute_pixel(aim.target_mm), plan))
 
-    def finish(self, state: SteeringState, command: SteeringCommand) -> None:
-        """Hold, take the last picture, record the truth, and withdraw along the path."""
+    def finish(self, state: SteeringState, command: SteeringCommand) -> Ending:
+        """Hold, take the last picture, record the truth, withdraw along the path, and return how it ended."""
         session, protocol = self.session, self.protocol
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.rig.wait(_HOLD_S)
-        final_frame = session.take_picture(NeedleRole.FINAL, self.trial).frame
+        final = session.take_picture(NeedleRole.FINAL, self.trial)
+        ending = self._decide(final, state, command)
         for line in session.rig.truth():
             session.recorder.truth(trial=self.trial, **line)
         session.progress(
-            _estimate_done_s(protocol, self.trial, state.insertion_mm), f"{command.stop}: {command.detail}"
+            _estimate_done_s(protocol, self.trial, state.insertion_mm), f"{ending.stop}: {ending.cause}"
         )
         if command.stop in _UNSURE:
             session.ask(ConfirmStopped(command.detail))
@@ -380,19 +389,44 @@ class _Insertion:
             "linear": protocol.sheath.speed_mm_s,
         }
         withdraw(session, self.path, speeds)
-        reached = command.stop == "target_reached"
         session.record(
             InsertionStop(
                 trial=self.trial,
-                exit_status="success" if reached else "failed",
-                outcome="reached" if reached else "stopped" if command.stop in _UNSURE else "missed",
-                stop=command.stop,
-                cause=command.detail,
-                final_frame=final_frame,
+                exit_status="success" if ending.reached else "failed",
+                outcome=ending.outcome,
+                stop=ending.stop,
+                cause=ending.cause,
+                final_frame=final.frame,
                 depth_mm=state.insertion_mm,
                 replans=state.replans,
+                centred=self.centred,
             )
         )
+        return ending
+
+    def _decide(self, final: TakenPicture, state: SteeringState, command: SteeringCommand) -> Ending:
+        """Return how the insertion ended, by the last picture if it was steered to the target."""
+        stop = str(command.stop)
+        if command.stop != "target_reached":
+            return Ending("stopped" if stop in _UNSURE else "missed", stop, command.detail)
+        torsion = self.roll_zero.torsion
+        torsion_sd_rad = None if torsion is None else torsion.sd_rad
+        unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, torsion_sd_rad)
+        if unseen is None:
+            return Ending("reached", stop, command.detail)
+        path = TracedPath(tuple(self.turns), self.roll_zero.zero_rad, state.insertion_mm, self.centred)
+        problem, seen = self.settings.problem, self._see_end(final.image, state)
+        bounds = bound_error(seen, path.budget(self.settings, unseen), problem.target_mm)
+        return bounds.decide(problem.tolerance_mm)
+
+    def _see_end(self, image: Picture, state: SteeringState) -> SeenEnd:
+        """Return the end of the shaft in the last picture, or of the estimate if that cannot be measured."""
+        measure = partial(measure_end, image, self.view, self.protocol, self.roll_zero.sd_rad)
+        try:
+            return SeenEnd.of_shaft(self.session.compute(measure), self.view.plane)
+        except MeasurementRefusedError:
+            tip = state.tip
+            return SeenEnd.of_estimate(tip.position_mm[1:], tip.position_sd_mm, self.view.plane)
 
     def record_start(self, aim: Aim, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""

@@ -185,6 +185,32 @@ class Policy(Model):
     )
 
 
+class OutOfPlane(Model):
+    """What one camera does not see: how far the needle may be led out of the steering plane."""
+
+    heading_sd_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] | None = Field(
+        None,
+        description="Random lean of the tip out of the plane after a millimetre; null: as much as in the plane "
+        "(estimator.process_sd_deg_per_root_mm), since gel knows no plane [deg / mm^0.5].",
+    )
+    start_sd_mm: NonNegativeMm = Field(
+        0.1, description="Standard deviation of the start's place out of the plane [mm]."
+    )
+    start_sd_deg: float = Field(
+        0.2,
+        ge=0,
+        le=20,
+        description="Standard deviation of the angle between the sheath and the plane [deg].",
+    )
+    lag_sd_deg: float = Field(
+        1.0,
+        ge=0,
+        le=90,
+        description="Standard deviation of the angle by which torsion keeps the bevel behind its drive; of a lag that "
+        "was measured with the roll zero and is compensated, that of the measurement counts instead [deg].",
+    )
+
+
 class InsertionProtocol(MovingProtocol):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
@@ -206,6 +232,11 @@ class InsertionProtocol(MovingProtocol):
     planner: Planner = Field(description="How a path is planned.")
     estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
     policy: Policy = Field(default_factory=Policy, description="When the path is replanned.")
+    out_of_plane: Annotated[OutOfPlane | None, Former(None)] = Field(
+        default_factory=OutOfPlane,
+        description="What leads the needle out of the plane that the camera sees. The target is reached if the 95 % "
+        "interval of the distance in space lies within the tolerance; null: if the distance in the plane does.",
+    )
     roll_zero: RollZeroSteps | None = Field(
         None,
         description="How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion.",

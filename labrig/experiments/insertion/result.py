@@ -70,10 +70,33 @@ class InsertionPlan(Model):
     path_mm: tuple[Point, ...]
 
 
+class TargetErrorSources(Model):
+    """Standard deviations of the end of a needle [mm] by source: four that lead it out of the plane, and the picture.
+
+    `roll_zero` is by the roll zero, `torsion` by the bevel's lag behind its drive, `heading_noise` by the needle's
+    wandering out of the plane, `start` by place and lean of the start, `in_plane` by the reading of the picture.
+    """
+
+    roll_zero: float
+    torsion: float
+    heading_noise: float
+    start: float
+    in_plane: float
+
+    @property
+    def largest(self) -> str:
+        """The source with the largest part."""
+        sources = self.model_dump()
+        return max(sources, key=lambda source: sources[source])
+
+
 class InsertionTrial(Model):
     """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
 
-    `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
+    `reached`: it was steered there, and its end lies within the tolerance in space. None: it does in the plane, and one
+    camera does not tell for space. `target_error_interval_mm` holds the distance in space with a probability of 95 %,
+    and `target_error_sources_mm` says what that consists of; without `out_of_plane:` in the protocol both are None, and
+    the plane decides.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
     is no tip. `target_error_budget_mm` says what `sigma_target_error_mm` consists of: lens, plane (with the drift
     between the grid pictures), surface, roll, lighting, and the reading of the end; older results do not.
@@ -89,7 +112,7 @@ class InsertionTrial(Model):
     outcome: str
     stop: str
     cause: str
-    reached: bool
+    reached: bool | None
     target_mm: tuple[float, ...]
     tolerance_mm: float
     obstacles: tuple[Obstacle, ...]
@@ -99,6 +122,8 @@ class InsertionTrial(Model):
     target_error_mm: float | None
     sigma_target_error_mm: float | None = None
     target_error_budget_mm: ErrorBudget | None = None
+    target_error_interval_mm: Point | None = None
+    target_error_sources_mm: TargetErrorSources | None = None
     unmeasured: str | None
     template_error_mm: float | None
     true_target_error_mm: float | None
@@ -117,15 +142,17 @@ class InsertionTrial(Model):
 class InsertionResult(Result):
     """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
 
-    `causes` counts why the others did not.
+    `causes` counts why the others did not. `reached` is False if one of them missed, None if none missed and one is not
+    known to have arrived in space.
     """
 
     kind: Literal["insertion"] = "insertion"
     made: int
     arrived: int
     causes: dict[str, int]
-    reached: bool
+    reached: bool | None
     target_error_mm: float | None
+    target_error_interval_mm: Point | None = None
     true_target_error_mm: float | None
     true_min_clearance_mm: float | None
     replans: int

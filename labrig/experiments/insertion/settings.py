@@ -1,4 +1,4 @@
-"""The settings of planner, estimator and policy from an insertion protocol, for the live run and its reanalysis."""
+"""The settings of the steering step from an insertion protocol, for the live run and its reanalysis."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ import numpy as np
 
 from labrig.analysis.result import TrialOrigin
 from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.steering.out_of_plane import OutOfPlaneSettings
 from labrig.steering.parameters import PlanWeights, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
@@ -57,6 +58,32 @@ def make_insertion_settings(
             observe_every_mm=protocol.insertion.frame_every_mm,
         ),
         method=planner.method,
+    )
+
+
+def make_out_of_plane(
+    protocol: InsertionProtocol, roll_zero_sd_rad: float, torsion_sd_rad: float | None
+) -> OutOfPlaneSettings | None:
+    """Return what leads the needle out of the plane; None if the protocol decides by the plane alone.
+
+    `torsion_sd_rad` is that of the measured lag of the bevel, None if it was not measured; where the lag is compensated
+    it takes the place of the protocol's.
+    """
+    unseen = protocol.out_of_plane
+    if unseen is None:
+        return None
+    lag_sd_rad = math.radians(unseen.lag_sd_deg)
+    if torsion_sd_rad is not None and protocol.policy.turning == "compensated":
+        lag_sd_rad = torsion_sd_rad
+    heading_sd_deg = unseen.heading_sd_deg_per_root_mm
+    if heading_sd_deg is None:
+        heading_sd_deg = protocol.estimator.process_sd_deg_per_root_mm
+    return OutOfPlaneSettings(
+        heading_sd_rad_per_root_mm=math.radians(heading_sd_deg),
+        start_sd_mm=unseen.start_sd_mm,
+        start_sd_rad=math.radians(unseen.start_sd_deg),
+        roll_zero_sd_rad=roll_zero_sd_rad,
+        lag_sd_rad=lag_sd_rad,
     )
 
 

@@ -1,14 +1,20 @@
 """Terminal summary of insertions to a target, and of the commands that other settings would have given."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import zip_longest
 from typing import Any
 
 from labrig.analysis.summary import ResultComparison, Summary, TextTable
-from labrig.text import number
+from labrig.text import interval, number
 
-_HEADS = ("insertion", "outcome", "error mm", "true error mm", "true clearance mm", "length mm", "replans")
+_HEADS = (
+    "insertion", "outcome", "error mm", "in space mm", "true error mm", "true clearance mm", "length mm", "replans",
+)  # fmt: skip
+_SOURCE_HEADS = (
+    "out of plane by", "roll zero mm", "bevel's lag mm", "wandering mm", "start mm", "and in plane mm",
+)  # fmt: skip
+_SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane")
 _COMMAND = ("roll_rad", "observe_at_mm", "run_to_mm", "stop")
 
 
@@ -88,13 +94,14 @@ def _find_divergence(
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return a row for each insertion, and how many reached the target."""
+    """Return a row for each insertion, what its interval in space consists of, and how many reached the target."""
     trials = document["insertions"]
     rows = tuple(
         (
             trial["trial"] + 1,
-            trial["outcome"],
+            trial["outcome"].replace("_", " "),
             number(trial["target_error_mm"]),
+            interval(trial.get("target_error_interval_mm")),
             number(trial["true_target_error_mm"]),
             number(trial["true_min_clearance_mm"]),
             number(trial["length_mm"], 1),
@@ -106,13 +113,32 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
     for trial in trials:
         values |= _list_values(trial)
-    return Summary((TextTable(_HEADS, rows), arrived), values)
+    return Summary((TextTable(_HEADS, rows), *_list_sources(trials), *_explain_open(trials), arrived), values)
+
+
+def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
+    """Yield the table of what the intervals in space consist of; results without intervals have none."""
+    rows = tuple(
+        (f"insertion {trial['trial'] + 1}", *(number(sources[source], 2) for source in _SOURCES))
+        for trial in trials
+        if (sources := trial.get("target_error_sources_mm")) is not None
+    )
+    if rows:
+        yield TextTable(_SOURCE_HEADS, rows)
+
+
+def _explain_open(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield why an insertion that arrived in the plane is not known to have arrived in space."""
+    for trial in trials:
+        if trial["reached"] is None:
+            yield f"insertion {trial['trial'] + 1}: {trial['cause']}"
 
 
 def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:
     name = f"insertion {trial['trial'] + 1}"
     values = {
         f"{name}: error mm": trial["target_error_mm"],
+        f"{name}: error in space mm": interval(trial.get("target_error_interval_mm")),
         f"{name}: error by the estimate mm": trial["template_error_mm"],
         f"{name}: mean NIS": trial["mean_nis"],
         f"{name}: sightings not believed": trial["missed_sightings"],

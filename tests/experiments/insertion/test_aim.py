@@ -133,3 +133,16 @@ def test_values_that_mean_nothing_are_refused_at_their_key(override: str) -> Non
     """NaN, radii of zero or less, an ambiguous or missing target, and impossible filters are refused at their keys."""
     with pytest.raises(FileFormatError):
         insertion(override)
+
+
+def test_a_tolerance_that_one_camera_cannot_certify_is_told_beforehand() -> None:
+    """A warning names tolerance, sources, and what would help against the largest; it is no problem."""
+    plan = plan_of(insertion("out_of_plane.lag_sd_deg=5"), simulated_rig())
+    assert (plan.problems, plan.refusal) == ((), None)
+    (warning,) = plan.warnings
+    assert warning.where == "target.tolerance_mm"
+    assert "2 mm is below what one camera can certify" in warning.message
+    assert "by the lag of the bevel" in warning.message
+    assert "out_of_plane.lag_sd_deg" in warning.hint
+    assert plan_of(insertion(), simulated_rig()).warnings == ()
+    assert plan_of(insertion("out_of_plane=null"), simulated_rig()).warnings == ()

@@ -1,0 +1,250 @@
+"""How an insertion ended: decided at its end, and again in the analysis, by the same functions.
+
+The camera shows where the needle's end is in the plane. How far it may be out of the plane follows from the path and
+from the standard deviations under `out_of_plane:` in the protocol. The target is reached if the 95 % interval of the
+distance in space lies within the tolerance.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import Problem
+from labrig.experiments.insertion.events import BevelTurn
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.result import TargetErrorSources
+from labrig.steering.arrival import bound_target_error, decide_arrival
+from labrig.steering.out_of_plane import (
+    OutOfPlaneBudget,
+    OutOfPlaneSettings,
+    RolledStretch,
+    budget_out_of_plane,
+)
+from labrig.steering.policy import SteeringSettings
+from labrig.steering.tip_search import TipView
+from labrig.vision.error_budget import budget_place
+from labrig.vision.perspective import find_slope
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+
+FloatArray = NDArray[np.float64]
+Point = tuple[float, float, float]
+
+# For each source: what it is in a sentence, and what makes it smaller.
+_SOURCES: Mapping[str, tuple[str, str]] = {
+    "roll_zero": (
+        "the roll zero",
+        "find the roll zero at more rolls or over a longer insertion (roll_zero:)",
+    ),
+    "torsion": (
+        "the lag of the bevel",
+        "measure how far this needle's bevel lags behind its drive (out_of_plane.lag_sd_deg)",
+    ),
+    "heading_noise": (
+        "the needle's wandering out of the plane",
+        "measure how far needles wander in this gel (out_of_plane.heading_sd_deg_per_root_mm), or aim nearer",
+    ),
+    "start": (
+        "the start",
+        "guide the sheath better, and state its play (out_of_plane.start_sd_mm, out_of_plane.start_sd_deg)",
+    ),
+    "in_plane": ("the place in the picture", "bring the camera nearer, or calibrate it better"),
+}
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How an insertion ended.
+
+    Attributes
+    ----------
+    outcome : str
+        `reached`, `reached_in_plane_only`, `missed`, `stopped`, or `unknown` if the camera was bumped.
+    stop : str
+        The reason by its name.
+    cause : str
+        The reason in words.
+    hint : str
+        What would help, if that is known.
+    """
+
+    outcome: str
+    stop: str
+    cause: str
+    hint: str = ""
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the target was reached; None if it was in the plane, and nothing says whether it was in space."""
+        return None if self.outcome == "reached_in_plane_only" else self.outcome == "reached"
+
+
+@dataclass(frozen=True)
+class TracedPath:
+    """The recorded turns of the bevel, the roll zero, and the length inserted in the end.
+
+    `centred` is the direction in which the bevel was turned to the roll zero; 0 if it is not known.
+    """
+
+    turns: tuple[BevelTurn, ...]
+    roll_zero_rad: float
+    depth_mm: float
+    centred: int = 0
+
+    def budget(self, settings: SteeringSettings, unseen: OutOfPlaneSettings) -> OutOfPlaneBudget:
+        """Return how far the needle's end may be out of the plane; a turn acts half the backlash later."""
+        lag_mm = settings.policy.backlash_mm / 2
+        acting_mm = [min(turn.depth_mm + lag_mm, self.depth_mm) for turn in self.turns]
+        lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, self.depth_mm)))
+        turned = (
+            (turn.to_rad - self.roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in self.turns
+        )
+        stretches = [
+            RolledStretch(length_mm, *roll)
+            for length_mm, roll in zip(lengths_mm, ((0.0, self.centred), *turned), strict=True)
+        ]
+        return budget_out_of_plane(stretches, settings.problem.radius_mm, unseen)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenEnd:
+    """The needle's end as the picture shows it, (y, z), with its standard deviation along each axis [mm].
+
+    `slope` (2,) is by how much the true place moves for each millimetre that the end is out of the plane.
+    """
+
+    place_mm: FloatArray
+    sd_mm: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of_shaft(cls, end: ShaftTip, plane: PlaneMap, drift: float = 0.0) -> "SeenEnd":
+        """Return the end of a measured shaft; `drift` is the relative change of scale since the calibration.
+
+        The roll's part of the error budget is left out: it is what the slope stands for.
+        """
+        place_mm = np.array(end.tip_mm)
+        drift_mm = drift * float(np.linalg.norm(place_mm))
+        budgets = (
+            budget_place(plane, end.tip_px, end.errors, axis).with_drift(drift_mm) for axis in np.eye(2)
+        )
+        sd_mm = [replace(budget, roll=None).total for budget in budgets]
+        return cls(place_mm, np.array(sd_mm), find_slope(plane, place_mm))
+
+    @classmethod
+    def of_estimate(cls, place_mm: FloatArray, sd_mm: float, plane: PlaneMap) -> "SeenEnd":
+        """Return the end as the estimator has it, where the shaft cannot be measured."""
+        return cls(place_mm, np.full(2, sd_mm), find_slope(plane, place_mm))
+
+
+@dataclass(frozen=True)
+class TargetErrorBounds:
+    """The distance between a needle's end and its target.
+
+    Attributes
+    ----------
+    in_plane_mm : float
+        As seen in the plane.
+    interval_mm : (float, float)
+        In space, with a probability of 95 %.
+    sources : TargetErrorSources
+        What the interval consists of.
+    """
+
+    in_plane_mm: float
+    interval_mm: tuple[float, float]
+    sources: TargetErrorSources
+
+    def decide(self, tolerance_mm: float) -> Ending:
+        """Return how an insertion ended that was steered to its target."""
+        arrival = decide_arrival(self.in_plane_mm, self.interval_mm, tolerance_mm)
+        cause = f"the needle's end is {self._describe()}, and {tolerance_mm:g} mm are allowed"
+        if self.in_plane_mm > tolerance_mm:
+            return missed_by_shaft(self.in_plane_mm, tolerance_mm)
+        if arrival == "missed":
+            return Ending(arrival, "target_missed", cause)
+        if arrival == "reached":
+            return Ending(arrival, "target_reached", cause)
+        name, hint = _SOURCES[self.sources.largest]
+        unseen = (
+            f"{cause}; one camera does not see what is out of its plane, and most of it comes from {name}"
+        )
+        return Ending(arrival, arrival, unseen, hint)
+
+    def warn(self, tolerance_mm: float) -> Problem | None:
+        """Return the warning that an end at the target could not be certified; None if it could."""
+        low_mm, high_mm = self.interval_mm
+        if high_mm <= tolerance_mm:
+            return None
+        parts = ", ".join(
+            f"{sd_mm:.2f} by {_SOURCES[source][0]}" for source, sd_mm in self.sources if round(sd_mm, 2)
+        )
+        return Problem(
+            "target.tolerance_mm",
+            f"{tolerance_mm:g} mm is below what one camera can certify here: a needle that ends at the target as seen "
+            f"in the plane is between {low_mm:.2f} and {high_mm:.2f} mm from it in space (95 %). Standard deviations "
+            f"in mm: {parts}. The run would end as reached_in_plane_only",
+            _SOURCES[self.sources.largest][1],
+        )
+
+    def _describe(self) -> str:
+        low_mm, high_mm = self.interval_mm
+        return (
+            f"{self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} and {high_mm:.2f} mm "
+            "in space (95 %)"
+        )
+
+
+def missed_by_shaft(error_mm: float, tolerance_mm: float) -> Ending:
+    """Return the ending of an insertion that was steered to its target, and whose shaft ends elsewhere."""
+    cause = (
+        f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
+    )
+    return Ending("missed", "target_missed", cause)
+
+
+def measure_end(
+    image: Picture, view: TipView, protocol: InsertionProtocol, roll_zero_sd_rad: float, file_name: str = ""
+) -> ShaftTip:
+    """Measure where the needle ends in the last picture.
+
+    Raises
+    ------
+    MeasurementRefusedError, PictureError
+        When the picture does not show it.
+    """
+    return measure_shaft_tip(
+        image,
+        view.plane,
+        protocol.needle.diameter_mm,
+        protocol.sheath.diameter_mm,
+        masked=None if view.mask is None else view.mask.find_masked(file_name, image),
+        roll_sd_rad=roll_zero_sd_rad,
+    )
+
+
+def bound_error(seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point) -> TargetErrorBounds:
+    """Return the distance in space from the target to a needle's end that may be so far out of the plane."""
+    off_mm = seen.place_mm - target_mm[1:]
+    ray = np.array((1.0, *seen.slope))
+    covariance = np.diag((0.0, *np.square(seen.sd_mm))) + unseen.total_mm**2 * np.outer(ray, ray)
+    return TargetErrorBounds(
+        in_plane_mm=float(np.linalg.norm(off_mm)),
+        interval_mm=bound_target_error((-target_mm[0], *off_mm), covariance),
+        sources=TargetErrorSources(
+            roll_zero=unseen.roll_zero_mm,
+            torsion=unseen.torsion_mm,
+            heading_noise=unseen.heading_mm,
+            start=unseen.start_mm,
+            in_plane=float(np.linalg.norm(seen.sd_mm)),
+        ),
+    )
+
+
+def _sign(value: float) -> int:
+    return int(math.copysign(1, value)) if value else 0

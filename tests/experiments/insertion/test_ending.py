@@ -1,0 +1,98 @@
+"""What decides whether an insertion reached its target in space: live, and again in the analysis."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
+from labrig.experiments.insertion.events import BevelTurn
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
+from labrig.experiments.insertion.summary import summarise
+from labrig.record.reader import Run
+from labrig.steering.out_of_plane import OutOfPlaneBudget
+from tests.analysis.insertions import analyse, record_insertion
+from tests.experiments.insertion.test_procedure import events, insertion
+
+SURE, UNSURE = (), ("out_of_plane.heading_sd_deg_per_root_mm=1",)
+
+
+def seen_at(y_mm: float, sd_mm: float = 0.1) -> SeenEnd:
+    """Return an end seen at z = 40 under the camera, with its standard deviation."""
+    return SeenEnd(np.array((y_mm, 40.0)), np.full(2, sd_mm), np.zeros(2))
+
+
+def unseen(heading_mm: float) -> OutOfPlaneBudget:
+    """Return the budget of a needle that wanders out of the plane."""
+    return OutOfPlaneBudget(0.0, 0.0, heading_mm, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module", params=[SURE, UNSURE])
+def run(request: pytest.FixtureRequest) -> Run:
+    """Return an insertion that ended at its target as seen in the plane."""
+    return record_insertion(*request.param)
+
+
+def test_the_analysis_decides_as_the_run_did(run: Run) -> None:
+    """Outcome, reason and cause of the analysis are the recorded ones, to the last digit of the interval."""
+    (stop,) = events(run, "trial_stop")
+    (trial,) = analyse(run).insertions
+    assert (trial.outcome, trial.stop, trial.cause) == (stop["outcome"], stop["stop"], stop["cause"])
+
+
+def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
+    """A needle that may be millimetres out of the plane fails, and its target counts as neither reached nor missed."""
+    run = record_insertion(*UNSURE)
+    assert (run.manifest["exit_status"], run.manifest["reason"]) == ("failed", "reached_in_plane_only")
+    content = analyse(run)
+    assert (content.reached, content.arrived, content.causes) == (None, 0, {"reached_in_plane_only": 1})
+    low_mm, high_mm = content.target_error_interval_mm
+    assert low_mm < content.target_error_mm + 0.2 < 2 < high_mm
+    (trial,) = content.insertions
+    assert trial.target_error_sources_mm.largest == "heading_noise"
+    said = "\n".join(str(line) for line in summarise(content.model_dump(mode="json")).lines)
+    assert "wandering out of the plane" in said
+    assert "0 of 1 reached the target" in said
+
+
+def test_other_standard_deviations_tell_what_would_have_been_certain() -> None:
+    """With a smaller wandering, measured since, the reanalysis says that the same insertion reached its target."""
+    run = record_insertion(*UNSURE)
+    content = analyse(run, "out_of_plane.heading_sd_deg_per_root_mm=0.05")
+    assert (content.reached, content.causes) == (True, {})
+
+
+def test_a_missed_target_stays_missed() -> None:
+    """In the plane beyond the tolerance is a miss, whatever is not seen; so is an interval that lies beyond it."""
+    for unseen_mm in (0.0, 5.0):
+        ending = bound_error(seen_at(2.5), unseen(unseen_mm), (0.0, 0.0, 40.0)).decide(2.0)
+        assert (ending.outcome, ending.stop, ending.reached) == ("missed", "target_missed", False)
+    aside = bound_error(seen_at(0.0), unseen(0.1), (5.0, 0.0, 40.0)).decide(2.0)
+    assert (aside.outcome, aside.stop) == ("missed", "target_missed")
+    assert "between 4." in aside.cause
+
+
+def test_what_is_seen_aside_of_the_camera_is_less_certain() -> None:
+    """Where the line of sight is oblique, what is not known out of the plane makes the place in it uncertain too."""
+    under, aside = seen_at(1.0), replace(seen_at(1.0), slope=np.array((0.5, 0.0)))
+    target = (0.0, 0.0, 40.0)
+    assert (
+        bound_error(aside, unseen(1.0), target).interval_mm[1]
+        > bound_error(under, unseen(1.0), target).interval_mm[1] + 0.2
+    )
+
+
+def test_a_turn_counts_from_where_it_acts() -> None:
+    """The budget of a recorded path is that of its stretches, each from half a backlash after the turn."""
+    protocol = insertion("out_of_plane.lag_sd_deg=5")
+    assert isinstance(protocol, InsertionProtocol)
+    settings = make_insertion_settings(protocol, (0.0, -6.0, 40.0), ())
+    settings_unseen = make_out_of_plane(protocol, 0.01, None)
+    turn = BevelTurn(trial=0, depth_mm=20.0, from_rad=0.3, to_rad=0.3 + math.pi)
+    budget = TracedPath((turn,), 0.3, 40.0).budget(settings, settings_unseen)
+    first_mm, radius_mm = 20.75, protocol.planner.radius_mm
+    parts = (first_mm * (40 - first_mm / 2) / radius_mm, -((40 - first_mm) ** 2) / 2 / radius_mm)
+    assert budget.roll_zero_mm == pytest.approx(0.01 * abs(sum(parts)))
+    assert budget.torsion_mm == pytest.approx(math.radians(5) * math.hypot(*parts))

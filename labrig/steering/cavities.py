@@ -17,9 +17,9 @@ from labrig.steering.estimator import start_tip, step_tip
 from labrig.steering.motion import rotation_from_vector
 from labrig.steering.tip import (
     CURVATURE,
-    ERRORS,
     ORIENTATION,
     POSITION,
+    SLIP,
     EstimatorSettings,
     TipObservation,
     TipState,
@@ -43,12 +43,15 @@ class TipBelief:
         The tip outside a cavity, and inside a cavity.
     cavity : float
         Probability that it is inside.
+    log_evidence : float
+        Log of the last sighting's probability density given all before it; 0 without a sighting.
     """
 
     tip: TipState
     outside: TipState
     inside: TipState
     cavity: float
+    log_evidence: float = 0.0
 
 
 def start_belief(pose: FloatArray, settings: EstimatorSettings) -> TipBelief:
@@ -61,7 +64,7 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
     """Return the tip after one observation. Raises as `step_tip`."""
     if math.isinf(settings.cavity_every_mm):
         tip = step_tip(belief.tip, observation, settings)
-        return TipBelief(tip, tip, tip, 0.0)
+        return TipBelief(tip, tip, tip, 0.0, _weigh(tip, settings))
     enters = -math.expm1(-observation.step_mm / settings.cavity_every_mm)
     leaves = -math.expm1(-observation.step_mm / settings.cavity_mm)
     entered, stayed_in = (1.0 - belief.cavity) * enters, belief.cavity * (1.0 - leaves)
@@ -78,7 +81,8 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
         cavity * math.exp(log_likelihoods[1] - better),
     )
     share = weights[1] / sum(weights)
-    return TipBelief(_mix(outside, inside, share), outside, inside, share)
+    log_evidence = better + math.log(sum(weights))
+    return TipBelief(_mix(outside, inside, share), outside, inside, share, log_evidence)
 
 
 def _weigh(tip: TipState, settings: EstimatorSettings) -> float:
@@ -118,18 +122,21 @@ def _mix(outside: TipState, inside: TipState, share: float) -> TipState:
     pose[:3, :3] = outside.rotation @ rotation_from_vector(mean[ORIENTATION])
     spread = share * (1.0 - share) * np.outer(apart, apart)
     covariance = (1.0 - share) * outside.covariance + share * inside.covariance + spread
+    slip = outside.slip + float(mean[SLIP]) if len(mean) > SLIP else 0.0
     return replace(
         likelier,
         pose=freeze(pose),
         curvature=outside.curvature + float(mean[CURVATURE]),
         covariance=freeze(covariance),
+        slip=slip,
     )
 
 
 def _find_error(estimate: TipState, truth: TipState) -> FloatArray:
-    """Return the error (7,) that turns an estimate into the truth."""
-    error = np.zeros(ERRORS)
+    """Return the error (size,) that turns an estimate into the truth."""
+    error = np.zeros(len(estimate.covariance))
     error[POSITION] = estimate.rotation.T @ (truth.position_mm - estimate.position_mm)
     error[ORIENTATION] = Rotation.from_matrix(estimate.rotation.T @ truth.rotation).as_rotvec()
     error[CURVATURE] = truth.curvature - estimate.curvature
+    error[SLIP:] = truth.slip - estimate.slip
     return error

@@ -1,10 +1,11 @@
 """The default filter: an error state of position, orientation and curvature about a pose on SE(3).
 
-The pose itself is propagated exactly by (16) and (17). filterpy's ExtendedKalmanFilter holds the error of the pose,
-seven numbers in the tip's own frame: the truth is p + R rho, R exp(phi^) and kappa + dkappa. So a flip is only a
-rotation, no angle locks, an observed position is exactly rho, and its noise counts once (errata of (20), (22) and of
-the Euler angles). After each observation the error moves into the pose and is zero again. In the plane the errors
-out of it have no covariance, and filterpy leaves them at zero.
+The pose itself is propagated exactly by (16) and (17). filterpy's ExtendedKalmanFilter holds the error of the pose
+in the tip's own frame: the truth is p + R rho, R exp(phi^), kappa + dkappa and, where the slip is estimated too,
+s + ds: the tip advances by 1 - s of what is inserted. So a flip is only a rotation, no angle locks, an observed
+position is exactly rho, and its noise counts once (errata of (20), (22) and of the Euler angles). After each
+observation the error moves into the pose and is zero again. In the plane the errors out of it have no covariance, and
+filterpy leaves them at zero.
 
 For arrays of unexpected shape filterpy returns wrong numbers instead of an error. So state and observations are
 always 1-D here, and `TipObservation` checks its input.
@@ -20,9 +21,9 @@ from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_x, rotat
 from labrig.steering.motion import rotation_from_vector, step_position_mm, step_position_slope
 from labrig.steering.tip import (
     CURVATURE,
-    ERRORS,
     ORIENTATION,
     POSITION,
+    SLIP,
     EstimatorSettings,
     TipObservation,
     TipState,
@@ -33,6 +34,8 @@ _TURNING = (3, 4, 5)
 # Standard deviation of what the heading may have turned by while the tip was not seen. A larger one recovers faster
 # from a cavity that is not modelled, and makes false sightings turn the heading more.
 _REOPENED_HEADING_SD_RAD = 0.05
+# Inserted length over which the slip may change by its standard deviation.
+_SLIP_CHANGES_MM = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +51,8 @@ class _Prediction:
 def step_error_state(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
     """Return the tip after a roll, an advance and, if the tip was seen, an observation."""
     prediction = _predict(state, observation, settings)
-    kalman = ExtendedKalmanFilter(dim_x=ERRORS, dim_z=len(settings.observed))
-    kalman.x = np.zeros(ERRORS)
+    kalman = ExtendedKalmanFilter(dim_x=settings.size, dim_z=len(settings.observed))
+    kalman.x = np.zeros(settings.size)
     kalman.P, kalman.F, kalman.Q = state.covariance, prediction.transition, prediction.process
     kalman.predict()
     if observation.position_mm is None:
@@ -81,7 +84,7 @@ def _limit_nis(state: TipState, settings: EstimatorSettings) -> float:
 def _reopen(
     covariance: FloatArray, innovation: FloatArray, nis: float, settings: EstimatorSettings
 ) -> FloatArray:
-    """Return a covariance (7, 7) so wide that the innovation is an ordinary one.
+    """Return a covariance so wide that the innovation is an ordinary one.
 
     What was seen may be something else than the tip: its position is taken, and only the next sightings may turn the
     heading.
@@ -90,26 +93,30 @@ def _reopen(
         return covariance * (nis / len(innovation))
     moved = float(innovation @ innovation) / len(innovation) * settings.observed.T @ settings.observed
     turning = [index for index in _TURNING if index in settings.errors]
-    turned = np.zeros((ERRORS, ERRORS))
+    turned = np.zeros((settings.size, settings.size))
     turned[turning, turning] = _REOPENED_HEADING_SD_RAD**2
     return covariance + moved + turned
 
 
 def _predict(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> _Prediction:
     """Propagate the pose by (16) and (17), and linearise how its errors follow."""
-    step_mm = observation.step_mm
+    step_mm = observation.step_mm * (1.0 - state.slip)
     roll = rotation_z(observation.roll_rad)
     curvature = state.curvature if observation.bends else 0.0
     bend = rotation_x(step_mm * curvature)
     advance = step_position_mm(step_mm, curvature)
     back = (roll @ bend).T
-    transition = np.eye(ERRORS)
+    transition = np.eye(settings.size)
     transition[POSITION, POSITION] = transition[ORIENTATION, ORIENTATION] = back
     transition[POSITION, ORIENTATION] = -bend.T @ cross_matrix(advance) @ roll.T
     if observation.bends:
         transition[POSITION, CURVATURE] = bend.T @ step_position_slope(step_mm, curvature)
         transition[ORIENTATION.start, CURVATURE] = step_mm
-    process = np.zeros((ERRORS, ERRORS))
+    process = np.zeros((settings.size, settings.size))
+    if settings.slip_sd > 0.0:
+        transition[POSITION.stop - 1, SLIP] = -observation.step_mm
+        transition[ORIENTATION.start, SLIP] = -observation.step_mm * curvature
+        process[SLIP, SLIP] = settings.slip_sd**2 * observation.step_mm / _SLIP_CHANGES_MM
     turning = (3,) if settings.planar else _TURNING
     process[turning, turning] = settings.process_sd_rad_per_root_mm**2 * step_mm
     rolled = state.rotation @ roll
@@ -137,6 +144,7 @@ def _apply_error(
     pose[:3, 3] = prediction.position_mm + prediction.rotation @ kalman.x[POSITION]
     pose[:3, :3] = prediction.rotation @ rotation_from_vector(kalman.x[ORIENTATION])
     curvature = before.curvature + float(kalman.x[CURVATURE])
+    slip = before.slip + float(kalman.x[SLIP]) if len(kalman.x) > SLIP else 0.0
     covariance = freeze(0.5 * (kalman.P + kalman.P.T))
     misses = 0 if accepted else before.misses + 1
-    return TipState(freeze(pose), curvature, covariance, nis, accepted, misses, log_likelihood)
+    return TipState(freeze(pose), curvature, covariance, nis, accepted, misses, log_likelihood, slip)

@@ -13,7 +13,6 @@ from labrig.steering.error_state import step_error_state
 from labrig.steering.paper_filter import step_paper_filter
 from labrig.steering.tip import (
     CURVATURE,
-    ERRORS,
     EstimatorMethod,
     EstimatorSettings,
     TipObservation,
@@ -44,9 +43,9 @@ def start_tip(pose: ArrayLike, settings: EstimatorSettings) -> TipState:
         For a matrix that is not a pose.
     """
     curvature = 1.0 / settings.radius_mm
-    sd = np.array([settings.observation_sd_mm] * 3 + [settings.start_sd_rad] * 3 + [0.0])
+    sd = np.array([settings.observation_sd_mm] * 3 + [settings.start_sd_rad] * 3 + [0.0, settings.slip_sd])
     sd[CURVATURE] = settings.radius_sd_mm * curvature**2
-    variances = np.zeros(ERRORS)
+    variances = np.zeros(settings.size)
     variances[list(settings.errors)] = sd[list(settings.errors)] ** 2
     at = freeze(require_pose("pose", pose))
     return TipState(at, curvature, freeze(np.diag(variances)), nis=None, accepted=False, misses=0)

@@ -18,7 +18,6 @@ import numpy as np
 from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_x, rotation_z
 from labrig.steering.motion import step_position_mm
 from labrig.steering.tip import (
-    ERRORS,
     ORIENTATION,
     POSITION,
     EstimatorSettings,
@@ -111,7 +110,7 @@ def _update(
 
 def _covariance(orientation: FloatArray, settings: EstimatorSettings) -> FloatArray:
     """Return (7, 7): the position with the noise of its measurement, the orientation with the filter's covariance."""
-    covariance = np.zeros((ERRORS, ERRORS))
+    covariance = np.zeros((settings.size, settings.size))
     seen = settings.observed[:, POSITION]
     covariance[POSITION, POSITION] = settings.observation_sd_mm**2 * seen.T @ seen
     covariance[ORIENTATION, ORIENTATION] = 0.5 * (orientation + orientation.T)

@@ -19,7 +19,7 @@ import numpy as np
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
-from labrig.steering.bending import PathStretch, Turn, advance_pose, split_into_stretches
+from labrig.steering.bending import PathStretch, Turn, advance_pose, shorten, split_into_stretches
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
 from labrig.steering.clearance import path_distances
 from labrig.steering.planner import Plan, make_plan, plan_path
@@ -100,7 +100,7 @@ class SteeringState:
         """Return the tip's pose (4, 4) at an insertion length ahead if no further turn is made before it."""
         straight_mm = settings.policy.closing_mm / 2
         along = split_into_stretches(self.insertion_mm, insertion_mm, self.turns, straight_mm)
-        return advance_pose(self.tip.pose, along, self.tip.curvature)
+        return advance_pose(self.tip.pose, shorten(along, self.tip.slip), self.tip.curvature)
 
 
 def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
@@ -111,13 +111,17 @@ def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringC
     InputError
         For a problem that cannot be planned.
     """
+    return _command_next(_replan(begin_steering(settings), "start", settings), settings)
+
+
+def begin_steering(settings: SteeringSettings) -> SteeringState:
+    """Return the state at the start, without a plan."""
     belief = start_belief(settings.problem.start, settings.estimator)
-    state = SteeringState(
+    return SteeringState(
         belief=belief, insertion_mm=0.0, turns=(), plan=Plan(found=False, reason=None), plan_start=belief.tip.pose,
         plan_from_mm=0.0, ahead=(), end_mm=0.0, replans=-1, followed_mm=0.0, planned_at_mm=0.0, why=None, refusal=None,
         run_to_mm=0.0, moving_from=(0.0, belief.tip.position_mm),
     )  # fmt: skip
-    return _command_next(_replan(state, "start", settings), settings)
 
 
 def step_steering(
@@ -230,7 +234,8 @@ def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     acting_mm = [max(_acting_mm(turn.at_mm, settings), from_mm) for turn in state.ahead]
     lengths_mm = np.diff([from_mm, *acting_mm, max(state.end_mm, from_mm)])
     rolls_rad = [0.0, *(turn.roll_rad for turn in state.ahead)]
-    return np.column_stack((np.maximum(lengths_mm, 0.0) / _bounded_radius_mm(state, settings), rolls_rad))
+    arcs_mm = np.maximum(lengths_mm, 0.0) * (1.0 - state.tip.slip)
+    return np.column_stack((arcs_mm / _bounded_radius_mm(state, settings), rolls_rad))
 
 
 def _replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
@@ -268,7 +273,7 @@ def _problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProb
         cavity_mm=settings.estimator.cavity_mm if math.isfinite(settings.estimator.cavity_every_mm) else 0.0,
         axis=(float(along[0]), float(along[1]), float(along[2])),
         max_off_axis_rad=settings.policy.max_off_axis_rad,
-        max_length_mm=max(settings.problem.max_length_mm - from_mm, _HERE_MM),
+        max_length_mm=max((settings.problem.max_length_mm - from_mm) * (1.0 - state.tip.slip), _HERE_MM),
         covariance=state.tip.covariance,
     )
 
@@ -299,7 +304,7 @@ def _follow(
 ) -> SteeringState:
     """Return the state with a new path: where to turn the bevel, and where the path ends."""
     from_mm = _acting_mm(state.insertion_mm, settings)
-    ends_mm = from_mm + np.cumsum([0.0, *(arc.length_mm for arc in plan.arcs)])
+    ends_mm = from_mm + np.cumsum([0.0, *(arc.length_mm for arc in plan.arcs)]) / (1.0 - state.tip.slip)
     turns = tuple(
         Turn(
             float(at_mm) - settings.policy.backlash_mm / 2 if at_mm > from_mm else state.insertion_mm,

@@ -14,9 +14,8 @@ from labrig.needle.kinematics import FloatArray
 
 EstimatorMethod = Literal["error-state", "paper"]
 
-# The seven errors of a tip: position and rotation vector, both in the tip's own frame, and curvature.
-ERRORS = 7
-POSITION, ORIENTATION, CURVATURE = slice(0, 3), slice(3, 6), 6
+# The errors of a tip: position and rotation vector, both in the tip's own frame, curvature and, if estimated, slip.
+POSITION, ORIENTATION, CURVATURE, SLIP = slice(0, 3), slice(3, 6), 6, 7
 _DOUBTFUL_PROBABILITY = 0.95
 # In the plane the tip moves along its y and z axes and turns about its x axis.
 _PLANAR_ERRORS, _SPATIAL_ERRORS = (1, 2, 3), (0, 1, 2, 3, 4, 5)
@@ -43,6 +42,10 @@ class EstimatorSettings:
         section V-C of the paper. Rolls are then whole half turns.
     radius_sd_mm : float
         Of the radius. 0: the radius is known; above 0: the error-state filter estimates the curvature too.
+    slip_sd : float
+        Of the slip, the share of the inserted length by which the tip stays behind (friction stores it in the needle
+        and the gel; it is negative where the picture's scale is too small). 0: the tip advances by what is inserted;
+        above 0: the error-state filter estimates the slip too.
     start_sd_rad : float
         Of the orientation at the start, about each axis.
     gate_probability : float
@@ -76,6 +79,7 @@ class EstimatorSettings:
     cavity_every_mm: float = math.inf
     cavity_mm: float = 8.0
     robust: bool = True
+    slip_sd: float = 0.0
 
     def __post_init__(self) -> None:
         if self.method not in get_args(EstimatorMethod):
@@ -83,7 +87,7 @@ class EstimatorSettings:
             raise InputError(f"method {self.method!r} is unknown", f"use {methods}")
         for name in ("radius_mm", "observation_sd_mm"):
             _require(name, getattr(self, name), getattr(self, name) > 0.0, "above 0")
-        for name in ("process_sd_rad_per_root_mm", "radius_sd_mm", "start_sd_rad", "patience"):
+        for name in ("process_sd_rad_per_root_mm", "radius_sd_mm", "start_sd_rad", "patience", "slip_sd"):
             _require(name, getattr(self, name), getattr(self, name) >= 0.0, "0 or more")
         _require(
             "gate_probability", self.gate_probability, 0.0 < self.gate_probability < 1.0, "between 0 and 1"
@@ -99,17 +103,28 @@ class EstimatorSettings:
                 f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
             )
             raise InputError(message, "set it to 0, or use the error-state filter")
+        if self.method == "paper" and self.slip_sd > 0.0:
+            message = (
+                f"slip_sd is {self.slip_sd:g}, but the paper's filter takes the inserted length as known"
+            )
+            raise InputError(message, "set it to 0, or use the error-state filter")
+
+    @cached_property
+    def size(self) -> int:
+        """The number of errors of a tip here."""
+        return SLIP + 1 if self.slip_sd > 0.0 else SLIP
 
     @cached_property
     def errors(self) -> tuple[int, ...]:
-        """Which of the seven errors of a tip are uncertain here: the degrees of freedom of its NEES."""
+        """Which of the errors of a tip are uncertain here: the degrees of freedom of its NEES."""
         pose = _PLANAR_ERRORS if self.planar else _SPATIAL_ERRORS
-        return (*pose, CURVATURE) if self.radius_sd_mm > 0.0 else pose
+        pose = (*pose, CURVATURE) if self.radius_sd_mm > 0.0 else pose
+        return (*pose, SLIP) if self.slip_sd > 0.0 else pose
 
     @cached_property
     def observed(self) -> FloatArray:
-        """H, (2 or 3, 7): the errors that an observation sees, in the tip's frame; in the plane x is not seen."""
-        return freeze(np.eye(ERRORS)[1:3] if self.planar else np.eye(ERRORS)[:3])
+        """H, (2 or 3, size): the errors that an observation sees, in the tip's frame; in the plane x is not seen."""
+        return freeze(np.eye(self.size)[1:3] if self.planar else np.eye(self.size)[:3])
 
     @cached_property
     def gate_nis(self) -> float:
@@ -167,9 +182,9 @@ class TipState:
         T_w_t, in mm; read-only.
     curvature : float
         Of the path [1/mm].
-    covariance : (7, 7) array
-        Of the errors of position [mm] and orientation (rotation vector, [rad]), both in the tip's own frame, and
-        of curvature [1/mm]; zero for what counts as known. Read-only.
+    covariance : (7, 7) or (8, 8) array
+        Of the errors of position [mm] and orientation (rotation vector, [rad]), both in the tip's own frame, of
+        curvature [1/mm] and, if it is estimated, of slip [-]; zero for what counts as known. Read-only.
     nis : float or None
         Normalised innovation squared of the last observation; None without an observation.
     accepted : bool
@@ -178,6 +193,8 @@ class TipState:
         Observations in a row that were missing or rejected.
     log_likelihood : float
         Of the last observation given the prediction; 0 without an observation.
+    slip : float
+        Share of the inserted length by which the tip stays behind [-].
     """
 
     pose: FloatArray
@@ -187,6 +204,7 @@ class TipState:
     accepted: bool
     misses: int
     log_likelihood: float = 0.0
+    slip: float = 0.0
 
     @property
     def position_mm(self) -> FloatArray:

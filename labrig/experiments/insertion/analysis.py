@@ -50,12 +50,26 @@ from labrig.experiments.insertion.result import (
     InsertionResult,
     InsertionStep,
     InsertionTrial,
+    SightingNoise,
 )
-from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, restore_settings
+from labrig.experiments.insertion.settings import (
+    make_insertion_settings,
+    make_out_of_plane,
+    restore_settings,
+    with_observation_sd,
+)
 from labrig.record.reader import Run
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
-from labrig.steering.step import SteeringState, start_steering, step_steering, take_in_sighting, turn_bevel
+from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
+from labrig.steering.step import (
+    SteeringState,
+    begin_steering,
+    start_steering,
+    step_steering,
+    take_in_sighting,
+    turn_bevel,
+)
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.shaft_tip import ShaftTip
@@ -68,6 +82,10 @@ TEMPLATE_FILE = "template.png"
 # Paths are only drawn, never computed with: this many points, rounded to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
 _NO_POINTS = np.empty((0, 2))
+# The first insertions of a run tell enough about the noise of its sightings.
+_MOST_NOISE_INSERTIONS = 3
+# The template shows so much of the tip. While the bend swings over inside it, the tip is read off its place.
+_TEMPLATE_MM = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +181,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         insertions=tuple(insertions),
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
+        sighting_noise=_measure_noise(trials, insertions, protocol),
     )
     return Findings(result)
 
@@ -189,8 +208,7 @@ def _read_trials(run: Run) -> list[_Events]:
 
 def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
-    asked = make_insertion_settings(source.protocol, start.target_mm, start.obstacles)
-    settings = restore_settings(asked, events.sheath)
+    settings = _restore_settings(events, source.protocol)
     target_mm, tolerance_mm = start.target_mm[1:], settings.problem.tolerance_mm
     true = _read_true_path(truth)
     steps, commands = _retrace(events, settings, source, true)
@@ -227,6 +245,11 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         as_recorded=[step.estimate_mm for step in steps] == recorded,
         commands=tuple(commands),
     )
+
+
+def _restore_settings(events: _Events, protocol: InsertionProtocol) -> SteeringSettings:
+    asked = make_insertion_settings(protocol, events.start.target_mm, events.start.obstacles)
+    return restore_settings(asked, events.sheath)
 
 
 def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[str, Any]:
@@ -316,6 +339,51 @@ def _retrace(
     return steps, commands
 
 
+def _measure_noise(
+    trials: Sequence[_Events], insertions: Sequence[InsertionTrial], protocol: InsertionProtocol
+) -> SightingNoise | None:
+    """Return whether the stated noise of the sightings fits, and what it is; None for too few sightings."""
+    nis = [step.nis for trial in insertions for step in trial.steps if step.believed and step.nis is not None]
+    judged = judge_nis(nis, observed=2)
+    if judged is None:
+        return None
+    told = list(zip(trials[:_MOST_NOISE_INSERTIONS], insertions, strict=False))
+    stated = _restore_settings(trials[0], protocol)
+    noise = measure_sighting_sd([_list_sightings(*pair, protocol) for pair in told], stated)
+    swung = [_list_sightings(*pair, protocol, template_mm=_TEMPLATE_MM) for pair in told]
+    backlash = measure_backlash(
+        swung, stated if noise is None else with_observation_sd(stated, noise.value_mm)
+    )
+    return SightingNoise(
+        mean_nis=judged.mean,
+        usual_nis=(judged.low, judged.high),
+        verdict=judged.verdict,
+        stated_observation_sd_mm=stated.estimator.observation_sd_mm,
+        observation_sd_mm=None if noise is None else noise.value_mm,
+        observation_sd_sd_mm=None if noise is None else noise.sd_mm,
+        stated_backlash_mm=stated.policy.backlash_mm,
+        backlash_mm=None if backlash is None else backlash.value_mm,
+        backlash_sd_mm=None if backlash is None else backlash.sd_mm,
+    )
+
+
+def _list_sightings(
+    events: _Events, insertion: InsertionTrial, protocol: InsertionProtocol, template_mm: float = 0.0
+) -> SeenInsertion:
+    """Return the turns of an insertion, and its believed sightings but those within `template_mm` after a turn."""
+    steps = {step.frame: step for step in insertion.steps}
+    way, swung_mm = list[TipSighting | float](), 0.0
+    for event in events.way:
+        if isinstance(event, BevelTurn):
+            way.append(event.to_rad - event.from_rad)
+            swung_mm = event.depth_mm + template_mm
+        elif isinstance(event, TipObserved):
+            step = steps[event.frame]
+            seen_mm = step.tip_mm if step.believed and step.depth_mm >= swung_mm else None
+            way.append(TipSighting(step.depth_mm, None if seen_mm is None else np.array((0.0, *seen_mm))))
+    return SeenInsertion(begin_steering(_restore_settings(events, protocol)), tuple(way))
+
+
 def _describe_command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
     return InsertionCommand(
         frame=frame,
@@ -357,6 +425,7 @@ def _describe_step(event: TipObserved, fix: TipFix, state: SteeringState, place:
         heading_rad=tip.heading_rad,
         heading_sd_rad=tip.heading_sd_rad,
         radius_mm=1.0 / tip.curvature if tip.curvature > 0.0 else None,
+        slip=tip.slip,
         believed=tip.accepted,
         nis=tip.nis,
         innovation_mm=None if seen is None else _to_point((seen - place.predicted)[1:]),

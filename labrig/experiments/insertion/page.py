@@ -20,6 +20,7 @@ from labrig.experiments.insertion.result import (
     InsertionTrial,
     TargetErrorSources,
 )
+from labrig.experiments.insertion.summary import describe_sighting_noise
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
@@ -137,6 +138,9 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
         ],
         "sheaths": draw_sheath_views(run, content.origins, plane, _SHOWN),
         "left_out": max(0, len(content.insertions) - _SHOWN),
+        "noise_told": describe_sighting_noise(
+            None if content.sighting_noise is None else content.sighting_noise.model_dump()
+        ),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
 

@@ -119,6 +119,11 @@ class Estimator(Model):
         description="Mean path length between cavities, in which the needle does not steer; null: cavities are not "
         "modelled [mm].",
     )
+    slip_sd: Annotated[float, Field(ge=0, le=0.2), Former(value=0.0)] = Field(
+        0.01,
+        description="Standard deviation of the slip, the share of the inserted length by which the tip stays behind; "
+        "0: the slip is not estimated. The paper's filter does not estimate it [-].",
+    )
     robust: Annotated[bool, Former(value=False)] = Field(
         default=True,
         description="Whether rejected sightings are kept from the estimate of cavities and from the search for a stuck "

@@ -6,6 +6,7 @@ from typing import Literal
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
 from labrig.steering.problem import Obstacle
+from labrig.steering.sighting_noise import NisVerdict
 from labrig.vision.error_budget import ErrorBudget
 
 
@@ -15,7 +16,7 @@ class InsertionStep(Model):
     `tip_mm` is where the template found the tip; if it is None, `reason` says why; `believed` says whether the
     estimator took it; `innovation_mm` is how far it was from the prediction, along y and z. `clearance_mm` is from the
     needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and `true_heading_rad` are known of
-    simulated worlds alone.
+    simulated worlds alone. `slip` is the share of the inserted length by which the tip stays behind.
     """
 
     frame: int
@@ -29,6 +30,7 @@ class InsertionStep(Model):
     heading_rad: float
     heading_sd_rad: float
     radius_mm: float | None
+    slip: float = 0.0
     believed: bool
     nis: float | None
     innovation_mm: Point | None
@@ -139,11 +141,30 @@ class InsertionTrial(Model):
     commands: tuple[InsertionCommand, ...] = ()
 
 
+class SightingNoise(Model):
+    """What the protocol states about sightings and hinges, and what the sightings themselves say.
+
+    `mean_nis` is over the sightings that were believed in all insertions; where the settings fit it is within
+    `usual_nis` in 99.9 % of all runs. Measured values are None where too few sightings, or turns, tell them.
+    """
+
+    mean_nis: float
+    usual_nis: tuple[float, float]
+    verdict: NisVerdict
+    stated_observation_sd_mm: float
+    observation_sd_mm: float | None
+    observation_sd_sd_mm: float | None
+    stated_backlash_mm: float
+    backlash_mm: float | None
+    backlash_sd_mm: float | None
+
+
 class InsertionResult(Result):
     """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
 
     `causes` counts why the others did not. `reached` is False if one of them missed, None if none missed and one is not
     known to have arrived in space.
+    `sighting_noise` is None for fewer than twenty sightings; older results do not have it.
     """
 
     kind: Literal["insertion"] = "insertion"
@@ -160,6 +181,7 @@ class InsertionResult(Result):
     insertions: tuple[InsertionTrial, ...]
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
+    sighting_noise: SightingNoise | None = None
 
     @property
     def tables(self) -> Mapping[str, Rows]:

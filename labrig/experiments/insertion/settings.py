@@ -51,6 +51,7 @@ def make_insertion_settings(
             start_sd_rad=math.radians(estimator.start_sd_deg),
             cavity_every_mm=math.inf if estimator.cavity_every_mm is None else estimator.cavity_every_mm,
             robust=estimator.robust,
+            slip_sd=0.0 if estimator.method == "paper" else estimator.slip_sd,
         ),
         policy=SteeringPolicy(
             **values,
@@ -104,3 +105,8 @@ def restore_settings(settings: SteeringSettings, origin: TrialOrigin | None) -> 
     if origin is None or not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
         return settings
     return with_start(settings, origin.tip_mm, origin.heading_rad)
+
+
+def with_observation_sd(settings: SteeringSettings, observation_sd_mm: float) -> SteeringSettings:
+    """Return the settings with another standard deviation of a sighting."""
+    return replace(settings, estimator=replace(settings.estimator, observation_sd_mm=observation_sd_mm))

@@ -113,7 +113,10 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
     for trial in trials:
         values |= _list_values(trial)
-    return Summary((TextTable(_HEADS, rows), *_list_sources(trials), *_explain_open(trials), arrived), values)
+    noise = describe_sighting_noise(document.get("sighting_noise"))
+    sources, unknown = _list_sources(trials), _explain_open(trials)
+    alarm = () if noise is None else (noise,)
+    return Summary((TextTable(_HEADS, rows), *sources, *unknown, arrived, *alarm), values)
 
 
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
@@ -132,6 +135,27 @@ def _explain_open(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for trial in trials:
         if trial["reached"] is None:
             yield f"insertion {trial['trial'] + 1}: {trial['cause']}"
+
+
+def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
+    """Return what the NIS says of the stated noise, and which key to change; None where it is as expected."""
+    if noise is None or noise["verdict"] == "as expected":
+        return None
+    low, high = noise["usual_nis"]
+    found = f"mean NIS {noise['mean_nis']:.2g}, usually {low:.1f} to {high:.1f}"
+    stated_mm, measured_mm = noise["stated_observation_sd_mm"], noise["observation_sd_mm"]
+    how = "better" if noise["verdict"] == "too small" else "worse"
+    if measured_mm is None or (measured_mm < stated_mm) != (how == "better"):
+        advice = (
+            ""
+            if how == "better"
+            else "; the needle moves otherwise than radius, backlash and process noise say"
+        )
+        return f"{found}: the tip was predicted {how} than the protocol states{advice}"
+    return (
+        f"{found}: the tip was seen {how} than estimator.observation_sd_mm {stated_mm:g} says; measured "
+        f"{measured_mm:.2g} mm"
+    )
 
 
 def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:

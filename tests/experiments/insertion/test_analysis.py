@@ -45,10 +45,10 @@ def test_estimated_again_everything_comes_out_as_it_was() -> None:
 def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
     """Another observation noise changes the estimates, not the measured end of the needle."""
     run = record_insertion()
-    was, would_be = analyse(run), analyse(run, "estimator.observation_sd_mm=0.05")
+    was, would_be = analyse(run), analyse(run, "estimator.observation_sd_mm=0.2")
     assert would_be.insertions[0].mean_nis != was.insertions[0].mean_nis
     assert would_be.target_error_mm == was.target_error_mm
-    assert would_be.overrides == ("estimator.observation_sd_mm=0.05",)
+    assert would_be.overrides == ("estimator.observation_sd_mm=0.2",)
     with pytest.raises(InputError, match=r"estimator\.\*"):
         analyse(run, "target.tolerance_mm=5")
 

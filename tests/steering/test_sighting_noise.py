@@ -1,0 +1,86 @@
+"""Noise of sightings and backlash, measured from the sightings; the NIS as an alarm both ways."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.problem import PlanProblem
+from labrig.steering.sighting_noise import (
+    SeenInsertion,
+    judge_nis,
+    measure_backlash,
+    measure_sighting_sd,
+)
+from labrig.steering.step import begin_steering, start_steering, step_steering
+from tests.steering.driven_needle import DrivenNeedle
+from tests.steering.insertions import RADIUS_MM, settings
+
+STATED = SteeringSettings(
+    PlanProblem(target_mm=(0.0, 8.0, 50.0), radius_mm=RADIUS_MM, planar=True, max_length_mm=120.0),
+    settings(planar=True, radius_sd_mm=0.6),
+    SteeringPolicy(deviation_mm=0.4),
+)
+TRUE_BACKLASH_MM = 2.0
+
+
+def see(sigma_mm: float, seed: int) -> SeenInsertion:
+    """Drive a needle with a backlash that the policy does not know, and see its tip with this noise."""
+    needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=TRUE_BACKLASH_MM)
+    rng = np.random.default_rng(seed)
+    state, command = start_steering(STATED)
+    way = list[TipSighting | float]()
+    while command.stop is None:
+        if command.roll_rad:
+            way.append(command.roll_rad)
+        needle.roll_rad += command.roll_rad
+        needle.insert(command.observe_at_mm)
+        seen_mm = needle.place + np.array((0.0, *rng.normal(0.0, sigma_mm, 2)))
+        way.append(TipSighting(command.observe_at_mm, seen_mm))
+        state, command = step_steering(state, TipSighting(command.observe_at_mm, seen_mm), STATED)
+    return SeenInsertion(begin_steering(STATED), tuple(way))
+
+
+@pytest.mark.parametrize("sigma_mm", [0.03, 0.2])
+def test_the_noise_of_the_sightings_is_measured(sigma_mm: float) -> None:
+    """Within four of its standard deviations and 25 %, whatever the protocol states."""
+    measured = measure_sighting_sd([see(sigma_mm, 1)], STATED)
+    assert measured is not None
+    assert measured.value_mm == pytest.approx(sigma_mm, rel=0.25)
+    assert abs(measured.value_mm - sigma_mm) < 4.0 * measured.sd_mm
+
+
+def test_the_backlash_is_measured() -> None:
+    """Within three of its standard deviations, where the policy states another."""
+    fitting = replace(STATED, estimator=replace(STATED.estimator, observation_sd_mm=0.03))
+    measured = measure_backlash([see(0.03, 2)], fitting)
+    assert measured is not None
+    assert abs(measured.value_mm - TRUE_BACKLASH_MM) < 3.0 * measured.sd_mm
+    assert measured.sd_mm < 0.5
+
+
+def test_too_few_sightings_tell_nothing() -> None:
+    """Fewer than twenty sightings give no noise, and one turn no backlash."""
+    short = SeenInsertion(begin_steering(STATED), see(0.03, 1).way[:10])
+    assert measure_sighting_sd([short], STATED) is None
+    assert measure_backlash([short], STATED) is None
+    assert judge_nis([2.0] * 19, observed=2) is None
+
+
+@pytest.mark.parametrize(("scale", "verdict"), [(0.1, "too small"), (1.0, "as expected"), (3.0, "too large")])
+def test_a_mean_nis_is_judged_both_ways(scale: float, verdict: str) -> None:
+    """The NIS of fitting settings passes; a tenth of it and thrice it are alarms."""
+    nis = scale * np.random.default_rng(4).chisquare(2, 100)
+    judged = judge_nis(nis.tolist(), observed=2)
+    assert judged is not None
+    assert judged.verdict == verdict
+    assert judged.low < 2.0 < judged.high
+
+
+def test_a_fitting_nis_is_rarely_an_alarm() -> None:
+    """Of a thousand runs whose settings fit, at most five are alarms, where one is expected."""
+    drawn = np.random.default_rng(6).chisquare(2, (1000, 60))
+    judged = [judge_nis(row.tolist(), observed=2) for row in drawn]
+    assert sum(found is not None and found.verdict != "as expected" for found in judged) <= 5

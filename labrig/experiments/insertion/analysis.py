@@ -86,6 +86,8 @@ _NO_POINTS = np.empty((0, 2))
 _MOST_NOISE_INSERTIONS = 3
 # The template shows so much of the tip. While the bend swings over inside it, the tip is read off its place.
 _TEMPLATE_MM = 4.0
+# By which it reads a tip off its place that is bent to the other side; no scatter of the sightings shows that.
+_TEMPLATE_BIAS_MM = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,9 +353,8 @@ def _measure_noise(
     stated = _restore_settings(trials[0], protocol)
     noise = measure_sighting_sd([_list_sightings(*pair, protocol) for pair in told], stated)
     swung = [_list_sightings(*pair, protocol, template_mm=_TEMPLATE_MM) for pair in told]
-    backlash = measure_backlash(
-        swung, stated if noise is None else with_observation_sd(stated, noise.value_mm)
-    )
+    trusted_mm = _TEMPLATE_BIAS_MM if noise is None else max(noise.value_mm, _TEMPLATE_BIAS_MM)
+    backlash = measure_backlash(swung, with_observation_sd(stated, trusted_mm))
     return SightingNoise(
         mean_nis=judged.mean,
         usual_nis=(judged.low, judged.high),

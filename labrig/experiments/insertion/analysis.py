@@ -353,8 +353,8 @@ def _measure_noise(
     stated = _restore_settings(trials[0], protocol)
     noise = measure_sighting_sd([_list_sightings(*pair, protocol) for pair in told], stated)
     swung = [_list_sightings(*pair, protocol, template_mm=_TEMPLATE_MM) for pair in told]
-    trusted_mm = _TEMPLATE_BIAS_MM if noise is None else max(noise.value_mm, _TEMPLATE_BIAS_MM)
-    backlash = measure_backlash(swung, with_observation_sd(stated, trusted_mm))
+    advised_mm = None if noise is None else max(noise.value_mm, _TEMPLATE_BIAS_MM)
+    backlash = measure_backlash(swung, with_observation_sd(stated, advised_mm or _TEMPLATE_BIAS_MM))
     return SightingNoise(
         mean_nis=judged.mean,
         usual_nis=(judged.low, judged.high),
@@ -362,6 +362,7 @@ def _measure_noise(
         stated_observation_sd_mm=stated.estimator.observation_sd_mm,
         observation_sd_mm=None if noise is None else noise.value_mm,
         observation_sd_sd_mm=None if noise is None else noise.sd_mm,
+        advised_observation_sd_mm=advised_mm,
         stated_backlash_mm=stated.policy.backlash_mm,
         backlash_mm=None if backlash is None else backlash.value_mm,
         backlash_sd_mm=None if backlash is None else backlash.sd_mm,

@@ -146,6 +146,8 @@ class SightingNoise(Model):
 
     `mean_nis` is over the sightings that were believed in all insertions; where the settings fit it is within
     `usual_nis` in 99.9 % of all runs. Measured values are None where too few sightings, or turns, tell them.
+    `advised_observation_sd_mm` is the measured one, and at least what a template reads a tip off that is bent to the
+    other side: with less, that counts as motion.
     """
 
     mean_nis: float
@@ -154,6 +156,7 @@ class SightingNoise(Model):
     stated_observation_sd_mm: float
     observation_sd_mm: float | None
     observation_sd_sd_mm: float | None
+    advised_observation_sd_mm: float | None
     stated_backlash_mm: float
     backlash_mm: float | None
     backlash_sd_mm: float | None

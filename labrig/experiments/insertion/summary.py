@@ -138,23 +138,23 @@ def _explain_open(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
-    """Return what the NIS says of the stated noise, and which key to change; None where it is as expected."""
+    """Return what the NIS says against the stated noise, and what to state; None where nothing is to be changed."""
     if noise is None or noise["verdict"] == "as expected":
         return None
     low, high = noise["usual_nis"]
     found = f"mean NIS {noise['mean_nis']:.2g}, usually {low:.1f} to {high:.1f}"
-    stated_mm, measured_mm = noise["stated_observation_sd_mm"], noise["observation_sd_mm"]
-    how = "better" if noise["verdict"] == "too small" else "worse"
-    if measured_mm is None or (measured_mm < stated_mm) != (how == "better"):
-        advice = (
-            ""
-            if how == "better"
-            else "; the needle moves otherwise than radius, backlash and process noise say"
-        )
-        return f"{found}: the tip was predicted {how} than the protocol states{advice}"
+    stated_mm, advised_mm = noise["stated_observation_sd_mm"], noise["advised_observation_sd_mm"]
+    if noise["verdict"] == "too small":
+        if advised_mm is None or advised_mm >= stated_mm:
+            return None
+        how = "better"
+    elif advised_mm is None or advised_mm <= stated_mm:
+        return f"{found}: the needle moves otherwise than radius_mm, backlash_mm and process_sd_deg_per_root_mm say"
+    else:
+        how = "worse"
     return (
-        f"{found}: the tip was seen {how} than estimator.observation_sd_mm {stated_mm:g} says; measured "
-        f"{measured_mm:.2g} mm"
+        f"{found}: the tip was seen {how} than estimator.observation_sd_mm {stated_mm:g} says; "
+        f"{advised_mm:.2g} would fit"
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -21,6 +21,9 @@ from labrig.protocol.model import (
     Seed,
     SpeedMmS,
 )
+
+# With fewer, a lag that alternates in sign from roll to roll would shift the fitted zero.
+_LEAST_TURNED_ROLLS = 6
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,31 @@ class Advance(Model):
     withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
 
 
+class TorsionSteps(Model):
+    """How the torsion of the needle is measured: at each depth in two holes, turned to 90 degrees from either side."""
+
+    depths_mm: tuple[Annotated[float, Field(ge=20, le=500)], ...] = Field(
+        (30.0, 50.0, 70.0),
+        min_length=2,
+        max_length=6,
+        description="Lengths of needle in the gel at the turn; each takes two holes [mm].",
+    )
+    further_mm: float = Field(
+        15.0, ge=8, le=25, description="Inserted after the turn, for the deflection to be seen [mm]."
+    )
+    backlash_mm: NonNegativeMm = Field(
+        1.5, description="Insertion over which the curvature reverses after half a turn [mm]."
+    )
+    max_sd_deg: float = Field(
+        3.0, gt=0, le=45, description="Largest standard deviation of the lag at which it is kept [deg]."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a depth that is given twice."""
+        if len(set(self.depths_mm)) < len(self.depths_mm):
+            yield Conflict("depths_mm", "a depth is given twice", "each depth has two holes already")
+
+
 class RollZeroSteps(Model):
     """How the roll zero is found: short insertions at evenly spread rolls of the bevel, each in a hole of its own."""
 
@@ -201,6 +229,15 @@ class RollZeroSteps(Model):
     max_sd_deg: float = Field(
         3.0, gt=0, le=45, description="Largest standard deviation at which the zero is certified [deg]."
     )
+    torsion: TorsionSteps | None = Field(
+        None, description="How the lag of the bevel behind the rotation axis is measured; null: not at all."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a number of rolls that does not free the roll zero of the lag."""
+        if self.torsion is not None and (self.rolls % 2 or self.rolls < _LEAST_TURNED_ROLLS):
+            message = f"{self.rolls} rolls, but with torsion: they are turned to from either side in turns"
+            yield Conflict("rolls", message, "take an even number, 6 or more, or torsion: null")
 
 
 class AnalysisWindow(Model):

@@ -29,7 +29,7 @@ SHORTENED: Mapping[str, tuple[str, ...]] = {
         "roll_zero.rolls=4",
         "roll_zero.length_mm=12",
     ),
-    "roll-zero": ("roll_zero.rolls=4", "roll_zero.length_mm=12"),
+    "roll-zero": ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null"),
     "calibration": ("views=8",),
     "design": ("grid_points=3",),
 }

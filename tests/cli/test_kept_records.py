@@ -18,7 +18,7 @@ labrig run protocols/calibration.yaml --run-name camera-calibration "${NEAR[@]}"
   --set rig.calibration.intrinsics=null --set views=6 --set plane.origin_px=[123,112]
 labrig run protocols/steerability.yaml --run-name steerability "${QUICK[@]}" --set insertions_per_specimen=2 \
   --set "specimens=[{name: gel, gelatin_percent: 13}]" --set insertion.length_mm=22 --set insertion.frame_every_mm=20
-labrig run protocols/roll-zero.yaml --run-name roll-zero "${QUICK[@]}" "${ROLLS[@]}"
+labrig run protocols/roll-zero.yaml --run-name roll-zero "${QUICK[@]}" "${ROLLS[@]}" --set roll_zero.torsion=null
 labrig run protocols/insertion.yaml --run-name insertion "${QUICK[@]}" "${ROLLS[@]}" --set target.position_mm=[0,2,20] \
   --set "obstacles=[{position_mm: [0, 9, 12], radius_mm: 3}]" --set insertion.max_length_mm=30 \
   --set insertion.frame_every_mm=3 --set policy.near_mm=0 --set policy.final_mm=0

@@ -25,7 +25,7 @@ from tests.pages import write_page
 from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
-STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
+STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null")
 
 
 def nearer(opened: RunBench, part: float) -> None:

@@ -45,7 +45,11 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         "insertion.max_length_mm", insertion.max_length_mm, insertion, protocol.sheath
     )
     turn = plan_roll_move(rig, "roll_zero.rolls", 2 * math.pi)
-    problems = (*find_rig_problems(protocol, rig, (turn, *moves)), *_find_roll_zero_problems(protocol, rig))
+    searched = () if first is None else first.plan_torsion_moves(rig)
+    problems = (
+        *find_rig_problems(protocol, rig, (turn, *moves, *searched)),
+        *_find_roll_zero_problems(protocol, rig),
+    )
     problems = problems or tuple(_find_aim_problems(protocol, rig))
     foreseen = _Foreseen() if problems else _foresee(protocol, rig)
     looks = math.ceil(insertion.max_length_mm / insertion.frame_every_mm)
@@ -56,7 +60,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         pictures=trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE)
         + (0 if first is None else first.pictures)
         + pictures,
-        operator_steps=2 * trials + (0 if first is None else 3 + first.steps.rolls) + operator_steps,
+        operator_steps=2 * trials + (0 if first is None else 3 + first.holes) + operator_steps,
         problems=problems,
         refusal=foreseen.refusal,
         warnings=foreseen.warnings,

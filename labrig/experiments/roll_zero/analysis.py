@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
@@ -10,15 +11,18 @@ from labrig.analysis.origin import find_origins, lateral_offset_mm
 from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
-from labrig.errors import MeasurementRefusedError
+from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
-from labrig.experiments.roll_zero.result import RollZeroResult
-from labrig.experiments.shared.roll_zero_events import RollZeroRole
+from labrig.experiments.roll_zero.result import RollZeroResult, TorsionHoleResult, TorsionResult
+from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole
+from labrig.experiments.shared.torsion_bends import find_lengths, measure_bend
 from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.steering.torsion_fit import TorsionBend, TorsionFit, fit_torsion
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import measure_shaft_tip
 
 
 def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Analysis[Findings]:
@@ -57,6 +61,8 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
         reasons.append(f"uncertain by {math.degrees(fit.sd_rad):.1f} degrees, {steps.max_sd_deg:g} at most")
     if sentinel is not None and not sentinel.accepted:
         reasons.append(sentinel.reason or "the grid pictures differ")
+    torsion, torsion_reasons = _analyze_torsion(run, protocol, plane, request)
+    reasons += torsion_reasons
     result = RollZeroResult(
         **request.stamp.fields({"rolls": steps.rolls, "length_mm": steps.length_mm}),
         accepted=not reasons,
@@ -68,8 +74,65 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
         offset_mm=None if fit is None else _find_offset_mm(fit, rolls_rad, strays_mm),
         origins=origins,
         sentinel=sentinel,
+        torsion=torsion,
     )
     return Findings(result)
+
+
+def _analyze_torsion(
+    run: Run, protocol: RollZeroProtocol, plane: PlaneMap, request: AnalysisRequest
+) -> tuple[TorsionResult | None, list[str]]:
+    """Return the torsion of the recorded holes and why it is refused; None and nothing if it was not measured."""
+    steps = protocol.roll_zero.torsion
+    if steps is None:
+        return None, []
+    made = run.read_events(TorsionHole)
+    holes, bends = list[TorsionHoleResult](), list[TorsionBend]()
+    for hole in made:
+        bend, reason = _measure_hole(run, hole, protocol, plane, request)
+        holes.append(
+            TorsionHoleResult(
+                hole=hole.hole,
+                depth_mm=hole.depth_mm,
+                direction=hole.direction,
+                bent_mm=None if bend is None else bend.bent_mm,
+                turned_mm=None if bend is None else bend.turned_mm,
+                reason=reason,
+            )
+        )
+        bends += [] if bend is None else [bend]
+    reasons: list[str] = []
+    fit: TorsionFit | None = None
+    try:
+        fit = fit_torsion(bends, find_lengths(steps), protocol.needle.design_radius_mm)
+    except (InputError, MeasurementRefusedError) as error:
+        reasons.append(error.message)
+    if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
+        sd_deg = math.degrees(fit.sd_rad)
+        reasons.append(
+            f"the torsional lag is uncertain by {sd_deg:.1f} degrees, {steps.max_sd_deg:g} at most"
+        )
+    return TorsionResult(holes=tuple(holes), fit=None if fit is None else asdict(fit)), reasons
+
+
+def _measure_hole(
+    run: Run, hole: TorsionHole, protocol: RollZeroProtocol, plane: PlaneMap, request: AnalysisRequest
+) -> tuple[TorsionBend | None, str | None]:
+    """Return the bends in the pictures of a hole, or the reason why there are none."""
+    needle, sheath = protocol.needle, protocol.sheath
+    try:
+        shafts = []
+        for frame in (hole.bent_frame, hole.turn_frame, hole.end_frame):
+            picture = run.pictures[frame]
+            image = picture.read()
+            name = Path(picture.file).name
+            masked = None if request.mask is None else request.mask.find_masked(name, image)
+            shafts.append(
+                measure_shaft_tip(image, plane, needle.diameter_mm, sheath.diameter_mm, masked=masked)
+            )
+        return measure_bend(hole, *shafts), None
+    except (MeasurementRefusedError, PictureError, RecordError) as error:
+        return None, error.message.replace(f"{run.path}/", "")
 
 
 def _find_hole_origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ...]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
-from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.experiments.roll_zero.result import RollZeroResult, TorsionResult, describe_torsion
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
 from labrig.report.calibration_rows import describe_calibration
@@ -36,6 +36,18 @@ class RollRow:
 
 
 @dataclass(frozen=True)
+class TorsionRow:
+    """A hole for the torsion: depth [mm], side, deflections [mm], fitted lag [degrees], and why it took no part."""
+
+    depth_mm: float
+    side: str
+    bent_mm: float | None
+    turned_mm: float | None
+    lag_deg: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
 class Shot:
     """One recorded picture: its number, the rotation axis [degrees], and the picture itself."""
 
@@ -47,11 +59,14 @@ class Shot:
 def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult] | None) -> Page:
     """Return the page of a roll zero: the deflections, the cosine through them, and the pictures."""
     steps = protocol.roll_zero
-    facts = (
+    facts: tuple[tuple[str, str], ...] = (
         ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
         ("Gel", f"{steps.specimen.gelatin_percent:g} %"),
         ("Insertions", f"{steps.rolls}, {steps.length_mm:g} mm deep"),
     )
+    if steps.torsion is not None:
+        depths = ", ".join(f"{depth_mm:g}" for depth_mm in steps.torsion.depths_mm)
+        facts += (("Torsion", f"turned at {depths} mm, {steps.torsion.further_mm:g} mm further"),)
     if result is None:
         return Page(facts)
     content = result.content
@@ -64,15 +79,20 @@ def _write_verdict(result: RollZeroResult) -> list[Markup]:
     if not result.accepted or result.fit is None:
         return [Markup("Not certified: {}.").format("; ".join(result.reasons))]
     zero, sd = math.degrees(result.fit["zero_rad"]), math.degrees(result.fit["sd_rad"])
-    return [
+    lines = [
         Markup(
             "Needle {} bends towards -y where the rotation axis stands at {:.2f} degrees, SD {:.2f} degrees."
         ).format(result.needle_id, zero, sd)
     ]
+    if result.torsion is not None and result.torsion.fit is not None:
+        sentence = describe_torsion(result.torsion.fit)
+        lines.append(Markup("{}.").format(sentence[0].upper() + sentence[1:]))
+    return lines
 
 
 def _collect_content(run: Run, result: RollZeroResult, folder: str) -> dict[str, Any]:
     shots = _list_shots(run)
+    fit = None if result.torsion is None else result.torsion.fit
     return {
         "content": result,
         "folder": folder,
@@ -81,7 +101,26 @@ def _collect_content(run: Run, result: RollZeroResult, folder: str) -> dict[str,
         "shots": shots,
         "unseen": len(shots) - len(result.rolls_rad),
         "fit": result.fit,
+        "torsion": None if result.torsion is None else _list_torsion_rows(result.torsion),
+        "torsion_fit": fit,
+        "torsion_fit_deg": None if fit is None else {key: math.degrees(value) for key, value in fit.items()},
     }
+
+
+def _list_torsion_rows(torsion: TorsionResult) -> list[TorsionRow]:
+    return [
+        TorsionRow(
+            hole.depth_mm,
+            "below" if hole.direction > 0 else "above",
+            hole.bent_mm,
+            hole.turned_mm,
+            None
+            if torsion.fit is None
+            else math.degrees(torsion.fit["lag_rad"] + torsion.fit["lag_rad_per_mm"] * hole.depth_mm),
+            hole.reason or "",
+        )
+        for hole in torsion.holes
+    ]
 
 
 def _list_rows(result: RollZeroResult) -> list[RollRow]:

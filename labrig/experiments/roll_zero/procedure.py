@@ -26,12 +26,13 @@ def plan(protocol: RollZeroProtocol, rig: RigDescription) -> RunPlan:
     moves = (
         plan_roll_move(rig, "roll_zero.rolls", order.farthest_roll_rad),
         *plan_insertion_moves("roll_zero.length_mm", steps.length_mm, protocol.insertion, protocol.sheath),
+        *order.plan_torsion_moves(rig),
     )
     pictures, operator_steps = count_sentinel_work(protocol.sentinel)
     return RunPlan(
         duration_s=order.duration_s,
         pictures=order.pictures + pictures,
-        operator_steps=3 + steps.rolls + operator_steps,
+        operator_steps=3 + order.holes + operator_steps,
         problems=find_rig_problems(protocol, rig, moves),
     )
 

@@ -6,13 +6,37 @@ from typing import Any, Literal
 
 from labrig.analysis.result import Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.analysis.summary import Summary
+from labrig.protocol.model import Model
 from labrig.text import number
+
+
+class TorsionHoleResult(Model):
+    """A hole for the torsion: the depth of the turn to 90 degrees, from below (1) or above (-1), and the deflections.
+
+    `bent_mm` is the deflection at the roll zero before the turn, `turned_mm` that behind it; None where a picture does
+    not show the needle, for the `reason`.
+    """
+
+    hole: int
+    depth_mm: float
+    direction: int
+    bent_mm: float | None
+    turned_mm: float | None
+    reason: str | None
+
+
+class TorsionResult(Model):
+    """The torsion of the needle: its holes, and the fitted lag of the bevel; None if the fit was refused."""
+
+    holes: tuple[TorsionHoleResult, ...]
+    fit: dict[str, float] | None
 
 
 class RollZeroResult(Result):
     """The result of a roll zero run: the deflection at each roll, and the fitted cosine; None if the fit was refused.
 
-    `offset_mm` is the sheath's lateral offset, the constant of that fit; None in results of earlier versions.
+    `offset_mm` is the sheath's lateral offset, the constant of that fit; None in results of earlier versions. `torsion`
+    is None if it was not measured.
     """
 
     kind: Literal["roll-zero"] = "roll-zero"
@@ -25,16 +49,22 @@ class RollZeroResult(Result):
     offset_mm: float | None = None
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
+    torsion: TorsionResult | None = None
 
     @property
     def tables(self) -> Mapping[str, Rows]:
         """The tables of the result."""
-        return make_origin_table(self.origins)
+        holes = {} if self.torsion is None else {"torsion": Rows(TorsionHoleResult, self.torsion.holes)}
+        return make_origin_table(self.origins) | holes
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return the zero with its uncertainty, or why there is none."""
-    values = {"accepted": document["accepted"], **(document["fit"] or {})}
+    """Return the zero and the torsion with their uncertainties, or why there are none."""
+    torsion = (document.get("torsion") or {}).get("fit") or {}
+    lag = {name: torsion[name] for name in ("lag_rad", "lag_rad_per_mm") if name in torsion}
+    if torsion:
+        lag["torsion_sd_rad"] = torsion["sd_rad"]
+    values = {"accepted": document["accepted"], **(document["fit"] or {}), **lag}
     return Summary(tuple(_list_lines(document)), values)
 
 
@@ -43,4 +73,15 @@ def _list_lines(document: Mapping[str, Any]) -> list[str]:
     if fit is None or not document["accepted"]:
         return ["roll zero refused", *(f"  {reason}" for reason in document["reasons"])]
     zero, sd = (number(math.degrees(fit[key])) for key in ("zero_rad", "sd_rad"))
-    return [f"needle {document['needle_id']} bends towards -y at {zero} degrees, SD {sd} degrees"]
+    lines = [f"needle {document['needle_id']} bends towards -y at {zero} degrees, SD {sd} degrees"]
+    torsion = (document.get("torsion") or {}).get("fit")
+    return lines if torsion is None else [*lines, describe_torsion(torsion)]
+
+
+def describe_torsion(fit: Mapping[str, float]) -> str:
+    """Return the lag of the bevel in a sentence, from the fit in a result."""
+    lag, per_mm, sd = (number(math.degrees(fit[key])) for key in ("lag_rad", "lag_rad_per_mm", "sd_rad"))
+    return (
+        f"its bevel stays behind the rotation axis by {lag} degrees on either side, and {per_mm} degrees for each mm "
+        f"in the gel, SD {sd} degrees"
+    )

@@ -7,10 +7,16 @@ from labrig.record.events import Event, PictureRole
 
 
 class RollZeroRole(PictureRole):
-    """Pictures of a hole: the sheath before the needle leaves it, and the inserted needle."""
+    """Pictures of a hole: the sheath before the needle leaves it, and the inserted needle.
+
+    For the torsion: the needle before the bend at the roll zero, at the turn to 90 degrees, and at the end.
+    """
 
     SHEATH = "roll-zero-sheath"
     NEEDLE = "roll-zero"
+    TORSION_BENT = "torsion-bent"
+    TORSION_TURN = "torsion-turn"
+    TORSION_END = "torsion-end"
 
 
 class RollZeroSheath(SheathEvent):
@@ -31,4 +37,32 @@ class RollZeroFound(Event):
     sd_rad: float
     bend_mm: float
     expected_mm: float
+    residual_rms_mm: float
+
+
+class TorsionHole(Event):
+    """A hole for the torsion: the depth of its turn to 90 degrees, from below (1) or above (-1), and its pictures."""
+
+    kind: ClassVar[str] = "torsion_hole"
+
+    hole: int
+    depth_mm: float
+    direction: int
+    bent_frame: int
+    turn_frame: int
+    end_frame: int
+
+
+class TorsionFound(Event):
+    """The fitted lag of the bevel behind the rotation axis."""
+
+    kind: ClassVar[str] = "torsion"
+
+    needle_id: str
+    lag_rad: float
+    lag_rad_per_mm: float
+    lag_sd_rad: float
+    lag_per_mm_sd_rad: float
+    sd_rad: float
+    radius_mm: float
     residual_rms_mm: float

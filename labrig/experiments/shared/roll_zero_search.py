@@ -1,6 +1,8 @@
 """Find the roll zero of a needle as it is clamped, from short insertions at rolls spread over a turn.
 
 Deflections are measured from the sheath, found in each hole before the needle leaves it: its play does not count.
+If the torsion is measured too, the rolls are turned to from either side in turns: a lag of the bevel then widens the
+residuals and does not shift the zero.
 """
 
 import math
@@ -12,12 +14,16 @@ from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.rig_view import load_plane_map, require_light
 from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
+from labrig.experiments.shared.torsion_measurement import TorsionOrder, measure_torsion
 from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroSteps, Sheath
 from labrig.runner.axis_positions import AxisPositions
+from labrig.runner.experiment import PlannedMove
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
+from labrig.runner.plan import plan_insertion_moves, plan_roll_move
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import withdraw
 from labrig.steering.roll_zero import fit_roll_zero
@@ -39,13 +45,53 @@ class RollZeroOrder:
     @property
     def duration_s(self) -> float:
         """The rig time of the search [s]."""
+        torsion = self.torsion
+        return self.rolls_duration_s + (0.0 if torsion is None else torsion.duration_s)
+
+    @property
+    def rolls_duration_s(self) -> float:
+        """The part of it for the roll zero alone [s]."""
         one_s = self.steps.length_mm * (1 / self.advance.speed_mm_s + 1 / self.advance.withdraw_speed_mm_s)
         return self.steps.rolls * (one_s + 2 * self.sheath.depth_mm / self.sheath.speed_mm_s)
 
     @property
     def pictures(self) -> int:
-        """The number of pictures: one of each insertion, and one of the sheath before it."""
-        return self.steps.rolls * (1 if self.sheath.origin is None else 2)
+        """The number of pictures: one of each insertion, one of the sheath before it, and those of the torsion."""
+        torsion = self.torsion
+        rolls = self.steps.rolls * (1 if self.sheath.origin is None else 2)
+        return rolls + (0 if torsion is None else torsion.pictures)
+
+    @property
+    def holes(self) -> int:
+        """The number of holes."""
+        return self.steps.rolls + (0 if self.torsion is None else len(self.torsion.holes))
+
+    @property
+    def torsion(self) -> TorsionOrder | None:
+        """What to measure the torsion with; None: it is not measured."""
+        steps = self.steps.torsion
+        if steps is None:
+            return None
+        return TorsionOrder(
+            self.needle,
+            self.sheath,
+            self.advance,
+            self.steps,
+            steps,
+            self.radius_mm,
+            self.rolls_duration_s,
+        )
+
+    def plan_torsion_moves(self, rig: RigDescription) -> tuple[PlannedMove, ...]:
+        """Return the farthest moves for the torsion; none if it is not measured."""
+        if self.torsion is None:
+            return ()
+        key = "roll_zero.torsion"
+        return (
+            plan_roll_move(rig, key, -math.pi / 2),
+            plan_roll_move(rig, key, 3 * math.pi / 2),
+            *plan_insertion_moves(f"{key}.depths_mm", self.torsion.deepest_mm, self.advance, self.sheath),
+        )
 
     @property
     def farthest_roll_rad(self) -> float:
@@ -89,9 +135,10 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
             "most that is certified",
             "insert at more rolls or further, and look at the pictures",
         )
+    torsion = None if order.torsion is None else measure_torsion(order.torsion, fit.zero_rad, plane, session)
     after = photograph_grid(order.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, order.sentinel, plane, session)
-    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
+    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name, torsion)
     rig.needle.certify_roll_zero(certified)
     return certified
 
@@ -101,8 +148,11 @@ def _measure_stray_mm(
 ) -> float:
     """Insert at one roll into a fresh hole, withdraw, and return the lateral deflection of the tip [mm]."""
     rig, steps, advance = session.rig, order.steps, order.advance
-    session.progress(step * order.duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
+    session.progress(step * order.rolls_duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
     session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
+    if steps.torsion is not None:
+        side = 1 if step % 2 else -1
+        session.move("rotation", roll_rad - side * math.pi / 2, rig.rotation.max_speed / 2)
     session.move("rotation", roll_rad, rig.rotation.max_speed / 2)
     rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)

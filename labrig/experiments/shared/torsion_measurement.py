@@ -1,0 +1,193 @@
+"""Measure the torsion of a needle: by how much the bevel stays behind the rotation axis, by depth.
+
+In each hole the needle goes in by arcs to one side and the other. At a depth the bevel is turned to 90 degrees from the
+roll zero, in one hole from below and in the next from above, and goes on. A lag lets it bend in the plane, to opposite
+sides. The turn begins half a turn away from its end, so that the bevel follows it however far it was behind.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+
+from labrig.devices.needle_state import Torsion
+from labrig.devices.operator import ShiftToHole
+from labrig.errors import MeasurementRefusedError
+from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
+from labrig.experiments.shared.torsion_bends import BENT_MM, find_lengths, list_arcs_mm, measure_bend
+from labrig.protocol.sections import Advance, Needle, RollZeroSteps, Sheath, TorsionSteps
+from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
+from labrig.runner.session import Session, TakenPicture
+from labrig.runner.withdrawal import withdraw
+from labrig.steering.out_of_plane import RolledStretch
+from labrig.steering.torsion import BaseLimits, TorsionalLag, TurnAhead, choose_turn
+from labrig.steering.torsion_fit import TorsionBend, fit_torsion
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import measure_shaft_tip
+
+DIRECTIONS = (1, -1)
+_QUARTER_RAD = math.pi / 2
+
+
+@dataclass(frozen=True)
+class TorsionOrder:
+    """What to measure the torsion with: needle, sheath, speeds, steps of roll zero and torsion, expected radius.
+
+    begun_s : rig time of what is done before it.
+    """
+
+    needle: Needle
+    sheath: Sheath
+    advance: Advance
+    roll_zero: RollZeroSteps
+    steps: TorsionSteps
+    radius_mm: float
+    begun_s: float
+
+    @property
+    def holes(self) -> list[tuple[float, int]]:
+        """Depth and direction of each hole."""
+        return [(depth_mm, direction) for depth_mm in self.steps.depths_mm for direction in DIRECTIONS]
+
+    @property
+    def pictures(self) -> int:
+        """The number of pictures: three of each hole."""
+        return 3 * len(self.holes)
+
+    @property
+    def deepest_mm(self) -> float:
+        """How far the needle goes in."""
+        return max(self.steps.depths_mm) + self.steps.further_mm
+
+    @property
+    def duration_s(self) -> float:
+        """The rig time [s]."""
+        one_mm_s = 1 / self.advance.speed_mm_s + 1 / self.advance.withdraw_speed_mm_s
+        inserted_mm = sum(depth_mm + self.steps.further_mm for depth_mm, _ in self.holes)
+        return inserted_mm * one_mm_s + len(self.holes) * 2 * self.sheath.depth_mm / self.sheath.speed_mm_s
+
+
+def measure_torsion(order: TorsionOrder, zero_rad: float, plane: PlaneMap, session: Session) -> Torsion:
+    """Insert the needle at each depth from both sides, fit the lag, and return it.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        When a picture does not show the needle, the bends do not fit it, or the lag is too uncertain.
+    """
+    bends = [
+        _measure_hole(_Probe(order, zero_rad, session), number, plane) for number in range(len(order.holes))
+    ]
+    fit = fit_torsion(bends, find_lengths(order.steps), order.radius_mm)
+    session.record(TorsionFound(needle_id=order.needle.needle_id, **asdict(fit)))
+    if math.degrees(fit.sd_rad) > order.steps.max_sd_deg:
+        raise MeasurementRefusedError(
+            f"the torsional lag is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and "
+            f"{order.steps.max_sd_deg:g} is the most that is kept",
+            "measure at more depths or go on further, and look at the pictures",
+        )
+    return Torsion(fit.lag_rad, fit.lag_rad_per_mm, fit.sd_rad, session.recorder.run_name)
+
+
+def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
+    """Insert into a fresh hole, withdraw, and return the deflections before and after the turn."""
+    order, session = probe.order, probe.session
+    steps, (depth_mm, direction) = order.roll_zero, order.holes[number]
+    place = steps.rolls + number
+    done_s = order.begun_s + order.duration_s * number / len(order.holes)
+    session.progress(done_s, f"torsion, {number + 1} of {len(order.holes)}")
+    session.ask(ShiftToHole(steps.specimen.name, place, place * steps.hole_spacing_mm))
+    bent, turn, end = probe.insert(depth_mm, direction)
+    withdraw(session, probe.path, probe.speeds)
+    made = TorsionHole(
+        hole=place,
+        depth_mm=depth_mm,
+        direction=direction,
+        bent_frame=bent.frame,
+        turn_frame=turn.frame,
+        end_frame=end.frame,
+    )
+    session.record(made)
+    shafts = [
+        session.compute(
+            partial(measure_shaft_tip, taken.image, plane, order.needle.diameter_mm, order.sheath.diameter_mm)
+        )
+        for taken in (bent, turn, end)
+    ]
+    return measure_bend(made, *shafts)
+
+
+@dataclass
+class _Probe:
+    """One insertion for the torsion, and its path so far."""
+
+    order: TorsionOrder
+    zero_rad: float
+    session: Session
+    path: list[AxisPositions] = field(default_factory=list)
+    base_rad: float = 0.0
+
+    @property
+    def speeds(self) -> dict[str, float]:
+        """Speeds of the withdrawal."""
+        return {
+            "insertion": self.order.advance.withdraw_speed_mm_s,
+            "rotation": self.session.rig.rotation.max_speed / 2,
+            "linear": self.order.sheath.speed_mm_s,
+        }
+
+    def insert(self, depth_mm: float, direction: int) -> tuple[TakenPicture, TakenPicture, TakenPicture]:
+        """Insert to a depth, turn to 90 degrees in a direction, go on, and return the three pictures."""
+        rig, arcs_mm = self.session.rig, list_arcs_mm(depth_mm)
+        self._turn(self._fit_in(0.0 if len(arcs_mm) % 2 else math.pi))
+        rig.needle.mark_in_tissue(self.session.recorder.run_name)
+        self.session.move("linear", self.order.sheath.depth_mm, self.order.sheath.speed_mm_s)
+        rolled: list[RolledStretch] = []
+        for number, arc_mm in enumerate(arcs_mm):
+            turned = 0
+            if number:
+                turned = self._turn_over(rolled, arcs_mm[number:])
+            rolled.append(RolledStretch(arc_mm, self.base_rad, turned))
+            if number < len(arcs_mm) - 1:
+                self._advance(sum(arcs_mm[: number + 1]))
+        self._advance(depth_mm - BENT_MM)
+        bent = self.session.take_picture(RollZeroRole.TORSION_BENT)
+        self._advance(depth_mm)
+        turn = self.session.take_picture(RollZeroRole.TORSION_TURN)
+        side_rad = self.base_rad + _QUARTER_RAD
+        self._turn(side_rad - direction * math.pi)
+        self._turn(side_rad)
+        self._advance(depth_mm + self.order.steps.further_mm)
+        return bent, turn, self.session.take_picture(RollZeroRole.TORSION_END)
+
+    def _turn_over(self, rolled: Sequence[RolledStretch], arcs_mm: Sequence[float]) -> int:
+        """Turn the bevel by half a turn so that the needle stays near the plane, and return the direction."""
+        turns = [TurnAhead(math.pi, arc_mm) for arc_mm in arcs_mm]
+        turn = choose_turn(
+            rolled, self.base_rad, turns, TorsionalLag(), self._limits, radius_mm=self.order.radius_mm
+        )
+        self._turn(turn.to_rad)
+        return turn.direction
+
+    def _turn(self, base_rad: float) -> None:
+        """Turn the base to an angle from the roll zero."""
+        rotation = self.session.rig.rotation
+        self.session.move("rotation", self.zero_rad + base_rad, rotation.max_speed / 2)
+        self.session.rig.wait(rotation.lag_s)
+        self.base_rad = base_rad
+        self.path.append(collect_axis_positions(self.session.rig.read_states()))
+
+    def _advance(self, to_mm: float) -> None:
+        self.session.move("insertion", to_mm, self.order.advance.speed_mm_s)
+        self.path.append(collect_axis_positions(self.session.rig.read_states()))
+
+    def _fit_in(self, base_rad: float) -> float:
+        """Return an angle, modulo a full turn, in the middle of the limits for the arcs."""
+        middle_rad = 0.5 * (self._limits.low_rad + self._limits.high_rad)
+        return base_rad + 2 * math.pi * round((middle_rad - base_rad) / (2 * math.pi))
+
+    @property
+    def _limits(self) -> BaseLimits:
+        """The limits of the base for the arcs, from which the turns to 90 degrees are within the axis' limits."""
+        low_rad, high_rad = self.session.rig.rotation.limits
+        return BaseLimits(low_rad - self.zero_rad + _QUARTER_RAD, high_rad - self.zero_rad - 3 * _QUARTER_RAD)

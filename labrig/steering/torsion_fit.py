@@ -1,0 +1,172 @@
+"""The torsional lag of a needle, from bends at right angles to the plane that were turned to from either side.
+
+A bevel that was turned to 90 degrees from below stands at 90 - h, from above at 90 + h. In the plane the needle then
+bends by -sin(h) / r and +sin(h) / r. Half the difference of the two deflections gives h. Everything that does not
+depend on the direction cancels: the roll zero's error, parallax of a needle that leaves the plane, and the swing of the
+hinges but for its delay.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import norm, t
+
+from labrig.errors import InputError, MeasurementRefusedError
+from labrig.needle.kinematics import FloatArray
+
+_LEAST_DEPTHS = 2
+# Radius and lags beyond which a fit means nothing.
+_RADIUS_FACTOR = 1.5
+_LARGEST_LAG_RAD = math.radians(75.0)
+
+
+@dataclass(frozen=True)
+class TorsionBend:
+    """What one hole shows.
+
+    Parameters
+    ----------
+    depth_mm : float
+        Length of needle in the gel at the turn to 90 degrees.
+    direction : int
+        1: turned to from below, -1: from above.
+    bent_from_mm : float
+        Depth of the last turn before, to the roll zero.
+    bent_mm, turned_mm : float
+        Lateral deflections, towards +y across the heading at their start: at the roll zero before the turn, and
+        after it.
+    """
+
+    depth_mm: float
+    direction: int
+    bent_from_mm: float
+    bent_mm: float
+    turned_mm: float
+
+
+@dataclass(frozen=True)
+class BendLengths:
+    """Inserted lengths of the two deflections, and the backlash of the hinges: a turn acts half of it later."""
+
+    bent_mm: float
+    turned_mm: float
+    backlash_mm: float
+
+
+@dataclass(frozen=True)
+class TorsionFit:
+    """The lag of the bevel on either side of its base.
+
+    Attributes
+    ----------
+    lag_rad, lag_rad_per_mm : float
+        With no needle in the gel, and for each millimetre of it.
+    lag_sd_rad, lag_per_mm_sd_rad : float
+        Their standard deviations, widened so that 1.96 of them make an interval of 95 % by Student's t.
+    sd_rad : float
+        The largest standard deviation of the lag between the sheath and the deepest turn.
+    radius_mm : float
+        Of the needle's arcs.
+    residual_rms_mm : float
+    """
+
+    lag_rad: float
+    lag_rad_per_mm: float
+    lag_sd_rad: float
+    lag_per_mm_sd_rad: float
+    sd_rad: float
+    radius_mm: float
+    residual_rms_mm: float
+
+
+def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: float) -> TorsionFit:
+    """Return the lag that grows linearly with the depth, by least squares with first-order propagation.
+
+    Parameters
+    ----------
+    bends : sequence of TorsionBend
+        At two depths or more, at each of them from both sides.
+    lengths : BendLengths
+    radius_mm : float
+        Expected radius.
+
+    Raises
+    ------
+    InputError
+        For fewer bends.
+    MeasurementRefusedError
+        If the needle bends otherwise than expected.
+    """
+    depths_mm = sorted({bend.depth_mm for bend in bends})
+    if len(depths_mm) < _LEAST_DEPTHS or {(bend.depth_mm, bend.direction) for bend in bends} != {
+        (depth_mm, direction) for depth_mm in depths_mm for direction in (-1, 1)
+    }:
+        raise InputError(
+            f"the torsion was measured at {len(depths_mm)} depths, two are the least, each from both sides",
+            "measure again at each depth",
+        )
+    solved = least_squares(
+        _find_residuals,
+        _guess(bends, depths_mm, radius_mm),
+        args=(bends, depths_mm, lengths),
+        method="lm",
+    )
+    lag_rad, per_mm, radius = (float(value) for value in solved.x[:3])
+    deepest_rad = lag_rad + per_mm * depths_mm[-1]
+    if (
+        not 1.0 / _RADIUS_FACTOR < radius / radius_mm < _RADIUS_FACTOR
+        or max(abs(lag_rad), abs(deepest_rad)) > _LARGEST_LAG_RAD
+    ):
+        raise MeasurementRefusedError(
+            f"the bends for the torsion fit a radius of {radius:.1f} mm and a lag of {math.degrees(deepest_rad):.0f} "
+            f"degrees at {depths_mm[-1]:g} mm; {radius_mm:g} mm within a factor of {_RADIUS_FACTOR:g} and "
+            f"{math.degrees(_LARGEST_LAG_RAD):.0f} degrees at most are expected",
+            "look at the pictures, at needle and gel",
+        )
+    residuals, slopes = np.asarray(solved.fun), np.asarray(solved.jac)
+    freedom = len(residuals) - slopes.shape[1]
+    widened = float(t.ppf(0.975, freedom) / norm.ppf(0.975))
+    scatter_mm2 = float(residuals @ residuals) / freedom * widened**2
+    covariance = scatter_mm2 * np.linalg.inv(slopes.T @ slopes)[:2, :2]
+    return TorsionFit(
+        lag_rad=lag_rad,
+        lag_rad_per_mm=per_mm,
+        lag_sd_rad=math.sqrt(covariance[0, 0]),
+        lag_per_mm_sd_rad=math.sqrt(covariance[1, 1]),
+        sd_rad=max(_find_sd_rad(covariance, at_mm) for at_mm in (0.0, depths_mm[-1])),
+        radius_mm=radius,
+        residual_rms_mm=math.sqrt(float(np.mean(residuals**2))),
+    )
+
+
+def _find_sd_rad(covariance: FloatArray, depth_mm: float) -> float:
+    at = np.array((1.0, depth_mm))
+    return math.sqrt(float(at @ covariance @ at))
+
+
+def _guess(bends: Sequence[TorsionBend], depths_mm: Sequence[float], radius_mm: float) -> FloatArray:
+    """Return a start of the fit: no lag, the expected radius, and the mean deflection at each depth."""
+    means_mm = [np.mean([bend.turned_mm for bend in bends if bend.depth_mm == depth]) for depth in depths_mm]
+    return np.array((0.0, 0.0, radius_mm, *means_mm))
+
+
+def _find_residuals(
+    unknown: FloatArray, bends: Sequence[TorsionBend], depths_mm: Sequence[float], lengths: BendLengths
+) -> FloatArray:
+    """Return modelled less seen deflections, two of each bend; unknown: lag, lag per mm, radius, means by depth."""
+    lag_rad, per_mm, radius_mm = unknown[:3]
+    bent_mm = radius_mm * (1.0 - math.cos(lengths.bent_mm / radius_mm))
+    turned_mm = radius_mm * (1.0 - math.cos((lengths.turned_mm - lengths.backlash_mm / 2) / radius_mm))
+    residuals = []
+    for bend in bends:
+        mean_mm = unknown[3 + depths_mm.index(bend.depth_mm)]
+        residuals += [
+            -bent_mm * math.cos(lag_rad + per_mm * bend.bent_from_mm) - bend.bent_mm,
+            mean_mm
+            - bend.direction * turned_mm * math.sin(lag_rad + per_mm * bend.depth_mm)
+            - bend.turned_mm,
+        ]
+    return np.array(residuals)

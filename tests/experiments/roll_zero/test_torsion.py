@@ -1,0 +1,88 @@
+"""The torsion of a needle, measured on the simulated rig and kept with its roll zero."""
+
+import math
+
+import pytest
+
+from labrig.devices.needle_state import RollZero
+from labrig.errors import FileFormatError
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.roll_zero.result import RollZeroResult, summarise
+from labrig.experiments.shared.roll_zero_events import TorsionHole
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.reader import Run
+from tests.report.conftest import make_page
+from tests.runner.sessions import PROTOCOLS, bench
+
+LAG_DEG, PER_MM_DEG = 2.0, 0.1
+DEPTHS_MM = (20.0, 40.0)
+SHORT = (
+    "roll_zero.length_mm=12",
+    f"roll_zero.torsion.depths_mm={list(DEPTHS_MM)}",
+    "roll_zero.torsion.max_sd_deg=10",
+    "insertion.speed_mm_s=5",
+)
+TWISTED = (f"world.needle.torsion_lag_deg={LAG_DEG}", f"world.needle.torsion_lag_deg_per_mm={PER_MM_DEG}")
+
+
+def roll_zero(*overrides: str) -> ExperimentProtocol:
+    """Return a short search for the roll zero, with the torsion at two depths."""
+    return load_protocol(PROTOCOLS / "roll-zero.yaml", PROTOCOL_MODELS, [*SHORT, *overrides])
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[RollZero | None, Run]:
+    """What the rig's state keeps of a needle with a known lag, and the run that measured it."""
+    protocol = roll_zero()
+    with bench(tmp_path_factory.mktemp("torsion"), protocol, TWISTED) as opened:
+        outcome, run = opened.conduct(protocol)
+        assert (outcome.exit_status, outcome.error) == ("success", None)
+        return opened.opened.rig.needle.recall_roll_zero("N1"), run
+
+
+def test_the_lag_is_found_at_each_depth(measured: tuple[RollZero | None, Run]) -> None:
+    """The kept lag is the world's within three standard deviations, and the lag has not shifted the roll zero."""
+    zero, _ = measured
+    assert zero is not None
+    assert zero.torsion is not None
+    assert abs(zero.zero_rad) < 3 * zero.sd_rad
+    for depth_mm in DEPTHS_MM:
+        true_rad = math.radians(LAG_DEG + PER_MM_DEG * depth_mm)
+        assert abs(zero.torsion.lag.at(depth_mm) - true_rad) < 3 * zero.torsion.sd_rad
+
+
+def test_each_depth_is_turned_to_from_both_sides(measured: tuple[RollZero | None, Run]) -> None:
+    """Each depth has a hole turned to from below and one from above, in fresh gel."""
+    _, run = measured
+    holes = run.read_events(TorsionHole)
+    assert [(hole.depth_mm, hole.direction) for hole in holes] == [
+        (depth_mm, direction) for depth_mm in DEPTHS_MM for direction in (1, -1)
+    ]
+    assert [hole.hole for hole in holes] == [6, 7, 8, 9]
+
+
+def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero | None, Run]) -> None:
+    """The result has the live run's lag; page, table and terminal show it with its standard deviation."""
+    zero, run = measured
+    page = make_page(run)
+    assert page.result is not None
+    assert isinstance(page.result.content, RollZeroResult)
+    torsion = page.result.content.torsion
+    assert zero is not None
+    assert zero.torsion is not None
+    assert torsion is not None
+    assert torsion.fit is not None
+    assert torsion.fit["lag_rad_per_mm"] == pytest.approx(zero.torsion.lag_rad_per_mm, abs=1e-9)
+    assert (page.result.path / "torsion.csv").read_text().count("\n") == 5
+    sentence = str(summarise(page.result.content.model_dump()).lines[-1])
+    assert "stays behind the rotation axis" in sentence
+    assert f"SD {math.degrees(zero.torsion.sd_rad):.3f}" in sentence
+    assert "<h2>Torsion</h2>" in page.html
+
+
+def test_too_few_rolls_for_the_torsion_are_refused() -> None:
+    """With four rolls, or five, a lag would shift the roll zero; the message names the key."""
+    with pytest.raises(FileFormatError, match=r"roll_zero\.rolls") as refused:
+        roll_zero("roll_zero.rolls=4")
+    assert "torsion: null" in refused.value.problems[0].hint

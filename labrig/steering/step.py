@@ -12,6 +12,7 @@ target at its nearest.
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from labrig.steering.planner import Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.tip import TipObservation, TipState
+from labrig.steering.torsion import TurnAhead
 
 Occasion = Literal["start", "schedule", "deviation", "near"]
 
@@ -101,6 +103,15 @@ class SteeringState:
         straight_mm = settings.policy.closing_mm / 2
         along = split_into_stretches(self.insertion_mm, insertion_mm, self.turns, straight_mm)
         return advance_pose(self.tip.pose, shorten(along, self.tip.slip), self.tip.curvature)
+
+    def list_turns(self, roll_rad: float) -> list[TurnAhead]:
+        """Return the turn that is made here and the planned ones, each with the length inserted until the next."""
+        at_mm = [self.insertion_mm, *(turn.at_mm for turn in self.ahead), self.end_mm]
+        rolls_rad = (roll_rad, *(turn.roll_rad for turn in self.ahead))
+        return [
+            TurnAhead(roll, max(0.0, to_mm - from_mm))
+            for roll, (from_mm, to_mm) in zip(rolls_rad, pairwise(at_mm), strict=True)
+        ]
 
 
 def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:

@@ -18,7 +18,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from itertools import pairwise
 
 from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
@@ -60,7 +59,6 @@ from labrig.steering.torsion import (
     BaseLimits,
     BaseTurn,
     TorsionalLag,
-    TurnAhead,
     centre_bevel,
     choose_turn,
     turn_back_and_forth,
@@ -269,14 +267,15 @@ class _Insertion:
         """Return how to make a turn, with regard to the turns that are planned behind it."""
         if self.protocol.policy.turning == "back_and_forth":
             return turn_back_and_forth(self.bevel_rad, roll_rad)
-        at_mm = [state.insertion_mm, *(turn.at_mm for turn in state.ahead), state.end_mm]
-        rolls_rad = (roll_rad, *(turn.roll_rad for turn in state.ahead))
-        turns = [
-            TurnAhead(roll, max(0.0, to_mm - from_mm))
-            for roll, (from_mm, to_mm) in zip(rolls_rad, pairwise(at_mm), strict=True)
-        ]
         radius_mm = self.settings.problem.radius_mm
-        return choose_turn(rolled, self.bevel_rad, turns, self._lag, self._base_limits, radius_mm=radius_mm)
+        return choose_turn(
+            rolled,
+            self.bevel_rad,
+            state.list_turns(roll_rad),
+            self._lag,
+            self._base_limits,
+            radius_mm=radius_mm,
+        )
 
     def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
         """Return the stretches between turns of the bevel, the present one included."""

@@ -78,9 +78,10 @@ class ShownInsertion:
 
 @dataclass(frozen=True)
 class SourcesRow:
-    """What the interval in space of an insertion consists of [mm], and which source is the largest."""
+    """The distance of an insertion from its target in space [mm], what that consists of, and its largest source."""
 
     number: int
+    interval_mm: tuple[float, float] | None
     sources: TargetErrorSources
     largest: str
 
@@ -148,9 +149,9 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
 def _collect_sources(content: InsertionResult) -> list[SourcesRow]:
     """Return what the intervals in space consist of, a row for each insertion that has one."""
     return [
-        SourcesRow(trial.trial + 1, trial.target_error_sources_mm, trial.target_error_sources_mm.largest)
+        SourcesRow(trial.trial + 1, trial.target_error_interval_mm, sources, sources.largest)
         for trial in content.insertions
-        if trial.target_error_sources_mm is not None
+        if (sources := trial.target_error_sources_mm) is not None
     ]
 
 

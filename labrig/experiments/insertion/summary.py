@@ -110,13 +110,14 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         for trial in trials
     )
     arrived = f"{document['arrived']} of {document['made']} reached the target"
+    in_plane = sum(trial["reached"] is None for trial in trials)
+    arrived += f", {in_plane} in the plane only" if in_plane else ""
     values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
     for trial in trials:
         values |= _list_values(trial)
     noise = describe_sighting_noise(document.get("sighting_noise"))
-    sources, unknown = _list_sources(trials), _explain_open(trials)
     alarm = () if noise is None else (noise,)
-    return Summary((TextTable(_HEADS, rows), *sources, *unknown, arrived, *alarm), values)
+    return Summary((TextTable(_HEADS, rows), *_list_sources(trials), arrived, *alarm), values)
 
 
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
@@ -128,13 +129,6 @@ def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
     )
     if rows:
         yield TextTable(_SOURCE_HEADS, rows)
-
-
-def _explain_open(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield why an insertion that arrived in the plane is not known to have arrived in space."""
-    for trial in trials:
-        if trial["reached"] is None:
-            yield f"insertion {trial['trial'] + 1}: {trial['cause']}"
 
 
 def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:

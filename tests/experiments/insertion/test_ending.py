@@ -53,8 +53,8 @@ def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     (trial,) = content.insertions
     assert trial.target_error_sources_mm.largest == "heading_noise"
     said = "\n".join(str(line) for line in summarise(content.model_dump(mode="json")).lines)
-    assert "wandering out of the plane" in said
-    assert "0 of 1 reached the target" in said
+    assert "wandering mm" in said
+    assert "0 of 1 reached the target, 1 in the plane only" in said
 
 
 def test_other_standard_deviations_tell_what_would_have_been_certain() -> None:

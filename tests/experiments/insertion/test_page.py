@@ -67,6 +67,15 @@ def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
     assert "true error" in html
 
 
+def test_the_page_says_what_one_camera_does_not_see(html: str) -> None:
+    """The page states the interval in space with its sources, and bounds the claim by them."""
+    assert re.search(r"in space, it ended between 0\.\d\d and 0\.\d\d mm from the target", html)
+    assert "<h2>In space</h2>" in html
+    for source in ("Roll zero", "Lag of the bevel", "Wandering", "Start", "In the plane"):
+        assert f">{source}<" in html
+    assert "as far as the protocol's standard deviations are true" in html
+
+
 def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion also holds paths, plans and curves of the estimate."""
     run = record_insertion()

@@ -51,14 +51,7 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
     steps = protocol.roll_zero
-    fit: RollZeroFit | None = None
-    reasons: list[str] = []
-    try:
-        fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.needle.design_radius_mm)
-    except MeasurementRefusedError as error:
-        reasons.append(error.message)
-    if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
-        reasons.append(f"uncertain by {math.degrees(fit.sd_rad):.1f} degrees, {steps.max_sd_deg:g} at most")
+    fit, reasons = _fit_roll_zero(rolls_rad, strays_mm, protocol)
     if sentinel is not None and not sentinel.accepted:
         reasons.append(sentinel.reason or "the grid pictures differ")
     torsion, torsion_reasons = _analyze_torsion(run, protocol, plane, request)
@@ -77,6 +70,20 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
         torsion=torsion,
     )
     return Findings(result)
+
+
+def _fit_roll_zero(
+    rolls_rad: Sequence[float], strays_mm: Sequence[float], protocol: RollZeroProtocol
+) -> tuple[RollZeroFit | None, list[str]]:
+    """Return the fit and why it is refused."""
+    steps = protocol.roll_zero
+    try:
+        fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.needle.design_radius_mm)
+    except MeasurementRefusedError as error:
+        return None, [error.message]
+    sd_deg = math.degrees(fit.sd_rad)
+    uncertain = f"uncertain by {sd_deg:.1f} degrees, {steps.max_sd_deg:g} at most"
+    return fit, [uncertain] if sd_deg > steps.max_sd_deg else []
 
 
 def _analyze_torsion(

@@ -54,7 +54,8 @@ def see_path(table: Floats, lens: LensDescription) -> SeenPath:
     along = np.stack([np.sin(heading), np.cos(heading)], axis=1)
     across = np.stack([np.cos(heading), -np.sin(heading)], axis=1)
     place_1 = np.cos(lean)[:, None] * along
-    place_2 = (np.cos(lean) * curvature)[:, None] * across - (x_1 * bend)[:, None] * along
+    # The heading changes by curvature / cos(lean).
+    place_2 = curvature[:, None] * across - (x_1 * bend)[:, None] * along
     offset = table[:, 1:3] - foot
     seen_1 = scale[:, None] * place_1 + scale_1[:, None] * offset
     seen_2 = scale[:, None] * place_2 + 2 * scale_1[:, None] * place_1 + scale_2[:, None] * offset

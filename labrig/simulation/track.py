@@ -2,10 +2,10 @@
 
 Headings are zero along +z and positive towards +y. A bevel at roll 0 bends the path towards -y, at roll pi
 towards +y (equation 5 of the paper): the final curvature at roll delta is -cos(delta) / r in the plane and
-sin(delta) / r out of it, towards +x; in a layer of a phantom, r is scaled. The path leans out of the plane by small
-angles only, and is computed there to first order. The hinges need arc length to close: over the first
-`hinge_closing_mm` the curvature grows linearly. From then on only their play matters: after half a turn of the bevel
-the curvature swings over in `backlash_mm`.
+sin(delta) / r out of it, towards +x; in a layer of a phantom, r is scaled. The roll by which a lean turns the bevel's
+frame, of second order, is left out. The hinges need arc length to close: over the first `hinge_closing_mm` the
+curvature grows linearly. From then on only their play matters: after half a turn of the bevel the curvature swings over
+in `backlash_mm`.
 """
 
 import math
@@ -60,13 +60,15 @@ class PathNode:
     ) -> "PathNode":
         """Return the node `length_mm` further on, if curvature and bend change linearly to these values.
 
-        `wander` is the additional turn of the tip in the plane and out of it.
+        `wander` is the additional turn of the tip in the plane and out of it. The heading is the azimuth of a needle
+        that leans: it changes by more than the angle through which the needle bends.
         """
-        turn = 0.5 * (self.curvature_1_mm + curvature_1_mm) * length_mm + wander[0]
         lean = 0.5 * (self.bend_1_mm + bend_1_mm) * length_mm + wander[1]
+        along = math.cos(self.lean_rad + 0.5 * lean)
+        turn = (0.5 * (self.curvature_1_mm + curvature_1_mm) * length_mm + wander[0]) / along
         middle = self.heading_rad + 0.5 * turn
         chord = length_mm * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
-        in_plane = chord * math.cos(self.lean_rad + 0.5 * lean)
+        in_plane = chord * along
         return PathNode(
             self.arc_mm + length_mm,
             self.y_mm + in_plane * math.sin(middle),

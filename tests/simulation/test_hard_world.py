@@ -2,15 +2,20 @@
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from labrig.devices.rig_file import load_rig
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.protocol.load import load_protocol
 from labrig.simulation.description import WorldDescription
-from labrig.simulation.gel import Ball
+from labrig.simulation.gel import Ball, interpolate_radius_mm
 from labrig.simulation.world import World
 
+ROOT = Path(__file__).parents[2]
 NO_WANDER = {"heading_deg_per_root_mm": 0, "curvature_fraction": 0}
 STILL_SHEATH = {"lateral_play_sd_mm": 0, "angle_play_sd_deg": 0}
 BALLS = (Ball((0.0, 10.0, 34.0), 6.0), Ball((0.0, -12.0, 68.0), 6.0))
@@ -118,3 +123,16 @@ def test_the_target_moves_with_the_tip_and_does_not_move_back() -> None:
     assert truth["true_target_error_mm"] == pytest.approx(
         math.dist((truth["tip_x_mm"], *truth["tip_mm"]), truth["target_mm"])
     )
+
+
+@pytest.mark.parametrize("name", ["reference", "hard"])
+def test_the_worlds_of_the_rig_files_are_not_what_the_protocol_assumes(name: str) -> None:
+    """Neither radius, backlash nor closing length of the needle is the policy's own."""
+    world = load_rig(ROOT / "calibration" / f"rig-{name}.yaml").world
+    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS)
+    assert world is not None
+    mean_mm, sd_mm = interpolate_radius_mm(world.gels, protocol.specimen.gelatin_percent)
+    assert sd_mm > 0
+    assert mean_mm != pytest.approx(protocol.planner.radius_mm, abs=0.1)
+    assert world.needle.backlash_mm != pytest.approx(protocol.policy.backlash_mm, rel=0.1)
+    assert world.needle.hinge_closing_mm != pytest.approx(protocol.policy.closing_mm, rel=0.1)

@@ -1,0 +1,204 @@
+"""One insertion in a drawn world without pictures: the step's commands move the world, and it sees what a camera would.
+
+A sighting is where the tip appears in the steering plane, with its parallax, and noise. While a sighting is computed
+the needle advances. The target is tracked if it moves: its place is told with noise, as that of the tip.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+
+from labrig.experiments.insertion.ending import SeenEnd, TargetErrorBounds, TracedPath, bound_error
+from labrig.experiments.insertion.events import BevelTurn
+from labrig.needle.kinematics import FloatArray
+from labrig.simulation.lens import camera_place_mm
+from labrig.simulation.parallax import see_points
+from labrig.steering.out_of_plane import RolledStretch
+from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.problem import PlanProblem
+from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.steering.tip import EstimatorSettings
+from labrig.steering.torsion import (
+    BaseLimits,
+    BaseTurn,
+    TorsionalLag,
+    TurnAhead,
+    choose_turn,
+    turn_back_and_forth,
+)
+from tests.benchmarks.worlds import ASSUMED, DrawnWorld
+
+Policy = Literal["default", "paper"]
+
+COMPUTED_MM = 0.03  # the needle advances at 1 mm/s, and a picture takes 30 ms to be computed
+# 0.3 degrees of wandering heading, and what the wandering curvature adds to it.
+PROCESS_SD_RAD = math.radians(0.4)
+RADIUS_SD_MM = 0.6
+TARGET_SD_MM = 0.2  # of a tracked target
+AXIS = BaseLimits(-13.0, 13.0)
+MOST_STEPS = 1000
+
+
+@dataclass(frozen=True)
+class InsertionEnd:
+    """The end of an insertion: why it stopped, the world's truth about it, and what the policy says of it.
+
+    `error_mm` is the distance in space, `in_plane_mm` and `x_mm` its parts; `interval_mm` the policy's interval of it.
+    """
+
+    stop: str
+    error_mm: float
+    in_plane_mm: float
+    x_mm: float
+    clearance_mm: float
+    replans: int
+    turns: int
+    outcome: str
+    interval_mm: tuple[float, float]
+
+
+@dataclass
+class _Bevel:
+    """The base of the needle as the rotation axis turns it [rad from the roll zero], and its turns."""
+
+    lag: TorsionalLag
+    back_and_forth: bool
+    base_rad: float = 0.0
+    turns: list[BevelTurn] = field(default_factory=list)
+
+    def turn(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
+        """Return how the base turns, and take note of it."""
+        turn = self._choose(roll_rad, state, radius_mm)
+        self.turns.append(
+            BevelTurn(
+                trial=0,
+                depth_mm=state.insertion_mm,
+                from_rad=self.base_rad,
+                to_rad=turn.to_rad,
+                overshoot_rad=turn.overshoot_rad,
+            )
+        )
+        self.base_rad = turn.to_rad
+        return turn
+
+    def _choose(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
+        if self.back_and_forth:
+            return turn_back_and_forth(self.base_rad, roll_rad)
+        at_mm = [state.insertion_mm, *(turn.at_mm for turn in state.ahead), state.end_mm]
+        rolls_rad = (roll_rad, *(turn.roll_rad for turn in state.ahead))
+        ahead = [
+            TurnAhead(roll, max(0.0, to_mm - from_mm))
+            for roll, (from_mm, to_mm) in zip(rolls_rad, pairwise(at_mm), strict=True)
+        ]
+        rolled = self._list_rolled(state.insertion_mm)
+        return choose_turn(rolled, self.base_rad, ahead, self.lag, AXIS, radius_mm=radius_mm)
+
+    def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
+        """Return the stretches between turns, the present one included."""
+        at_mm = (0.0, *(turn.depth_mm for turn in self.turns), to_mm)
+        rolls = [(0.0, 0), *((t.to_rad, 1 if t.to_rad > t.from_rad else -1) for t in self.turns)]
+        return [
+            RolledStretch(max(0.0, end - start), *roll)
+            for roll, (start, end) in zip(rolls, pairwise(at_mm), strict=True)
+        ]
+
+
+def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
+    """Return the settings of a policy, which are the same in every world."""
+    if policy == "paper":
+        estimator = EstimatorSettings(
+            ASSUMED.radius_mm, ASSUMED.sighting_sd_mm, PROCESS_SD_RAD, "paper", planar=True
+        )
+        return SteeringSettings(problem, estimator, SteeringPolicy.paper(), "paper")
+    estimator = EstimatorSettings(
+        ASSUMED.radius_mm,
+        ASSUMED.sighting_sd_mm,
+        PROCESS_SD_RAD,
+        planar=True,
+        radius_sd_mm=RADIUS_SD_MM,
+        cavity_every_mm=ASSUMED.cavity_every_mm,
+    )
+    chosen = SteeringPolicy(backlash_mm=ASSUMED.backlash_mm, closing_mm=ASSUMED.closing_mm)
+    return SteeringSettings(problem, estimator, chosen)
+
+
+def insert(drawn: DrawnWorld, policy: Policy) -> InsertionEnd:
+    """Carry out an insertion."""
+    world, settings = drawn.world, make_settings(drawn.problem, policy)
+    bevel = _Bevel(drawn.measured_lag, back_and_forth=policy == "paper")
+    _move(drawn, 0.0, bevel.base_rad)
+    state, command = start_steering(settings)
+    at_mm = 0.0
+    for _ in range(MOST_STEPS):
+        if command.stop is not None:
+            break
+        if command.roll_rad != 0.0:
+            turn = bevel.turn(command.roll_rad, state, settings.problem.radius_mm)
+            _move(drawn, at_mm, turn.farthest_rad)
+            _move(drawn, at_mm, turn.to_rad)
+        seen_at_mm, run_to_mm = max(command.observe_at_mm, at_mm), command.run_to_mm
+        _move(drawn, seen_at_mm, bevel.base_rad)
+        sighting = TipSighting(seen_at_mm, _see(drawn, world.tip_mm(), drawn.sighting_sd_mm))
+        settings = _follow_target(drawn, settings)
+        state, command = step_steering(state, sighting, settings)
+        at_mm = max(seen_at_mm, min(run_to_mm, seen_at_mm + COMPUTED_MM))
+        _move(drawn, at_mm, bevel.base_rad)
+    return _describe_end(drawn, settings, state, command.stop or "never", bevel.turns)
+
+
+def _move(drawn: DrawnWorld, insertion_mm: float, base_rad: float) -> None:
+    drawn.world.advance(insertion_mm, drawn.roll_zero_rad + base_rad, drawn.linear_mm)
+
+
+def _see(drawn: DrawnWorld, place_mm: Sequence[float], sd_mm: float) -> FloatArray:
+    """Return where a place appears in the plane, with noise, (3,)."""
+    seen, _ = see_points(np.array([place_mm]), drawn.world.description.lens)
+    return np.array((0.0, *(seen[0] + drawn.noise.normal(0.0, sd_mm, 2))))
+
+
+def _follow_target(drawn: DrawnWorld, settings: SteeringSettings) -> SteeringSettings:
+    """Return the settings with the target where it is tracked, if it moves."""
+    target_mm = drawn.world.locate_target_mm()
+    if drawn.world.description.target_moves_mm == 0.0 or target_mm is None:
+        return settings
+    x, y, z = _see(drawn, target_mm, TARGET_SD_MM).tolist()
+    return replace(settings, problem=replace(settings.problem, target_mm=(x, y, z)))
+
+
+def _describe_end(
+    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, stop: str, turns: Sequence[BevelTurn]
+) -> InsertionEnd:
+    truth: Any = drawn.world.truth()
+    off_mm = np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]
+    bounds = _bound_error(drawn, settings, state, turns)
+    steered = stop == "target_reached"
+    return InsertionEnd(
+        stop=stop,
+        error_mm=float(np.linalg.norm(off_mm)),
+        in_plane_mm=float(np.hypot(*off_mm[1:])),
+        x_mm=float(off_mm[0]),
+        clearance_mm=truth["true_min_clearance_mm"],
+        replans=state.replans,
+        turns=len(turns),
+        outcome=bounds.decide(settings.problem.tolerance_mm).outcome if steered else "missed",
+        interval_mm=bounds.interval_mm,
+    )
+
+
+def _bound_error(
+    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, turns: Sequence[BevelTurn]
+) -> TargetErrorBounds:
+    """Return the distance from the target as the policy knows it, from its estimate in place of a last picture."""
+    place_mm = state.tip.position_mm[1:]
+    variances = np.diag(state.tip.rotation @ state.tip.covariance[:3, :3] @ state.tip.rotation.T)[1:]
+    if drawn.world.description.target_moves_mm:
+        variances = variances + TARGET_SD_MM**2
+    camera_x_mm, *foot_mm = camera_place_mm(drawn.world.description.lens)
+    seen = SeenEnd(place_mm, np.sqrt(variances), (place_mm - foot_mm) / -camera_x_mm)
+    unseen = TracedPath(tuple(turns), 0.0, state.insertion_mm).budget(settings, drawn.told)
+    return bound_error(seen, unseen, settings.problem.target_mm)

@@ -80,20 +80,19 @@ class BusNetwork(canopen.Network):
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Log a frame and pass it to its subscribers."""
-        self._frames.append((self._clock.now_s(), can_id, bytes(data), "R"))
-        if self._is_echo(can_id, bytes(data)):
+        received = bytes(data)
+        self._frames.append((self._clock.now_s(), can_id, received, "R"))
+        if self._echoes is not None and self._take_echo(self._echoes, can_id, received):
             return
         for callback in self.subscribers.get(can_id, ()):
             callback(can_id, data, timestamp)
 
-    def _is_echo(self, can_id: int, data: bytes) -> bool:
+    def _take_echo(self, echoes: Counter[tuple[int, bytes]], can_id: int, data: bytes) -> bool:
         """Tell whether a frame is a copy of one that was sent from here, and take it off the list."""
-        if self._echoes is None:
-            return False
         with self._echoes_lock:
-            left = self._echoes.pop((can_id, data), 0)
+            left = echoes.pop((can_id, data), 0)
             if left > 1:
-                self._echoes[can_id, data] = left - 1
+                echoes[can_id, data] = left - 1
             return left > 0
 
     def check(self) -> None:

@@ -559,16 +559,25 @@ class Cia402Drive(Generic[Section]):
             self._current = self.find_current()
         entries = map(self.own_entry, (*_REPORTED, *self._load_entries()))
         layouts = pack_into_pdos(entries, (self.report_pdo, self.load_pdo))
-        self._reports.layouts = {
-            pdo: layout for pdo, layout in layouts.items() if self._map(pdo, layout) and self._switch_on(pdo)
-        }
+        self._reports.listen(
+            {
+                pdo: layout
+                for pdo, layout in layouts.items()
+                if self._map(pdo, layout) and self._switch_on(pdo)
+            }
+        )
 
     def _load_entries(self, *, with_current: bool = True) -> tuple[Entry, ...]:
         """Return the objects of motor current and inputs that are to be reported, each once."""
         if not self._reports_load:
             return ()
         current = () if self._current is None or not with_current else (self._current[0],)
-        return tuple(dict.fromkeys((*current, *(place.entry for place in self._input_places.values()))))
+        return (*current, *self._input_entries)
+
+    @cached_property
+    def _input_entries(self) -> tuple[Entry, ...]:
+        """The objects that hold those inputs, each once. Raises as `_input_places`."""
+        return tuple(dict.fromkeys(place.entry for place in self._input_places.values()))
 
     @cached_property
     def _input_places(self) -> dict[str, InputPlace]:
@@ -684,8 +693,7 @@ class Cia402Drive(Generic[Section]):
 
     def read_inputs(self) -> dict[str, InputValue]:
         """Return what the inputs read that its section names."""
-        entries = dict.fromkeys(place.entry for place in self._input_places.values())
-        return self._convert_inputs({entry: self.upload(entry) for entry in entries})
+        return self._convert_inputs({entry: self.upload(entry) for entry in self._input_entries})
 
     def _convert_inputs(self, values: Mapping[Entry, int]) -> dict[str, InputValue]:
         channels = self.section.inputs
@@ -898,13 +906,14 @@ class Cia402Drive(Generic[Section]):
         self._refuse_unless_enabled(statusword)
 
     def _refuse_unless_enabled(self, statusword: int) -> None:
-        self._refuse_fault(statusword)
         state = self.decode(statusword)
-        if state is not DriveState.OPERATION_ENABLED:
-            raise DriveError(
-                f"{self.name} is in {state.name} (statusword 0x{statusword:04X}), expected OPERATION_ENABLED",
-                "open the rig again once the cause is known",
-            )
+        if state is DriveState.OPERATION_ENABLED:
+            return
+        self._refuse_fault(statusword)
+        raise DriveError(
+            f"{self.name} is in {state.name} (statusword 0x{statusword:04X}), expected OPERATION_ENABLED",
+            "open the rig again once the cause is known",
+        )
 
     def _refuse_fault(self, statusword: int) -> None:
         if self.decode(statusword) in FAULTED:

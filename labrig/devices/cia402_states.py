@@ -28,6 +28,9 @@ class DriveState(Enum):
     FAULT = auto()
     UNKNOWN = auto()
 
+    # Every reading looks its state up in tables; Enum would hash the name each time, in Python.
+    __hash__ = object.__hash__
+
 
 class TargetState(Enum):
     """Where a drive is to be brought."""

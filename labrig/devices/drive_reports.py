@@ -70,12 +70,21 @@ class DriveReports:
 
     def __init__(self, link: CanLink, node_id: int, pdos: Sequence[int]) -> None:
         self.layouts: Mapping[int, tuple[Entry, ...]] = {}
+        self._forms: dict[int, struct.Struct] = {}
         self.missed = self.strays = 0
         self._link = link
         self._is_awaited = False
         self._arrived: dict[int, SimpleQueue[bytes]] = {pdo: SimpleQueue() for pdo in pdos}
         for pdo, arrived in self._arrived.items():
             link.network.subscribe(0x180 + 0x100 * pdo + node_id, partial(_keep, arrived))
+
+    def listen(self, layouts: Mapping[int, tuple[Entry, ...]]) -> None:
+        """Take note of what each PDO carries from now on; those that are not named are switched off."""
+        self.layouts = layouts
+        self._forms = {
+            pdo: struct.Struct("<" + "".join(entry.code for entry in layout))
+            for pdo, layout in layouts.items()
+        }
 
     def expect(self) -> None:
         """Drop what has arrived: the next `take` returns what the drive sends at the coming SYNC."""
@@ -92,7 +101,7 @@ class DriveReports:
             return {}
         deadline_s, values = self._link.clock.now_s() + patience_s, dict[Entry, int]()
         for pdo, layout in self.layouts.items():
-            form = struct.Struct("<" + "".join(entry.code for entry in layout))
+            form = self._forms[pdo]
             data = self._link.receive(self._arrived[pdo], deadline_s)
             if data is None or len(data) != form.size:
                 self.missed += 1

@@ -38,7 +38,10 @@ class Sensor:
         width, height = self._size_px
         row, column = random.integers(0, _BANK_RIM_PX, 2)
         piece = self._bank[row : row + height, column : column + width]
-        mirrored = cv2.flip(piece, int(random.integers(-1, 2)))
+        noise = cv2.flip(piece, int(random.integers(-1, 2)))
         variance = 0.5 * self._noise_sd**2
-        deviation = cv2.sqrt(cv2.addWeighted(light, variance / self._level, light, 0.0, variance))
-        return np.asarray(cv2.add(light, cv2.multiply(mirrored, deviation), dtype=cv2.CV_8U), np.uint8)
+        deviation = cv2.addWeighted(light, variance / self._level, light, 0.0, variance)
+        # In place: fresh memory of this size costs more than the arithmetic.
+        cv2.sqrt(deviation, deviation)
+        cv2.multiply(noise, deviation, noise)
+        return np.asarray(cv2.add(light, noise, dtype=cv2.CV_8U), np.uint8)

@@ -19,7 +19,7 @@ from labrig.devices.simulated.pdo import PdoEngine
 from labrig.devices.simulated.sdo_server import SdoServer
 
 _PDO_ENTRIES = frozenset(
-    {*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS, *co.TPDO_TYPES, co.RESTORE_PDO_IDS}
+    {co.SYNC_ID, *co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS, *co.TPDO_TYPES, co.RESTORE_PDO_IDS}
 )
 _WATCH_ENTRIES = frozenset({co.CONSUMER_HEARTBEAT, co.CONSUMER_HEARTBEAT_2, co.PRODUCER_HEARTBEAT})
 
@@ -187,8 +187,9 @@ class CanopenNode(ABC):
             self._on_nmt(bytes(message.data))
         elif can_id >= 0x700:
             self.error_control.hear(can_id - 0x700, self._clock.now_s())
-        elif self.nmt_state is NmtState.OPERATIONAL and can_id < 0x580:
-            self._on_process_data(can_id, bytes(message.data))
+        elif self.nmt_state is NmtState.OPERATIONAL and self.pdo.listens_to(can_id):
+            self.tick()
+            self.pdo.take(can_id, bytes(message.data))
 
     def _on_remote(self, can_id: int) -> None:
         if can_id == 0x700 + self.node_id:
@@ -223,11 +224,3 @@ class CanopenNode(ABC):
         if len(data) == 2 and data[1] in {0, self.node_id}:
             self.tick()
             self._obey_nmt(data[0])
-
-    def _on_process_data(self, can_id: int, data: bytes) -> None:
-        if can_id == self.objects.values[co.SYNC_ID] & 0x7FF:
-            self.tick()
-            self.pdo.sync()
-        elif self.pdo.listens_to(can_id):
-            self.tick()
-            self.pdo.take(can_id, data)

@@ -313,7 +313,7 @@ class SimulatedCia402Drive(CanopenNode):
         now_s, seeks_switch = self._clock.now_s(), self._homing
         if self.nmt_state is NmtState.OFF and now_s >= self._ready_s:
             self.boot()
-        if self._state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE}:
+        if self._state is DriveState.OPERATION_ENABLED or self._state is DriveState.QUICK_STOP_ACTIVE:
             self._watch(now_s)
         self._shaft.tick(now_s)
         if self._homing:
@@ -360,7 +360,9 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _read_switches(self, *, seeks_switch: bool) -> None:
         before, self._inputs = self._inputs, self._read_inputs()
-        pressed = self._inputs & ~before & self.watched_switches()
+        pressed = self._inputs & ~before
+        if pressed:
+            pressed &= self.watched_switches()
         if not pressed or seeks_switch or self._state not in _POWERED:
             return
         for bit, code in self.switch_errors.items():
@@ -476,8 +478,8 @@ class SimulatedCia402Drive(CanopenNode):
         word = self.state_bits[self._state]
         word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
         word |= REFERENCED if self._referenced else 0
-        word |= TARGET_REACHED if self._has_arrived() else 0
         mode = self._values(co.MODE)
+        word |= TARGET_REACHED if self._has_arrived(mode) else 0
         if mode == _HOMING:
             word |= HOMING_ATTAINED if self._attained else 0
             return word | (_MODE_SPECIFIC if self._homing_failed else 0)
@@ -486,12 +488,12 @@ class SimulatedCia402Drive(CanopenNode):
             return word | (SETPOINT_ACKNOWLEDGED if self._is_at_rest() else 0)
         return word | (SETPOINT_ACKNOWLEDGED if self._acknowledged else 0)
 
-    def _has_arrived(self) -> bool:
+    def _has_arrived(self, mode: int) -> bool:
         """Tell bit 10: the profile is over, and inside the window if there is one for as long as its time."""
         now_s, profile = self._clock.now_s(), self._shaft.profile
         if self._homing or self._homing_failed:
             return False
-        if self._values(co.MODE) == _PROFILE_VELOCITY and profile.segments:
+        if mode == _PROFILE_VELOCITY and profile.segments:
             return now_s >= profile.segments[-1].start_s
         due_s, window = profile.end_s, self.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
         if window != co.WINDOW_OFF:

@@ -120,6 +120,10 @@ class ObjectDictionary:
         live = self._live.get(entry)
         return self.values[entry] if live is None else live()
 
+    def find_source(self, entry: Entry) -> Callable[[], int]:
+        """Return what gives the present value of an entry whenever it is called."""
+        return self._live.get(entry, lambda: self.values[entry])
+
     def read(self, index: int, subindex: int) -> bytes:
         """Return the bytes of an object. Raises `SdoAbortError`."""
         if (index, subindex) == _DEVICE_NAME:

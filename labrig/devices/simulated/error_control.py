@@ -73,11 +73,12 @@ class ErrorControl:
             if now_s > deadline_s:
                 del self._heard_s[node]
                 self._lost(deadline_s)
-        self._tick_guarding(now_s)
+        if self._guarded_s is not None:
+            self._tick_guarding(now_s, self._guarded_s)
 
-    def _tick_guarding(self, now_s: float) -> None:
+    def _tick_guarding(self, now_s: float, guarded_s: float) -> None:
         values = self._objects.values
         life_s = values[co.GUARD_TIME] * values[co.LIFE_TIME_FACTOR] / 1000
-        if self._guarded_s is not None and life_s and now_s > self._guarded_s + life_s:
-            lost_s, self._guarded_s = self._guarded_s + life_s, None
-            self._lost(lost_s)
+        if life_s and now_s > guarded_s + life_s:
+            self._guarded_s = None
+            self._lost(guarded_s + life_s)

@@ -1,6 +1,8 @@
 """Process data of a simulated drive (CiA 301): what its PDOs carry, and when they are sent and taken."""
 
+import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
@@ -10,6 +12,18 @@ _SYNCHRONOUS, _ON_REQUEST = 1, 253
 _NO_REMOTE = 0x40000000
 _WRONG_LENGTH_ERROR = 0x8210
 _WATCH_EVERY_S = 0.001
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What a transmit PDO carries: its form, and where the values come from."""
+
+    form: struct.Struct
+    values: tuple[Callable[[], int], ...]
+
+    def pack(self) -> bytes:
+        """Return the present bytes."""
+        return self.form.pack(*(value() for value in self.values))
 
 
 class PdoEngine:
@@ -33,27 +47,34 @@ class PdoEngine:
         self._fail = fail
         self._waiting: dict[int, bytes] = {}
         self._sent: dict[int, tuple[bytes, float]] = {}
+        self._sync_id = 0
         self._receive_ids: dict[int, int] = {}
         self._request_ids: dict[int, int] = {}
+        self._transmit_ids: dict[int, int] = {}
+        self._synchronous: tuple[int, ...] = ()
         self._watched: tuple[int, ...] = ()
         self._mapped: dict[int, list[Entry]] = {}
+        self._contents: dict[int, _Content] = {}
         self.configure()
 
     def configure(self) -> None:
         """Read COB-IDs and types from the object dictionary again."""
-        self._mapped.clear()
+        self._forget_mappings()
         values = self._objects.values
+        self._sync_id = values[co.SYNC_ID] & 0x7FF
         self._receive_ids = {
             values[entry] & 0x7FF: n
             for n, entry in enumerate(co.RECEIVE_PDO_COB_IDS)
             if _is_valid(values[entry])
         }
         valid = [n for n, entry in enumerate(co.TRANSMIT_PDO_COB_IDS) if _is_valid(values[entry])]
+        self._transmit_ids = {n: values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF for n in valid}
         self._request_ids = {
-            values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF: n
-            for n in valid
+            can_id: n
+            for n, can_id in self._transmit_ids.items()
             if not values[co.TRANSMIT_PDO_COB_IDS[n]] & _NO_REMOTE
         }
+        self._synchronous = tuple(n for n in valid if values[co.TPDO_TYPES[n]] == _SYNCHRONOUS)
         self._watched = tuple(n for n in valid if values[co.TPDO_TYPES[n]] not in {_SYNCHRONOUS, _ON_REQUEST})
 
     def start(self) -> None:
@@ -61,16 +82,23 @@ class PdoEngine:
 
         Mappings are read again: a node takes them only before.
         """
-        self._mapped.clear()
+        self._forget_mappings()
         self._waiting.clear()
         self._sent.clear()
 
+    def _forget_mappings(self) -> None:
+        self._mapped.clear()
+        self._contents.clear()
+
     def listens_to(self, can_id: int) -> bool:
-        """Tell whether a frame is one of our receive PDOs."""
-        return can_id in self._receive_ids
+        """Tell whether a frame is SYNC or one of our receive PDOs."""
+        return can_id == self._sync_id or can_id in self._receive_ids
 
     def take(self, can_id: int, data: bytes) -> None:
-        """Take a receive PDO."""
+        """Take SYNC or a receive PDO."""
+        if can_id == self._sync_id:
+            self._sync()
+            return
         n = self._receive_ids[can_id]
         if len(data) < sum(entry.size for entry in self._find_mapped(co.RPDO_MAPS[n])):
             self._fail(_WRONG_LENGTH_ERROR)
@@ -85,15 +113,13 @@ class PdoEngine:
         if n is not None:
             self._transmit(n)
 
-    def sync(self) -> None:
+    def _sync(self) -> None:
         """Apply what waited for SYNC, and send what is due at SYNC."""
         waiting, self._waiting = self._waiting, {}
         for n, data in waiting.items():
             self._apply(n, data)
-        for n, entry in enumerate(co.TPDO_TYPES):
-            valid = _is_valid(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]])
-            if valid and self._objects.values[entry] == _SYNCHRONOUS:
-                self._transmit(n)
+        for n in self._synchronous:
+            self._transmit(n)
 
     def send_changes(self, now_s: float) -> None:
         """Send the PDOs whose content has changed, once their inhibit time is over."""
@@ -108,12 +134,15 @@ class PdoEngine:
                 self._transmit(n)
 
     def _transmit(self, n: int) -> None:
-        self._send(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF, self._pack_content(n))
+        self._send(self._transmit_ids[n], self._pack_content(n))
 
     def _pack_content(self, n: int) -> bytes:
-        return b"".join(
-            entry.pack(self._objects.value(entry)) for entry in self._find_mapped(co.TPDO_MAPS[n])
-        )
+        content = self._contents.get(n)
+        if content is None:
+            mapped = self._find_mapped(co.TPDO_MAPS[n])
+            form = struct.Struct("<" + "".join(entry.code for entry in mapped))
+            content = self._contents[n] = _Content(form, tuple(map(self._objects.find_source, mapped)))
+        return content.pack()
 
     def _find_mapped(self, mapping: tuple[Entry, ...]) -> list[Entry]:
         known = self._mapped.get(mapping[0].index)

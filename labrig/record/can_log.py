@@ -2,6 +2,7 @@
 
 import re
 import zlib
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from labrig.record.json_lines import read_lines
 from labrig.record.layout import CAN_LOG, CAN_SUMS, COPY_HINT, inside
 
 _LINE = re.compile(rb"\((\d+\.\d{6})\) can ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8}) ([TR])")
+# Possessive: a log of any length is matched without memory for a way back.
+_LINES = re.compile(rb"(?:" + _LINE.pattern + rb"\n)*+")
 
 
 class CanFrame(NamedTuple):
@@ -41,6 +44,11 @@ class CanLog:
     content: bytes
     damaged: tuple[Problem, ...]
     torn: tuple[Problem, ...]
+
+    def require_frames(self) -> None:
+        """Require that every line is a CAN frame. Raises `RecordError` as `frames`."""
+        if self.damaged or not _LINES.fullmatch(self.content):
+            deque(self.frames(), maxlen=0)
 
     def frames(self) -> Iterator[CanFrame]:
         """Yield the frames in order. Raises `RecordError` for a damaged part or a line that is no CAN frame."""

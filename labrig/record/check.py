@@ -1,7 +1,6 @@
 """Check a record from end to end and list what is damaged or lost; nothing is changed."""
 
 import os
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -323,7 +322,7 @@ def _check_can_log(run: Path) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]
     try:
         log = read_can_log(run)
         if not log.damaged:
-            deque(log.frames(), maxlen=0)
+            log.require_frames()
     except RecordError as error:
         return (Problem(CAN_LOG, error.message, error.hint),), ()
     return log.damaged, log.torn

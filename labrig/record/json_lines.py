@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from types import NoneType
 from typing import TypeVar
 
 from labrig.errors import InputError, Problem, RecordError
@@ -21,6 +22,8 @@ _Read = TypeVar("_Read")
 
 _COPY = "take this file from a copy of the run; labrig never rewrites it"
 _CRC_KEY = "crc32"
+_COMPACT = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+_PLAIN = frozenset({str, int, bool, NoneType})
 _LONE = b"\\ud"
 _TAIL_LENGTH = len(',"crc32":"00000000"}')
 
@@ -223,7 +226,7 @@ def _read_located(path: Path, number: int, line: bytes, reading: Callable[[bytes
 
 
 def _encode_compact(value: object) -> bytes:
-    return _encode_utf8(json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False))
+    return _encode_utf8(_COMPACT.encode(value))
 
 
 def plain_text(text: str) -> str:
@@ -243,9 +246,13 @@ def _to_plain(value: object, where: str) -> object:
             return value if math.isfinite(value) else None
         case None | bool() | str() | int():
             return value
-        case Mapping():
+        case dict() | Mapping():
+            # Most items need no second look: the fields of a line are numbers and words.
             return {
-                _require_key(key, where): _to_plain(item, f"{where}.{key}") for key, item in value.items()
+                _require_key(key, where): item
+                if (kind := type(item)) in _PLAIN or (kind is float and math.isfinite(item))
+                else _to_plain(item, f"{where}.{key}")
+                for key, item in value.items()
             }
         case list() | tuple():
             return [_to_plain(item, where) for item in value]

@@ -1,5 +1,6 @@
 """The steps of a run: open rig and record, conduct the experiment, close both, analyse, write the report."""
 
+import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -73,6 +74,9 @@ def perform(order: RunOrder) -> FinishedRun:
     require_free_bytes(order.runs_dir, estimate_disk_bytes(plan, order.rig) + int(1e6 * least_free_mb))
     changes = find_code_changes()
     _announce_code_diff(changes)
+    # The modules stay until the end. Without this, collections look through them all again and again, and in each
+    # process that measures, too.
+    gc.freeze()
     return finish(_record(order, plan, changes), order.command_line)
 
 

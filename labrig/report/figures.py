@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -24,6 +25,8 @@ FloatArray = NDArray[np.float64]
 SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "labrig",
     "svg.fonttype": "none",
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
     "text.parse_math": False,
     "font.size": 9.5,
     "axes.titlesize": 10,
@@ -204,7 +207,8 @@ def draw_residual_figure(views: Sequence[tuple[str, float]], overall_px: float, 
 def svg(figure: Figure, name: str) -> Markup:
     """Return the figure as an element of the page; its identifiers are unique within the page."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata=NO_METADATA, transparent=True)
+    # Not `savefig`, which draws everything twice, first into nothing.
+    FigureCanvasSVG(figure).print_svg(buffer, metadata=NO_METADATA)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)

@@ -15,7 +15,7 @@ What is decided here
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drive import STILL_COUNTS
@@ -100,8 +100,7 @@ Expected = AtRest | InMotion
 """What an axis has to do."""
 
 
-@dataclass(frozen=True)
-class PositionReading:
+class PositionReading(NamedTuple):
     """A position [mm or rad], measured by the drive between two instants of rig time [s]."""
 
     from_s: float
@@ -109,8 +108,7 @@ class PositionReading:
     position: float
 
 
-@dataclass(frozen=True)
-class SupervisionState:
+class SupervisionState(NamedTuple):
     """What is remembered of an axis.
 
     Parameters

@@ -179,6 +179,11 @@ class Rig:
         What it guards against; a replay has those of its record.
     alert : callable
         Tells the person at the rig at once, before anything else is done, that the drives are lost.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        The open axes; in a run all three.
     """
 
     def __init__(
@@ -214,6 +219,7 @@ class Rig:
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
         self._axes = self._open_axes(replace(link, attend=self._attend))
+        self.axes = tuple(self._axes.values())
         worker = hardware.camera_worker
         self._camera = (
             source if source is None else Camera(source, description.camera, self._heartbeat, worker)
@@ -246,11 +252,6 @@ class Rig:
         }
 
     # State
-
-    @property
-    def axes(self) -> tuple[Axis, ...]:
-        """The open axes; in a run all three."""
-        return tuple(self._axes.values())
 
     def axis(self, name: str) -> Axis:
         """Return an axis by its name: insertion, rotation or linear. Raises `InputError` if it is not open."""

@@ -208,7 +208,7 @@ def svg(figure: Figure, name: str) -> Markup:
     """Return the figure as an element of the page; its identifiers are unique within the page."""
     buffer = io.StringIO()
     # Not `savefig`, which draws everything twice, first into nothing.
-    FigureCanvasSVG(figure).print_svg(buffer, metadata=NO_METADATA)
+    FigureCanvasSVG(figure).print_svg(buffer, metadata=NO_METADATA)  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)

@@ -30,6 +30,8 @@ _LEAST_WIDTH_PX = 2.5
 _LEAST_SIDE_PX = 8
 # Grey levels added before the logarithm, so that the noise of black stays small.
 _DARK_OFFSET = 8.0
+# Optical density of each grey level, but for a constant.
+_DENSITIES = -np.log(np.arange(256, dtype=np.float32) + np.float32(_DARK_OFFSET))
 # A bright stripe on the shaft narrower than this share of its widest diameter is a glint and is filled.
 _GLINT = 0.5
 # Width of the smoothing in needle diameters: between the best widths for the needle and for its sheath.
@@ -252,7 +254,7 @@ def filter_bars(picture: Picture, widths: Widths) -> BarMap:
     reduced = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA) if factor > 1 else whole
     glint = int(np.ceil(widths.glint_px / factor)) | 1
     reduced = cv2.morphologyEx(reduced, cv2.MORPH_OPEN, np.ones((glint, glint), np.uint8))
-    density = -np.log(reduced.astype(np.float32) + np.float32(_DARK_OFFSET))
+    density = np.asarray(cv2.LUT(reduced, _DENSITIES), dtype=np.float32)
     needle_px, widest_px = widths.needle_px / factor, widths.widest_px / factor
     ridge, along = _find_bars(density, _BAR_SIGMA * needle_px)
     if widest_px > WIDE_SHEATH * needle_px:
@@ -264,9 +266,16 @@ def filter_bars(picture: Picture, widths: Widths) -> BarMap:
 def _find_bars(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the response to bars of any direction and to bars along the insertion."""
     across, along, mixed = _differentiate_twice(density, sigma)
-    mean, half = 0.5 * (across + along), 0.5 * (across - along)
-    ridge = np.sqrt(half * half + mixed * mixed) - mean
-    return np.maximum(ridge, 0.0), -across
+    mean, ridge = across + along, across - along
+    # sqrt(half² + mixed²) - mean, in place: fresh memory of this size costs more than the arithmetic.
+    mean *= 0.5
+    ridge *= 0.5
+    ridge *= ridge
+    mixed *= mixed
+    ridge += mixed
+    np.sqrt(ridge, out=ridge)
+    ridge -= mean
+    return np.maximum(ridge, 0.0, out=ridge), np.negative(across, out=across)
 
 
 def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:

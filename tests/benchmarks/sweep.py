@@ -64,9 +64,10 @@ def _measure_cpu_s(root: Path, python: Path) -> float:
     """Return the processor time of a sweep of 24 insertions by the labrig of a checkout [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as runs_dir:
-        command = [python, "-m", "labrig", "run", "protocols/steerability.yaml", "--runs-dir", runs_dir]
-        quick = ["--set", "insertions_per_specimen=6"]
-        subprocess.run([*command, *quick], cwd=root, capture_output=True, check=True)
+        command = [str(python), "-m", "labrig", "run", "protocols/steerability.yaml", "--runs-dir", runs_dir]
+        subprocess.run(
+            [*command, "--set", "insertions_per_specimen=6"], cwd=root, capture_output=True, check=True
+        )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -1,7 +1,6 @@
 """`labrig run protocols/design.yaml`: a design as a run, without a rig, and what other runs take from it."""
 
 import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -108,13 +107,6 @@ def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer(labrig: La
     page = Path(document["report"]).read_text(encoding="utf-8")
     assert page.count("on our contour no inclination gives") >= 2
     assert load_design(tmp_path / document["run"] / "analysis" / "001" / "design.json").radius_mm == 45.0
-    assert labrig("reanalyze", document["run"]).exit_code == 0
-    again = json.loads(
-        (Path(document["run"]) / "analysis" / "002" / "result.json").read_text(encoding="utf-8")
-    )
-    same = ("beta_cut_deg", "search", "cells", "measured")
-    assert {key: again[key] for key in same} == {key: result[key] for key in same}
-    assert again["parent"] == 1
 
 
 def test_a_tube_that_nothing_can_be_cut_from_is_a_no(labrig: Labrig, tmp_path: Path) -> None:

@@ -26,9 +26,10 @@ check-code: $(READY)
 	$(BIN)/lint-imports
 	$(BIN)/deptry .
 
-# Tests start labrig some hundred times: it is compiled once, also where the environment forbids that.
+# Tests start labrig some hundred times: it is compiled once, also where the environment forbids that. Rehearsals and
+# served drives wait in real time, so three processes keep two cores busy.
 check-tests: $(READY) $(OUTSIDE)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 2 --dist worksteal $(COVERAGE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist worksteal $(COVERAGE)
 
 coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests

@@ -158,6 +158,18 @@ def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: CanopenBench) -> Non
     assert bench.frames(0x385) == [bytes(6)]
 
 
+def test_sync_is_heard_under_the_id_that_was_written(bench: CanopenBench) -> None:
+    """0x1005 takes effect at once; frames under the former id are nobody's."""
+    bench.write(co.RPDO_TYPES[0], 1)
+    bench.nmt(0x01)
+    bench.write(co.SYNC_ID, 0x081)
+    bench.send(0x205, b"\x06\0")
+    bench.send(0x080)
+    assert bench.read(co.CONTROLWORD) == 0
+    bench.send(0x081)
+    assert bench.read(co.CONTROLWORD) == 6
+
+
 def test_a_synchronous_receive_pdo_waits_for_sync(bench: CanopenBench) -> None:
     """Type 1 takes effect at the next SYNC; a PDO that is too short is an emergency."""
     bench.write(co.RPDO_TYPES[0], 1)

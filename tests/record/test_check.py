@@ -38,6 +38,16 @@ def places(verdict: RunCheck) -> list[str]:
     return [problem.where for problem in verdict.damage]
 
 
+def test_a_line_of_can_log_that_is_no_frame_is_named(tmp_path: Path) -> None:
+    """Its number is told also where no checksum speaks against it, as in the log of an early labrig."""
+    run = full_run(tmp_path, closed=False)
+    (run / "can.sums.jsonl").unlink()
+    lines = (run / "can.log").read_bytes().splitlines(keepends=True)
+    (run / "can.log").write_bytes(b"".join([*lines, b"(22.000000) can 601#1 T\n", *lines]))
+    (message,) = (problem.message for problem in check_run(run).damage if problem.where == "can.log")
+    assert message == f"can.log:{len(lines) + 1}: the line is no CAN frame"
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_an_intact_run_has_nothing_wrong(tmp_path: Path, closed: bool) -> None:
     """A closed and a killed run that lost nothing are sound, and their contents are counted."""

@@ -30,8 +30,6 @@ _LEAST_WIDTH_PX = 2.5
 _LEAST_SIDE_PX = 8
 # Grey levels added before the logarithm, so that the noise of black stays small.
 _DARK_OFFSET = 8.0
-# Optical density of each grey level, but for a constant.
-_DENSITIES = -np.log(np.arange(256, dtype=np.float32) + np.float32(_DARK_OFFSET))
 # A bright stripe on the shaft narrower than this share of its widest diameter is a glint and is filled.
 _GLINT = 0.5
 # Width of the smoothing in needle diameters: between the best widths for the needle and for its sheath.
@@ -174,17 +172,19 @@ class BarMap:
 
     def at(self, places: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return the response at places u + iv, zero outside the picture."""
-        h, w = self.any_direction.shape
-        u, v = np.rint(places.real).astype(np.intp), np.rint(places.imag).astype(np.intp)
-        inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
-        response = self.any_direction[np.where(inside, v, 0), np.where(inside, u, 0)]
-        return np.where(inside, response, np.float32(0.0))
+        return _read_nearest(self.any_direction, places, cv2.BORDER_CONSTANT)
 
     def density_at(self, places: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return the optical density at places u + iv; outside the picture that of its border."""
-        h, w = self.density.shape
-        u, v = np.rint(places.real).astype(np.intp), np.rint(places.imag).astype(np.intp)
-        return np.asarray(self.density[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+        return _read_nearest(self.density, places, cv2.BORDER_REPLICATE)
+
+
+def _read_nearest(
+    values: NDArray[np.float32], places: NDArray[np.complex128], border: int
+) -> NDArray[np.float32]:
+    u, v = places.real.astype(np.float32), places.imag.astype(np.float32)
+    read = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=border)
+    return np.asarray(read, dtype=np.float32).reshape(places.shape)
 
 
 def trace_shafts(bars: BarMap, *, from_border: bool = True) -> tuple[Trace, ...]:
@@ -254,7 +254,7 @@ def filter_bars(picture: Picture, widths: Widths) -> BarMap:
     reduced = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA) if factor > 1 else whole
     glint = int(np.ceil(widths.glint_px / factor)) | 1
     reduced = cv2.morphologyEx(reduced, cv2.MORPH_OPEN, np.ones((glint, glint), np.uint8))
-    density = np.asarray(cv2.LUT(reduced, _DENSITIES), dtype=np.float32)
+    density = -np.log(reduced.astype(np.float32) + np.float32(_DARK_OFFSET))
     needle_px, widest_px = widths.needle_px / factor, widths.widest_px / factor
     ridge, along = _find_bars(density, _BAR_SIGMA * needle_px)
     if widest_px > WIDE_SHEATH * needle_px:
@@ -266,16 +266,9 @@ def filter_bars(picture: Picture, widths: Widths) -> BarMap:
 def _find_bars(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the response to bars of any direction and to bars along the insertion."""
     across, along, mixed = _differentiate_twice(density, sigma)
-    mean, ridge = across + along, across - along
-    # sqrt(half² + mixed²) - mean, in place: fresh memory of this size costs more than the arithmetic.
-    mean *= 0.5
-    ridge *= 0.5
-    ridge *= ridge
-    mixed *= mixed
-    ridge += mixed
-    np.sqrt(ridge, out=ridge)
-    ridge -= mean
-    return np.maximum(ridge, 0.0, out=ridge), np.negative(across, out=across)
+    mean, half = 0.5 * (across + along), 0.5 * (across - along)
+    ridge = np.asarray(cv2.magnitude(half, mixed), dtype=np.float32) - mean
+    return np.maximum(ridge, 0.0), -across
 
 
 def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
@@ -302,7 +295,8 @@ def _average_bars(bars: BarMap) -> tuple[NDArray[np.float32], float]:
     means = np.asarray(
         cv2.blur(bars.along_insertion, (length, 1), borderType=cv2.BORDER_REFLECT), dtype=np.float32
     )
-    noise = 1.4826 * float(np.median(np.abs(means)))
+    # Averages less than a bar's length apart say much the same.
+    noise = 1.4826 * float(np.median(np.abs(means[:, :: max(1, length // 4)])))
     return means, max(_LEAST_DENSITY, _LEAST_SIGNIFICANCE * noise)
 
 
@@ -401,7 +395,7 @@ def _follow(bars: BarMap, seed: complex, heading: float) -> tuple[NDArray[np.com
     last_strong = 0
     for _ in range(int(2 * (w + h) / step)):
         seen = np.minimum(bars.at(place + arcs * np.exp(1j * heading)), 1.5 * usual)
-        best = int(np.argmax(seen.mean(axis=1) / max(usual, 1e-9) - penalty))
+        best = int(np.argmax(seen.sum(axis=1) / max(_LOOK_SAMPLES * usual, 1e-9) - penalty))
         turned = heading + turns[best]
         place = place + step * np.exp(1j * (turned + 0.5 * curvatures[best] * step))
         heading = turned + curvatures[best] * step

@@ -33,6 +33,8 @@ _TRIPLE_SEED = 20_090_816
 # 95 % efficiency on normal residuals (Maronna et al. 2019, Robust Statistics, table 2.4).
 _TUKEY_CONSTANT = 4.685
 _MAD_TO_SIGMA = 1.4826
+# Below this mean of psi' the points lie on no single circle, and the influences are as large as this allows.
+_LEAST_SLOPE = 1e-3
 # Scale below which residuals are rounding errors, in units of the points' rms distance from their centroid.
 _ROUNDING = 1e-12
 
@@ -56,6 +58,9 @@ class Circle:
         Root mean square of the orthogonal distances of the inliers.
     inliers : ndarray of bool (N,)
         Points with a weight above zero: all points, unless the method is "robust".
+    influences : ndarray (N,)
+        The residuals as far as they move the fit: psi over the mean of psi' (Huber 1981, Robust Statistics, section
+        7.6); the residuals themselves, unless the method is "robust". That of an outlier is zero.
     """
 
     centre: tuple[float, float]
@@ -63,6 +68,7 @@ class Circle:
     covariance: _FloatArray | None
     residual_rms: float
     inliers: NDArray[np.bool_]
+    influences: _FloatArray
 
     def residuals(self, points: ArrayLike) -> _FloatArray:
         """Return the signed orthogonal distances of points (N, 2), positive outside the circle."""
@@ -282,12 +288,11 @@ def _fit_tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]
 def _choose_step(points: _FloatArray, model: _Model, scale: float, step: _FloatArray) -> _FloatArray:
     """Return Newton's step if it lowers the cost at least as far as the reweighted `step`, else `step`."""
     residuals, jacobian = model.linearise(points)
-    root = np.sqrt(_biweight(residuals, scale))
-    slopes = root * (5.0 * root - 4.0)
-    normal = (jacobian * slopes[:, None]).T @ jacobian
+    weights = _biweight(residuals, scale)
+    normal = (jacobian * _slopes(weights)[:, None]).T @ jacobian
     if np.linalg.eigvalsh(normal)[0] <= 0.0:
         return step
-    newton = np.linalg.solve(normal, -jacobian.T @ (root * root * residuals))
+    newton = np.linalg.solve(normal, -jacobian.T @ (weights * residuals))
     reweighted, sharp = (_tukey_cost(points, _move(model, trial), scale) for trial in (step, newton))
     return np.asarray(newton if sharp <= reweighted else step)
 
@@ -319,7 +324,14 @@ def _restore_units(
         covariance=None if covariance is None else covariance * scale**2,
         residual_rms=scale * float(np.sqrt(np.mean(residuals[inliers] ** 2))),
         inliers=inliers,
+        influences=scale * weights * residuals / max(float(np.mean(_slopes(weights))), _LEAST_SLOPE),
     )
+
+
+def _slopes(weights: _FloatArray) -> _FloatArray:
+    """Return psi' (N,): psi = r (1 - q)^2 with q = (r / c)^2, so psi' = (1 - q)(1 - 5 q); unit weights have 1."""
+    root = np.sqrt(weights)
+    return np.asarray(root * (5.0 * root - 4.0))
 
 
 def _covariance(model: _Model, points: _FloatArray, weights: _FloatArray) -> _FloatArray | None:
@@ -333,9 +345,7 @@ def _covariance(model: _Model, points: _FloatArray, weights: _FloatArray) -> _Fl
         return None
     residuals, jacobian = model.linearise(points)
     spread = float(np.sum((weights * residuals) ** 2)) / (count - 3)
-    # psi = r (1 - q)^2 with q = (r / c)^2, so psi' = (1 - q)(1 - 5 q); unit weights have psi' = 1.
-    root = np.sqrt(weights)
-    slope = float(np.mean(root * (5.0 * root - 4.0)))
+    slope = float(np.mean(_slopes(weights)))
     if slope <= 0.0:
         return None
     return np.asarray(np.linalg.inv(jacobian.T @ jacobian) * spread / slope**2)

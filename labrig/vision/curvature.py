@@ -2,21 +2,21 @@
 
 The radius is fitted over a declared window of arc length that leaves out the bevel and the first millimetres behind
 the sheath, over which the hinges close. Residuals along an edge are correlated over a millimetre or more, so the
-interval does not count rows. The window is cut into longer blocks, the mean residual of a block is one observation,
-and Student's t allows for the small number of blocks (batch means; Flegal and Jones 2010, Annals of Statistics
-38:1034). The uncertainty of lens and plane map (`PlaneMap.variations`) moves all blocks together and is added to the
-variance, and so is what light from one side may have done to the edges (`shaft_light`): the circles with and without
-that shift count as one standard deviation apart. The bevel's roll is added if it is known (`bending_plane`). The
-degrees of freedom are Welch's and Satterthwaite's. `ErrorBudget` lists the parts.
+interval does not count rows. The window is cut into longer blocks, the mean influence of a block's rows on the fit is
+one observation, and Student's t allows for the small number of blocks (batch means; Flegal and Jones 2010, Annals of
+Statistics 38:1034). The uncertainty of lens and plane map (`PlaneMap.variations`) moves all blocks together and is
+added to the variance, and so is what light from one side may have done to the edges (`shaft_light`): the circles with
+and without that shift count as one standard deviation apart, as far as the shifts stand out of those in even light. The
+bevel's roll is added if it is known (`bending_plane`). The degrees of freedom are Welch's and Satterthwaite's.
+`ErrorBudget` lists the parts.
 
-In 3,600 drawn pictures, three of four with a lamp beside the needle, the interval held the truth in 96.6 % at radii of
-20 to 30 mm, 95.6 % at 30 to 40 mm and 94.5 % at 40 to 60 mm (`python -m tests.benchmarks coverage`). Without the part
-of the light it did so in 88, 82 and 79 % (900 pictures). By light it ranges from 91.6 % (40 to 60 mm, lamp outside the
-bend) to 98.7 % (even light, where the noise of the estimated shift makes the interval too long).
+In 300 drawn pictures, three of four with a lamp beside the needle, the interval held the truth in 97 % at radii of 20
+to 30 mm, 94 % at 30 to 40 mm and 95 % at 40 to 60 mm; in even light in 95 % (`python -m tests.benchmarks coverage`).
+Without the part of the light it did so in 88, 82 and 79 % (900 pictures).
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,10 @@ _LEAST_BLOCKS = 5
 _CONFIDENCE = 0.95
 # Points through which the arcs of a path are fitted.
 _ARC_POINTS = 150
+# In even light the median measured shift of the centre line is below the first [px]: 0.002 to 0.011 px in drawn
+# pictures, and up to 0.025 px among bubbles. The second is the share of a shift that stays unexplained in a block; with
+# it the interval of radii above 40 mm, of which more blocks see, holds the truth as often as it says.
+_NOISE_SHIFT_PX, _UNEXPLAINED = 0.02, 0.1
 # Number of points of the window at which shifts common to all rows are propagated.
 _SYSTEMATIC_POINTS = 40
 # A row lies on the circle if it is off by no more than this share of the needle's diameter. At least this share of the
@@ -264,6 +268,47 @@ def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -
     return _fit_circle(located, shaft, plane, settings)
 
 
+@dataclass(frozen=True, eq=False)
+class _BlockedFit:
+    """A fitted circle, and what blocks of arc length say about its radius.
+
+    Attributes
+    ----------
+    circle : Circle
+    influences : ndarray (B,)
+        The mean influence of the rows of each block [mm]. A bubble at an edge is an outlier of the fit and has none,
+        but the fewer rows are left, the larger is theirs. A block without a single inlier is no bubble, and its mean
+        residual counts whole.
+    gain : float
+        By how much the radius changes if each block is shifted by 1 mm, in or out at random (rms).
+    """
+
+    circle: Circle
+    influences: FloatArray
+    gain: float
+
+    @classmethod
+    def of(cls, circle: Circle, points: FloatArray, arc_mm: FloatArray) -> Self:
+        """Return the blocks of a circle through points (N, 2) at these arc lengths (N,)."""
+        along = arc_mm - arc_mm[0]
+        block = np.minimum((along / _BLOCK_MM).astype(int), int(along[-1] / _BLOCK_MM) - 1)
+        sizes = np.bincount(block)
+        seen = sizes > 0
+        if seen.sum() < _LEAST_BLOCKS:
+            raise MeasurementRefusedError(
+                f"the edges are seen in {seen.sum()} blocks of {_BLOCK_MM:g} mm, and {_LEAST_BLOCKS} are the least"
+            )
+        offsets = points - np.asarray(circle.centre)
+        directions = offsets / np.hypot(*offsets.T)[:, None]
+        columns = (*directions.T, circle.influences, circle.residuals(points), circle.inliers)
+        y, z, influences, residuals, inliers = (
+            np.bincount(block, column)[seen] / sizes[seen] for column in columns
+        )
+        jacobian = np.column_stack((y, z, np.ones(len(y))))
+        gain = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]))
+        return cls(circle, np.where(inliers > 0.0, influences, residuals), gain)
+
+
 def _fit_circle(
     located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
 ) -> CurvatureMeasurement:
@@ -272,8 +317,8 @@ def _fit_circle(
     points = shaft.centre_mm[rows]
     try:
         circle = fit_circle(points, method="robust")
-        systematic = _find_systematic(circle, shaft, rows, plane, settings)
-        budget, ci95 = _estimate_uncertainty(circle, points, shaft.arc_mm[rows], systematic)
+        fit = _BlockedFit.of(circle, points, shaft.arc_mm[rows])
+        budget, ci95 = _estimate_uncertainty(fit, _find_systematic(fit, shaft, rows, plane, settings))
     except MeasurementRefusedError as refusal:
         length_mm = np.ptp(shaft.arc_mm[rows])
         return replace(
@@ -338,13 +383,13 @@ def _refuse_short_window(shaft: Shaft, window: tuple[int, int], settings: Curvat
 
 
 def _find_systematic(
-    circle: Circle, shaft: Shaft, rows: slice, plane: PlaneMap, settings: CurvatureSettings
+    fit: _BlockedFit, shaft: Shaft, rows: slice, plane: PlaneMap, settings: CurvatureSettings
 ) -> ErrorBudget:
     """Return the error budget of the radius without the fit."""
     points, px = shaft.centre_mm[rows], shaft.centre_px[rows]
     sample = np.linspace(0, len(points) - 1, min(len(points), _SYSTEMATIC_POINTS)).astype(int)
     here, px = points[sample], px[sample]
-    offsets = here - np.asarray(circle.centre)
+    offsets = here - np.asarray(fit.circle.centre)
     directions = offsets / np.hypot(*offsets.T)[:, None]
     # This row of the pseudo-inverse moves the radius; it also holds for nearly straight arcs.
     weights = np.linalg.pinv(np.column_stack((directions, np.ones(len(sample)))))[2]
@@ -353,7 +398,8 @@ def _find_systematic(
         return float(weights @ np.sum(directions * shifts, axis=1))
 
     mapped = plane.to_mm(px)
-    by_light = change(shaft.light_shift_mm[rows][sample])
+    shifts_mm = shaft.light_shift_mm[rows]
+    typical_mm = float(np.median(np.hypot(*shifts_mm.T)))
     roll = None
     # Without the camera's place the perspective is not known, which is most of what a roll does.
     if settings.roll_sd_rad is not None and (plane.intrinsics is not None or plane.telecentric):
@@ -367,51 +413,42 @@ def _find_systematic(
     return ErrorBudget(
         **propagate_map(plane, px, lambda places: change(places - mapped)),
         roll=roll,
-        lighting=float(np.hypot(by_light, LEAST_LIGHT_SHIFT_PX * plane.mm_per_px)),
+        lighting=_estimate_lighting(change(shifts_mm[sample]), typical_mm, fit.gain, plane.mm_per_px),
     )
 
 
+def _estimate_lighting(by_light_mm: float, typical_mm: float, gain: float, mm_per_px: float) -> float:
+    """Return the standard deviation of a radius by uneven light.
+
+    By `by_light_mm` the measured shifts of the centre line change the radius. It counts as far as their median
+    `typical_mm` stands out of what noise shows in even light. A share of the shifts stays unexplained, in each block
+    another one.
+    """
+    seen = typical_mm**2 / (typical_mm**2 + (_NOISE_SHIFT_PX * mm_per_px) ** 2)
+    unexplained_mm = _UNEXPLAINED * typical_mm * gain
+    return float(np.linalg.norm([seen * by_light_mm, unexplained_mm, LEAST_LIGHT_SHIFT_PX * mm_per_px]))
+
+
 def _estimate_uncertainty(
-    circle: Circle, points: FloatArray, arc_mm: FloatArray, systematic: ErrorBudget
+    fit: _BlockedFit, systematic: ErrorBudget
 ) -> tuple[ErrorBudget, tuple[float, float] | None]:
-    """Return the radius' error budget, and its 95 % interval unless it is unbounded, from the means of blocks.
+    """Return the radius' error budget, and its 95 % interval unless it is unbounded.
 
     The degrees of freedom of the systematic part count as infinite. With few blocks Welch's and Satterthwaite's formula
     then gives a shorter interval than the blocks alone, so that of the blocks is the least. The interval is symmetric
     in the curvature, which is nearly normal even if the radius is not.
     """
-    jacobian, residuals = _average_blocks(circle, points, arc_mm)
-    freedom = len(residuals) - 3
-    variance = float(residuals @ residuals) / freedom
-    random = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]) * np.sqrt(variance))
+    freedom = len(fit.influences) - 3
+    random = float(fit.gain * np.linalg.norm(fit.influences) / np.sqrt(freedom))
     budget = replace(systematic, fit=random)
     sigma = budget.total
     effective = freedom * (sigma / random) ** 4 if random else np.inf
     quantile = 0.5 + 0.5 * _CONFIDENCE
     half_mm = max(stdtrit(effective, quantile) * sigma, stdtrit(freedom, quantile) * random)
-    reach = float(half_mm) / circle.radius
-    ci95 = (circle.radius / (1.0 + reach), circle.radius / (1.0 - reach)) if reach < 1.0 else None
+    radius_mm = fit.circle.radius
+    reach = float(half_mm) / radius_mm
+    ci95 = (radius_mm / (1.0 + reach), radius_mm / (1.0 - reach)) if reach < 1.0 else None
     return budget, ci95
-
-
-def _average_blocks(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean Jacobian (B, 3) and residual (B,) of the circle in each block of arc length.
-
-    Outliers of the fit count too: whether they are outliers is part of the uncertainty.
-    """
-    along = arc_mm - arc_mm[0]
-    block = np.minimum((along / _BLOCK_MM).astype(int), int(along[-1] / _BLOCK_MM) - 1)
-    sizes = np.bincount(block)
-    seen = sizes > 0
-    if seen.sum() < _LEAST_BLOCKS:
-        raise MeasurementRefusedError(
-            f"the edges are seen in {seen.sum()} blocks of {_BLOCK_MM:g} mm, and {_LEAST_BLOCKS} are the least"
-        )
-    offsets = points - np.asarray(circle.centre)
-    directions = offsets / np.hypot(*offsets.T)[:, None]
-    columns = (*directions.T, np.ones(len(block)), circle.residuals(points))
-    means = np.column_stack([np.bincount(block, column)[seen] / sizes[seen] for column in columns])
-    return means[:, :3], means[:, 3]
 
 
 def _judge_circle(

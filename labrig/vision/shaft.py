@@ -24,6 +24,7 @@ from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft, find_only_s
 from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, fit_guide, straighten
 from labrig.vision.shaft_ends import (
     LARGEST_HOLE_MM,
+    WIDTH_TOLERANCE,
     Diameters,
     find_longest_run,
     find_needle_end,
@@ -46,8 +47,6 @@ _BEYOND_MM = 6.0
 _HIDING = 0.13
 # The stated diameters hold within this factor.
 _DIAMETER_FACTOR = 1.7
-# Rows whose relative width differs more than this are not shaft but bevel, or a bubble at an edge.
-_WIDTH_TOLERANCE = 0.25
 # Over the first length, in needle diameters, the smoothing along the shaft mixes sheath and needle; over the second,
 # the bevel narrows the needle, but too little to be recognised by its width.
 _STEP_BLUR = 0.6
@@ -83,6 +82,8 @@ class Shaft:
         The sheath's centre line in the plane [mm], up to its tip; empty without one.
     tip_px : ndarray (2,)
         The end of the centre line, level with the foremost point of the bevel.
+    tip_fade_px : float
+        Over which length the shaft's darkness fades before it.
     length_mm : float
         Arc length from the entry to the tip.
     """
@@ -96,6 +97,7 @@ class Shaft:
     sheathed: bool
     sheath_mm: FloatArray
     tip_px: FloatArray
+    tip_fade_px: float
     length_mm: float
 
 
@@ -234,7 +236,8 @@ def _measure(
     entry = find_sheath_end(width_mm, run, widths.px_per_mm, diameters)
     even = run & _is_bar(width_mm, run, entry)
     sheath, bar = (even & (side > _STEP_BLUR * widths.needle_px) for side in (entry - grid, grid - entry))
-    tip = find_needle_end(strip, edges, np.flatnonzero(run), widths)
+    end = find_needle_end(strip, edges, np.flatnonzero(run), widths)
+    tip = end.row
     if tip >= len(grid) - _LEAST_ROWS_BEYOND:
         raise _no_tip_error(scene.picture, guide.places[-1], view)
     bar &= grid < tip
@@ -255,6 +258,7 @@ def _measure(
         sheathed=diameters.sheath_mm is not None,
         sheath_mm=0.5 * (left_mm + right_mm)[sheath],
         tip_px=ends[1],
+        tip_fade_px=end.fade,
         length_mm=float(tip_arc - entry_arc),
     )
 
@@ -263,7 +267,7 @@ def _is_bar(width: FloatArray, run: NDArray[np.bool_], entry: float) -> NDArray[
     """Return which rows (N,) have the median width of the sheath before `entry`, and of the needle after it."""
     beyond = np.arange(len(width)) > entry
     usual = np.where(beyond, _median(width[run & beyond]), _median(width[run & ~beyond]))
-    return np.abs(width - usual) <= _WIDTH_TOLERANCE * usual
+    return np.abs(width - usual) <= WIDTH_TOLERANCE * usual
 
 
 def _median(values: FloatArray) -> float:

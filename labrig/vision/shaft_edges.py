@@ -186,12 +186,22 @@ def measure_gel_onset(widths: Widths) -> int:
     return int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
 
 
-def measure_gel_level(strip: _Strip, widths: Widths) -> FloatArray:
-    """Return the grey level (N,) of the gel on both sides, row by row."""
+def take_sides(strip: _Strip, widths: Widths) -> tuple[_Strip, _Strip]:
+    """Return the columns of a strip left and right of the widest shaft."""
     first = measure_gel_onset(widths)
     middle = strip.shape[1] // 2
-    beside = np.hstack((strip[:, : middle - first + 1], strip[:, middle + first :]))
-    return np.asarray(np.median(beside, axis=1), dtype=np.float64)
+    return strip[:, : middle - first + 1], strip[:, middle + first :]
+
+
+def measure_gel_level(strip: _Strip, widths: Widths) -> FloatArray:
+    """Return the grey level (N,) of the gel on both sides, row by row."""
+    return np.asarray(np.median(np.hstack(take_sides(strip, widths)), axis=1), dtype=np.float64)
+
+
+def measure_side_levels(strip: _Strip, widths: Widths) -> tuple[FloatArray, FloatArray]:
+    """Return the grey level (N,) of the gel on the darker and on the brighter side, row by row."""
+    left, right = (np.median(side, axis=1).astype(np.float64) for side in take_sides(strip, widths))
+    return np.minimum(left, right), np.maximum(left, right)
 
 
 def _measure_level(columns: _Strip, quantile: float, widths: Widths) -> FloatArray:

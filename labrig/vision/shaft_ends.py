@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.shaft_edges import Edges, measure_gel_level, measure_gel_onset, smooth_rows
+from labrig.vision.rounding import round_down
+from labrig.vision.shaft_edges import (
+    Edges,
+    measure_gel_level,
+    measure_side_levels,
+    smooth_rows,
+    take_sides,
+)
 from labrig.vision.shaft_trace import WIDE_SHEATH, Widths
 
 FloatArray = NDArray[np.float64]
@@ -19,13 +26,22 @@ _WIDE_MARGIN = 1.3
 LARGEST_HOLE_MM = 3.0
 # Sheath and needle must each be visible over this length to be distinguished.
 _LEAST_PIECE_MM = 1.0
+# Rows whose relative width differs more than this from the median are not shaft but bevel, or a bubble at an edge.
+WIDTH_TOLERANCE = 0.25
+# At least this share of a sheath's rows have its width. In drawn pictures it is 0.99 and more of a sheath alone, and
+# 0.80 to 0.84 where two shafts lie over one another.
+_EVEN_SHEATH = 0.9
 # The tip is where the darkness falls to this share of that of the shaft's last stretch. The share is low because a
-# bevel fades before it ends. Smoothing and reach across are in needle diameters.
+# bevel fades before it ends. Beside something brighter than the gel by the first share, what is not darker than the
+# other side by the second share is gel. Smoothing and reach across are in needle diameters.
 _TIP_LEVEL = 0.3
+_WALL, _GEL = 0.3, 0.15
 _TIP_REFERENCE_MM = 5.0
 _TIP_GAP_MM = 1.0
 _TIP_SIGMA = 0.1
 _TIP_REACH = 0.6
+# The tip fades from where the darkness has this share.
+_FADE_LEVEL = 0.5
 # Brightness steps between two levels over the first length each, the second apart, up to the third from the tip.
 _LEVEL_MM, _STEP_MM, _NEAR_TIP_MM = 1.0, 0.5, 2.5
 
@@ -67,7 +83,7 @@ def find_sheath_end(
     ------
     MeasurementRefusedError
         If a sheath is stated and the width does not drop: no needle is out, or the picture shows no sheath. If the
-        sheath's tip is hidden.
+        sheath's tip is hidden, or what is as wide as a sheath is not so evenly.
     """
     if diameters.sheath_mm is None:
         return 0.0
@@ -78,7 +94,14 @@ def find_sheath_end(
     ratio = np.sqrt(diameters.sheath_mm / diameters.needle_mm)
     if step is None or np.median(width[:step]) < ratio * np.median(width[step:]):
         raise _no_step_error(float(np.median(width)), diameters)
-    level = 0.5 * float(np.median(width[:step]) + np.median(width[step:]))
+    usual = float(np.median(width[:step]))
+    even = float(np.mean(np.abs(width[:step] - usual) <= WIDTH_TOLERANCE * usual))
+    if even < _EVEN_SHEATH:
+        raise MeasurementRefusedError(
+            f"{round_down(100.0 * even, 1)} % of the sheath's rows are {usual:.2f} mm wide within "
+            f"{100.0 * WIDTH_TOLERANCE:.0f} %, and {100.0 * _EVEN_SHEATH:.0f} % is the least: something lies over it"
+        )
+    level = 0.5 * (usual + float(np.median(width[step:])))
     near = max(step - piece // 2, 1)
     after = near + int(np.argmax(width[near:] < level))
     hidden_mm = float(rows[after] - rows[after - 1]) / px_per_mm
@@ -120,21 +143,39 @@ def _no_step_error(width_mm: float, diameters: Diameters) -> MeasurementRefusedE
     )
 
 
-def find_needle_end(strip: NDArray[np.float32], edges: Edges, run: NDArray[np.intp], widths: Widths) -> float:
-    """Return the fractional row at which the darkness ends after `run`; the strip's last row if it does not end."""
+@dataclass(frozen=True)
+class NeedleEnd:
+    """Where the darkness ends (a fractional row; the strip's last if it does not), and over how many rows it fades."""
+
+    row: float
+    fade: float
+
+
+def find_needle_end(
+    strip: NDArray[np.float32], edges: Edges, run: NDArray[np.intp], widths: Widths
+) -> NeedleEnd:
+    """Return where the darkness ends after `run`."""
     middle, reach = strip.shape[1] // 2, int(np.ceil(_TIP_REACH * widths.needle_px))
     smooth = smooth_rows(strip, _TIP_SIGMA * widths.needle_px)
     darkest = smooth[:, middle - reach : middle + reach + 1].min(axis=1)
     reference = run[run > run[-1] - _TIP_REFERENCE_MM * widths.px_per_mm]
     contrast = float(np.median((edges.gel - edges.core)[reference]))
     darkness = (measure_gel_level(smooth, widths) - darkest) / contrast
-    dark = np.flatnonzero(darkness >= _TIP_LEVEL)
+    # Beside a bright wall gel looks dark, but not against the gel on its other side.
+    darker, brighter = measure_side_levels(smooth, widths)
+    at_wall = (brighter - np.median(edges.gel[run]) > _WALL * contrast) & (darker - darkest < _GEL * contrast)
+    dark = np.flatnonzero((darkness >= _TIP_LEVEL) & ~at_wall)
     dark = np.concatenate((run[-1:], dark[dark > run[-1]]))
     holes = np.flatnonzero(np.diff(dark) > _TIP_GAP_MM * widths.px_per_mm)
     last = int(dark[holes[0]] if len(holes) else dark[-1])
     if last + 1 >= len(strip):
-        return float(last)
-    return last + _interpolate(darkness[last], darkness[last + 1], _TIP_LEVEL)
+        return NeedleEnd(float(last), 0.0)
+    half = int(np.flatnonzero(darkness[: last + 1] >= _FADE_LEVEL).max(initial=0))
+    row, before = (
+        place + _interpolate(darkness[place], darkness[place + 1], level)
+        for place, level in ((last, _TIP_LEVEL), (half, _FADE_LEVEL))
+    )
+    return NeedleEnd(row, row - before)
 
 
 def measure_brightening(strip: NDArray[np.float32], tip: float, widths: Widths) -> float:
@@ -145,9 +186,8 @@ def measure_brightening(strip: NDArray[np.float32], tip: float, widths: Widths) 
     near = strip[max(0, int(tip) - reach) : int(tip) + reach + 1]
     if len(near) < 2 * length + apart:
         return 0.0
-    first, middle = measure_gel_onset(widths), strip.shape[1] // 2
     rises = []
-    for side in (near[:, : middle - first + 1], near[:, middle + first :]):
+    for side in take_sides(near, widths):
         sums = np.cumsum(np.median(side, axis=1), dtype=np.float64)
         levels = (sums[length:] - sums[:-length]) / length
         before, behind = levels[: -length - apart], levels[length + apart :]

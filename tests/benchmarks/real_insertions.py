@@ -34,6 +34,7 @@ MARKED_LINES_MM = 10.0
 # The needle's path, in shares of the picture's width and height.
 PATH = ((0.2, 0.15), (0.5, 0.9))
 STEP_MM = 8.0
+NORMAL_95 = 1.96
 WITHIN_MM = 1.0
 # A tip this far off is not the needle's.
 ASTRAY_MM = 5.0
@@ -67,6 +68,7 @@ def print_table() -> None:
         ["frames refused", len(marks) - len(found), "-"],
         ["error of the tip, mm: median, 95 %, worst", _summarize(np.array(found)), "-"],
         ["two marks of a frame apart, mm: the same", _summarize(spreads), "-"],
+        ["95 % intervals of the tip that hold the mean mark, %", _share_held(measured, errors), "-"],
         [f"steps within 1 mm of 8 mm, % of {len(steps)}", f"{100.0 * good / len(steps):.1f}", "90"],
         [f"frames with ruled lines found, of {len(marks)}", len(papers), "-"],
         ["scale on the needle's path by the ruled lines, % off 5.607", _off_percent(ours), "1"],
@@ -99,6 +101,16 @@ def _error_mm(measured: dict[str, Any], mark: MarkedTip) -> float | None:
     if not measured["found"]:
         return None
     return math.dist(measured["tip_px"], mark.mean_px) / PX_PER_MM
+
+
+def _share_held(measured: list[dict[str, Any]], errors: list[float | None]) -> str:
+    """Return how many percent of the tips are off their mark by no more than 1.96 standard deviations."""
+    held = [
+        error <= NORMAL_95 * math.hypot(*(sigma or 0.0 for sigma in tip["tip_budget_mm"].values()))
+        for tip, error in zip(measured, errors, strict=True)
+        if error is not None
+    ]
+    return f"{100.0 * float(np.mean(held)):.1f}"
 
 
 def _summarize(values: NDArray[np.float64]) -> str:

@@ -112,6 +112,22 @@ def test_robust_fit_bears_outliers(share):
     assert abs(fit_circle(points, method="geometric").radius - 28.0) > 0.3
 
 
+def test_influences_tell_the_scatter_of_the_radius():
+    """Over 60 arcs with outliers the influences state the standard deviation of the radius within a quarter."""
+    radii, stated = [], []
+    for seed in range(60):
+        points = arc(200, noise=0.025, seed=seed)
+        points[20:40] += 0.5
+        circle = fit_circle(points)
+        offsets = points - circle.centre
+        directions = offsets / np.hypot(*offsets.T)[:, None]
+        weights = np.linalg.pinv(np.column_stack((directions, np.ones(200))))[2]
+        assert not circle.influences[20:40].any()
+        radii.append(circle.radius)
+        stated.append(np.linalg.norm(weights * circle.influences))
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(radii), rel=0.25)
+
+
 def test_robust_fit_bears_points_of_the_straight_sheath():
     """A twentieth of the points on a tangent before the arc moves the radius by 0.15 percent at most."""
     points = arc(475, noise=0.025)

@@ -78,6 +78,14 @@ class SideLitNeedle:
         aside = np.array([-np.sin(self.heading_rad), np.cos(self.heading_rad)])
         return np.asarray((self.entry_mm + away * aside) * self.px_per_mm - 0.5)
 
+    @property
+    def tip_px(self) -> FloatArray:
+        """The pixel (u, v) of the end of the centre line, level with the foremost point of the bevel."""
+        turn = self.bend * self.length_mm / self.radius_mm
+        ahead = self.radius_mm * np.sin(abs(turn)) + 1j * self.bend * self.radius_mm * (1.0 - np.cos(turn))
+        local = ahead * np.exp(1j * self.heading_rad)
+        return np.asarray((self.entry_mm + np.array([local.real, local.imag])) * self.px_per_mm - 0.5)
+
     def _draw_shaft(self, image: FloatArray) -> None:
         """Draw needle, sheath and shadow where they are near, each pixel from the mean of its samples."""
         v, u = np.mgrid[: image.shape[0], : image.shape[1]]

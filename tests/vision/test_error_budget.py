@@ -59,15 +59,29 @@ def test_sources_add_up_to_the_error_bar():
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_lamp_beside_the_needle_shows_in_the_tip(side):
-    """A lamp shifts the centre line by more than what is stated in even light, and about what is stated in its own."""
+def test_a_lamp_beside_the_needle_shows_in_radius_and_tip(side):
+    """A lamp shifts the centre line by more than what is stated in even light, and about what is stated in its own.
+
+    In even light the radius is as uncertain as the scatter of the edges makes it.
+    """
     even = measure(replace(NEEDLE, noise=1.0))
     lit = measure(replace(NEEDLE, noise=1.0, lamp=40.0, lamp_rad=np.pi / 4 + side * np.pi / 2))
     first, end = lit.window
     away = np.hypot(*(lit.centre_line_px[first:end] - NEEDLE.centre_px).T) / NEEDLE.px_per_mm
     shift_mm = abs(float(away.mean()) - NEEDLE.radius_mm)
+    assert even.radius_budget_mm.lighting < 0.5 * even.radius_budget_mm.fit
+    assert lit.radius_budget_mm.lighting > 2.0 * lit.radius_budget_mm.fit
     assert even.tip_budget_mm.lighting < 0.5 * shift_mm
     assert lit.tip_budget_mm.lighting > 0.5 * shift_mm
+
+
+def test_tip_that_fades_out_is_less_certain():
+    """A blurred tip has a larger error bar than a sharp one, and both hold the true tip."""
+    sharp, blurred = (measure(replace(NEEDLE, blur_px=blur_px)) for blur_px in (0.6, 2.0))
+    assert blurred.tip_budget_mm.fit > 1.5 * sharp.tip_budget_mm.fit
+    for found in (sharp, blurred):
+        off_px = np.hypot(*(np.array(found.tip_px) - NEEDLE.tip_px))
+        assert off_px / NEEDLE.px_per_mm < 1.96 * found.tip_budget_mm.total
 
 
 def test_variations_of_the_map_are_listed_by_group():

@@ -42,6 +42,21 @@ def test_needle_goes_on_behind_a_bright_wall(wall_mm, opacity):
     require_ends(Scene(SceneNeedle(), above=(wall,), seed=4))
 
 
+def test_gel_beside_a_bright_wall_is_no_needle():
+    """A needle that ends before a wall along it ends there, although gel looks dark between the wall and its edge."""
+    needle = SceneNeedle((12.8, 25.6), 0.02, -0.0323, 18.3, sheath_ratio=1.5, glint=0.2)
+    wall = SceneBar((40.0, 17.9), -0.025, 3.4, 240.0, 0.85)
+    require_ends(Scene(needle, px_per_mm=12.9, width_px=1119, height_px=630, below=(wall,), seed=4))
+
+
+def test_two_shafts_on_top_of_each_other_are_no_sheath():
+    """Where two needles run into one another, the wide place is refused, and no sheath's tip is seen there."""
+    needle = SceneNeedle((13.5, 25.9), 0.013, -0.0277, 36.3, sheath_ratio=1.73, level=70.0, glint=0.4)
+    other = SceneNeedle((10.56, 27.07), -0.223, 0.0, 46.6, level=53.0, glint=0.74)
+    with pytest.raises(MeasurementRefusedError, match="something lies over it"):
+        locate(Scene(needle, px_per_mm=11.4, width_px=991, height_px=558, others=(other,), seed=4))
+
+
 def test_tip_at_a_bright_wall_is_refused():
     """A needle that goes behind a wall and does not come out has no tip there."""
     wall = SceneBar((60.0, 24.0), 1.5, 50.0, 240.0)

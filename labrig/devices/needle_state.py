@@ -17,7 +17,7 @@ from labrig.devices.worker import Do, do_at_once
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
 from labrig.input_file import open_file, parse_json, read_file
-from labrig.steering.torsion import TorsionalLag
+from labrig.steering.torsion import LagError, TorsionalLag
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
@@ -36,17 +36,21 @@ class Torsion:
         Standard deviation of the lag: the largest between the sheath and the deepest measurement.
     run : str
         The run that measured it.
+    error : LagError or None
+        How that depends on the depth; None: not at all.
     """
 
     lag_rad: float
     lag_rad_per_mm: float
     sd_rad: float
     run: str
+    error: LagError | None = None
 
     @property
     def lag(self) -> TorsionalLag:
         """The lag at each depth."""
-        return TorsionalLag(self.lag_rad, self.lag_rad_per_mm)
+        error = LagError(0.0, self.sd_rad, 0.0) if self.error is None else self.error
+        return TorsionalLag(self.lag_rad, self.lag_rad_per_mm, error)
 
 
 @dataclass(frozen=True)
@@ -294,7 +298,19 @@ def _parse_torsion(document: object) -> Torsion | None:
     lag_rad, per_mm, sd_rad = (float(document[key]) for key in ("lag_rad", "lag_rad_per_mm", "sd_rad"))
     if not (math.isfinite(lag_rad) and math.isfinite(per_mm) and sd_rad >= 0):
         raise ValueError("torsion holds no numbers")
-    return Torsion(lag_rad, per_mm, sd_rad, str(document["run"]))
+    error = document.get("error")
+    return Torsion(
+        lag_rad, per_mm, sd_rad, str(document["run"]), None if error is None else _parse_lag_error(error)
+    )
+
+
+def _parse_lag_error(document: object) -> LagError:
+    if not isinstance(document, dict):
+        raise TypeError("error of the torsion is no mapping")
+    error = LagError(*(float(document[key]) for key in ("best_mm", "best_sd_rad", "per_mm_sd_rad")))
+    if not (math.isfinite(error.best_mm) and error.best_sd_rad >= 0 and error.per_mm_sd_rad >= 0):
+        raise ValueError("error of the torsion holds no numbers")
+    return error
 
 
 def _save(path: Path, state: RigState) -> None:

@@ -6,9 +6,9 @@ bevel is at d - t h, and bends the needle out of the plane by sin(d - t h) / r. 
 same sign in every arc; half turns the same way alternate it.
 
 Two measures work together. The base is driven past its angle by the measured lag and then back: the bevel is where it
-should be, and no torque is left that would turn it later. What remains is the error of the measured lag. Its effect on
-the end of the path, dx/dh, depends on the directions of all turns. The directions are chosen that make it least within
-the limits of the axis.
+should be, and no torque is left that would turn it later. What remains is the error of the measured lag, or all of a
+lag that was not measured. Its effect on the end of the path depends on the directions of all turns. The directions are
+chosen that make it least within the limits of the axis.
 
 Reed, Okamura and Cowan (Modeling and control of needles with torsional friction, IEEE Trans. Biomed. Eng. 56, 2009)
 saw lags of more than 45 degrees in needles 100 mm deep.
@@ -24,16 +24,41 @@ from labrig.steering.out_of_plane import RolledStretch
 
 # Directions of so many turns are chosen together; those behind them act on a short rest of the path.
 _FORESEEN_TURNS = 8
-# Paths whose dx/dh differ by less are equally good: 0.02 mm for each degree.
-_SAME_MM_PER_RAD = 1.0
+# Ways that leave this much less are as good.
+_SAME_MM = 0.02
+
+
+@dataclass(frozen=True)
+class LagError:
+    """What is uncertain of a lag that is a line over the depth.
+
+    Parameters
+    ----------
+    best_mm : float
+        Depth at which the lag is known best.
+    best_sd_rad, per_mm_sd_rad : float
+        Its standard deviation there, and that of its growth, which are independent.
+    """
+
+    best_mm: float
+    best_sd_rad: float
+    per_mm_sd_rad: float
+
+
+_GROWING = LagError(0.0, 0.0, math.radians(0.1))
+"""Of a lag that was not measured: friction along the needle makes it grow with the depth. 10 degrees at 100 mm."""
 
 
 @dataclass(frozen=True)
 class TorsionalLag:
-    """The lag of the bevel behind the base on either side: h = lag_rad + lag_rad_per_mm * length in the gel."""
+    """The lag of the bevel behind the base on either side: h = lag_rad + lag_rad_per_mm * length in the gel.
+
+    Without arguments, a lag that was not measured.
+    """
 
     lag_rad: float = 0.0
     lag_rad_per_mm: float = 0.0
+    error: LagError = _GROWING
 
     def at(self, length_mm: float) -> float:
         """Return the lag with this length of needle in the gel [rad]; 0 where the line is below."""
@@ -88,19 +113,43 @@ class BaseTurn:
         return self.to_rad + self.overshoot_rad
 
 
-def find_lag_sensitivity_mm(stretches: Sequence[RolledStretch], radius_mm: float) -> float:
-    """Return dx/dh [mm/rad], by which a lag displaces the end of a path out of the plane.
+@dataclass(frozen=True)
+class LagSensitivity:
+    """By how much a lag displaces the end of a path out of the plane, to first order.
 
-    A bend at the arc length s displaces the end at L by L - s times its angle, to first order. Stretches before
-    which no turn is known (`turned` 0) do not count.
+    Attributes
+    ----------
+    constant_mm : float
+        dx/dh, for a lag h that is the same at every turn [mm/rad].
+    growing_mm2 : float
+        For a lag that grows with the depth [mm for each rad/mm].
+    """
+
+    constant_mm: float
+    growing_mm2: float
+
+    def find_sd_mm(self, error: LagError) -> float:
+        """Return the standard deviation of the end's place out of the plane."""
+        slope_mm2 = self.growing_mm2 - error.best_mm * self.constant_mm
+        return math.hypot(error.best_sd_rad * self.constant_mm, error.per_mm_sd_rad * slope_mm2)
+
+
+def find_lag_sensitivity(stretches: Sequence[RolledStretch], radius_mm: float) -> LagSensitivity:
+    """Return by how much a lag displaces the end of a path.
+
+    A bend at the arc length s displaces the end at L by L - s times its angle. Stretches before which no turn is known
+    (`turned` 0) do not count.
     """
     left_mm = sum(stretch.length_mm for stretch in stretches)
-    sensitivity = 0.0
+    at_mm = constant_mm = growing_mm2 = 0.0
     for stretch in stretches:
         lever_mm = left_mm - 0.5 * stretch.length_mm
-        sensitivity -= stretch.turned * math.cos(stretch.roll_rad) * stretch.length_mm * lever_mm / radius_mm
+        bend = stretch.turned * math.cos(stretch.roll_rad) * stretch.length_mm / radius_mm
+        constant_mm -= bend * lever_mm
+        growing_mm2 -= bend * lever_mm * at_mm
         left_mm -= stretch.length_mm
-    return sensitivity
+        at_mm += stretch.length_mm
+    return LagSensitivity(constant_mm, growing_mm2)
 
 
 def choose_turn(
@@ -112,7 +161,7 @@ def choose_turn(
     *,
     radius_mm: float,
 ) -> BaseTurn:
-    """Return how to make the first of these turns, so that |dx/dh| at the end of the path becomes least.
+    """Return how to make the first of these turns, so that errors of the lag displace the end of the path least.
 
     Of ways that are as good, the least wound up is taken. If the limits of the axis leave no way for all turns, as many
     of them as possible are looked at; an overshoot beyond a limit ends there.
@@ -142,7 +191,7 @@ def choose_turn(
     for count in range(len(foreseen), 0, -1):
         ways = list(_list_ways(depth_mm, base_rad, foreseen[:count], lag, limits))
         if ways:
-            return min(ways, key=lambda way: _rate_way(way, path, foreseen, radius_mm))[0]
+            return min(ways, key=lambda way: _rate_way(way, path, foreseen, lag.error, radius_mm))[0]
     return _turn_where_room_is(base_rad, turns[0], lag.at(depth_mm), limits)
 
 
@@ -178,17 +227,21 @@ def _turn_by(roll_rad: float, direction: int) -> float:
 
 
 def _rate_way(
-    way: Sequence[BaseTurn], path: Sequence[RolledStretch], turns: Sequence[TurnAhead], radius_mm: float
+    way: Sequence[BaseTurn],
+    path: Sequence[RolledStretch],
+    turns: Sequence[TurnAhead],
+    error: LagError,
+    radius_mm: float,
 ) -> tuple[int, float]:
-    """Return |dx/dh| at the end of the path in steps that do not matter, and how far the base is wound up."""
+    """Return what the lag leaves at the end of the path, in steps that do not matter, and how far it is wound up."""
     ahead = [
         RolledStretch(turn.length_mm, made.to_rad, made.direction)
         for made, turn in zip(way, turns, strict=False)
     ]
     unforeseen_mm = sum(turn.length_mm for turn in turns[len(way) :])
     rest = [RolledStretch(unforeseen_mm, 0.0, 0)] if unforeseen_mm else []
-    sensitivity = find_lag_sensitivity_mm((*path, *ahead, *rest), radius_mm)
-    return round(abs(sensitivity) / _SAME_MM_PER_RAD), max(abs(made.farthest_rad) for made in way)
+    sd_mm = find_lag_sensitivity((*path, *ahead, *rest), radius_mm).find_sd_mm(error)
+    return round(sd_mm / _SAME_MM), max(abs(made.farthest_rad) for made in way)
 
 
 def _turn_where_room_is(base_rad: float, turn: TurnAhead, lag_rad: float, limits: BaseLimits) -> BaseTurn:

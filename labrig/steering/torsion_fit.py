@@ -68,6 +68,8 @@ class TorsionFit:
         Their standard deviations, widened so that 1.96 of them make an interval of 95 % by Student's t.
     sd_rad : float
         The largest standard deviation of the lag between the sheath and the deepest turn.
+    best_mm, best_sd_rad : float
+        Depth at which the lag is known best, and its standard deviation there.
     radius_mm : float
         Of the needle's arcs.
     residual_rms_mm : float
@@ -78,6 +80,8 @@ class TorsionFit:
     lag_sd_rad: float
     lag_per_mm_sd_rad: float
     sd_rad: float
+    best_mm: float
+    best_sd_rad: float
     radius_mm: float
     residual_rms_mm: float
 
@@ -131,12 +135,15 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
     widened = float(t.ppf(0.975, freedom) / norm.ppf(0.975))
     scatter_mm2 = float(residuals @ residuals) / freedom * widened**2
     covariance = scatter_mm2 * np.linalg.inv(slopes.T @ slopes)[:2, :2]
+    best_mm = -covariance[0, 1] / covariance[1, 1]
     return TorsionFit(
         lag_rad=lag_rad,
         lag_rad_per_mm=per_mm,
         lag_sd_rad=math.sqrt(covariance[0, 0]),
         lag_per_mm_sd_rad=math.sqrt(covariance[1, 1]),
         sd_rad=max(_find_sd_rad(covariance, at_mm) for at_mm in (0.0, depths_mm[-1])),
+        best_mm=float(best_mm),
+        best_sd_rad=_find_sd_rad(covariance, best_mm),
         radius_mm=radius,
         residual_rms_mm=math.sqrt(float(np.mean(residuals**2))),
     )

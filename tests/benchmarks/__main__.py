@@ -39,6 +39,7 @@ from tests.benchmarks import (
     surface,
     sweep,
     tip,
+    torsion,
     warp,
 )
 
@@ -60,6 +61,7 @@ TABLES = {
     "estimator": estimator.print_table,
     "reference-world": reference_world.print_table,
     "closed-loop": closed_loop.print_table,
+    "torsion": torsion.print_table,
     "can-load": can_load.print_table,
     "load": load.print_table,
     "tip": tip.print_table,

@@ -27,13 +27,13 @@ from labrig.steering.torsion import (
     BaseLimits,
     BaseTurn,
     TorsionalLag,
-    TurnAhead,
     choose_turn,
     turn_back_and_forth,
 )
 from tests.benchmarks.worlds import ASSUMED, DrawnWorld
 
 Policy = Literal["default", "paper"]
+Turning = Literal["compensated", "same_way", "back_and_forth"]
 
 COMPUTED_MM = 0.03  # the needle advances at 1 mm/s, and a picture takes 30 ms to be computed
 # 0.3 degrees of wandering heading, and what the wandering curvature adds to it.
@@ -67,7 +67,7 @@ class _Bevel:
     """The base of the needle as the rotation axis turns it [rad from the roll zero], and its turns."""
 
     lag: TorsionalLag
-    back_and_forth: bool
+    turning: Turning
     base_rad: float = 0.0
     turns: list[BevelTurn] = field(default_factory=list)
 
@@ -87,16 +87,12 @@ class _Bevel:
         return turn
 
     def _choose(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
-        if self.back_and_forth:
+        if self.turning == "back_and_forth":
             return turn_back_and_forth(self.base_rad, roll_rad)
-        at_mm = [state.insertion_mm, *(turn.at_mm for turn in state.ahead), state.end_mm]
-        rolls_rad = (roll_rad, *(turn.roll_rad for turn in state.ahead))
-        ahead = [
-            TurnAhead(roll, max(0.0, to_mm - from_mm))
-            for roll, (from_mm, to_mm) in zip(rolls_rad, pairwise(at_mm), strict=True)
-        ]
-        rolled = self._list_rolled(state.insertion_mm)
-        return choose_turn(rolled, self.base_rad, ahead, self.lag, AXIS, radius_mm=radius_mm)
+        if self.turning == "same_way":
+            return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
+        rolled, turns = self._list_rolled(state.insertion_mm), state.list_turns(roll_rad)
+        return choose_turn(rolled, self.base_rad, turns, self.lag, AXIS, radius_mm=radius_mm)
 
     def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
         """Return the stretches between turns, the present one included."""
@@ -127,10 +123,10 @@ def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
     return SteeringSettings(problem, estimator, chosen)
 
 
-def insert(drawn: DrawnWorld, policy: Policy) -> InsertionEnd:
-    """Carry out an insertion."""
+def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) -> InsertionEnd:
+    """Carry out an insertion; unless told, the paper's policy turns back and forth, and the default compensates."""
     world, settings = drawn.world, make_settings(drawn.problem, policy)
-    bevel = _Bevel(drawn.measured_lag, back_and_forth=policy == "paper")
+    bevel = _Bevel(drawn.measured_lag, turning or ("back_and_forth" if policy == "paper" else "compensated"))
     _move(drawn, 0.0, bevel.base_rad)
     state, command = start_steering(settings)
     at_mm = 0.0

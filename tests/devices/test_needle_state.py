@@ -7,6 +7,7 @@ import pytest
 
 from labrig.devices.needle_state import NeedleState, RollZero, Torsion, parse_roll_zero
 from labrig.errors import DiskError
+from labrig.steering.torsion import LagError
 
 
 def test_a_state_survives_the_process(tmp_path: Path) -> None:
@@ -92,7 +93,7 @@ def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None
 def test_the_torsion_is_remembered_with_the_roll_zero_of_its_needle(tmp_path: Path) -> None:
     """It reads back unchanged, is given for its own needle alone, and a roll zero without one has none."""
     store = NeedleState(tmp_path / "rig.state.json")
-    torsion = Torsion(0.01, 0.002, 0.02, "20261121-roll-zero")
+    torsion = Torsion(0.01, 0.002, 0.02, "20261121-roll-zero", LagError(50.0, 0.01, 0.0003))
     zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero", torsion)
     store.update(needle_in_tissue=False, referenced=("rotation",), roll_zero=zero)
     again = NeedleState(tmp_path / "rig.state.json")

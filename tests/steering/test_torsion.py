@@ -12,18 +12,20 @@ from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.torsion import (
     BaseLimits,
     BaseTurn,
+    LagError,
     TorsionalLag,
     TurnAhead,
     centre_bevel,
     choose_turn,
-    find_lag_sensitivity_mm,
+    find_lag_sensitivity,
 )
 
 RADIUS_MM = 28.0
 WIDE = BaseLimits(-13.0, 13.0)
 
 lengths_mm = st.lists(st.floats(2.0, 40.0), min_size=2, max_size=6)
-lags = st.builds(TorsionalLag, st.floats(0.0, 0.2), st.floats(0.0, 0.004))
+errors = st.builds(LagError, st.floats(0.0, 60.0), st.floats(0.0, 0.05), st.floats(0.0, 0.001))
+lags = st.builds(TorsionalLag, st.floats(0.0, 0.2), st.floats(0.0, 0.004), errors)
 
 
 def turn_with(bevel_rad: float, turn: BaseTurn, lag_rad: float) -> float:
@@ -56,14 +58,14 @@ def displacement_mm(arcs_mm: Sequence[float], bevels_rad: Sequence[float]) -> fl
     return x_mm
 
 
-def sensitivity_of(arcs_mm: Sequence[float], directions: Sequence[int]) -> float:
-    """Return |dx/dh| for half turns in these directions."""
+def left_by(arcs_mm: Sequence[float], directions: Sequence[int], error: LagError) -> float:
+    """Return the standard deviation that an error of the lag leaves after half turns in these directions [mm]."""
     rolls_rad = [math.pi * sum(directions[:number]) for number in range(len(arcs_mm))]
     stretches = [
         RolledStretch(arc_mm, roll_rad, turned)
         for arc_mm, roll_rad, turned in zip(arcs_mm, rolls_rad, (0, *directions), strict=True)
     ]
-    return abs(find_lag_sensitivity_mm(stretches, RADIUS_MM))
+    return find_lag_sensitivity(stretches, RADIUS_MM).find_sd_mm(error)
 
 
 @given(lengths_mm, lags)
@@ -73,24 +75,27 @@ def test_with_the_true_lag_the_bevel_ends_where_it_should_be(arcs_mm: list[float
     assert bevels_rad[1:] == pytest.approx([turn.to_rad for turn in turns], abs=1e-12)
 
 
-@given(lengths_mm, st.floats(-0.02, 0.02))
+@given(lengths_mm, st.floats(-0.02, 0.02), st.floats(-2e-4, 2e-4))
 def test_the_sensitivity_foretells_what_an_error_of_the_lag_does(
-    arcs_mm: list[float], error_rad: float
+    arcs_mm: list[float], error_rad: float, per_mm_rad: float
 ) -> None:
-    """For a small error of the lag, x at the end is dx/dh times the error."""
-    known, true = TorsionalLag(0.2), TorsionalLag(0.2 + error_rad)
+    """For small errors of the lag and of its growth, x at the end is the sum of both sensitivities times the errors."""
+    known, true = TorsionalLag(0.2), TorsionalLag(0.2 + error_rad, per_mm_rad)
     _, path, bevels_rad = steer(arcs_mm, known, true)
-    expected_mm = find_lag_sensitivity_mm(path, RADIUS_MM) * error_rad
-    assert displacement_mm(arcs_mm, bevels_rad) == pytest.approx(expected_mm, abs=0.03)
+    by = find_lag_sensitivity(path, RADIUS_MM)
+    expected_mm = by.constant_mm * error_rad + by.growing_mm2 * per_mm_rad
+    assert displacement_mm(arcs_mm, bevels_rad) == pytest.approx(expected_mm, abs=0.1)
 
 
 @given(lengths_mm, lags)
 def test_no_other_directions_leave_less(arcs_mm: list[float], lag: TorsionalLag) -> None:
-    """|dx/dh| is no larger than back and forth or all the same way, but for 1 mm/rad that each choice may round off."""
-    turns, path, _ = steer(arcs_mm, lag, lag)
-    alternating = [1 if number % 2 == 0 else -1 for number in range(len(turns))]
-    least = min(sensitivity_of(arcs_mm, alternating), sensitivity_of(arcs_mm, [1] * len(turns)))
-    assert abs(find_lag_sensitivity_mm(path, RADIUS_MM)) <= least + len(turns)
+    """The error of the lag displaces the end no more than turns back and forth, or all the same way, would let it."""
+    _, path, _ = steer(arcs_mm, lag, lag)
+    turns = len(arcs_mm) - 1
+    others = ([1 if number % 2 == 0 else -1 for number in range(turns)], [1] * turns)
+    least_mm = min(left_by(arcs_mm, directions, lag.error) for directions in others)
+    rounded_mm = 0.02 * turns
+    assert find_lag_sensitivity(path, RADIUS_MM).find_sd_mm(lag.error) <= least_mm + rounded_mm
 
 
 @given(lengths_mm, lags, st.floats(4.0, 13.0))

@@ -64,5 +64,7 @@ class TorsionFound(Event):
     lag_sd_rad: float
     lag_per_mm_sd_rad: float
     sd_rad: float
+    best_mm: float
+    best_sd_rad: float
     radius_mm: float
     residual_rms_mm: float

@@ -20,7 +20,7 @@ from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import withdraw
 from labrig.steering.out_of_plane import RolledStretch
-from labrig.steering.torsion import BaseLimits, TorsionalLag, TurnAhead, choose_turn
+from labrig.steering.torsion import BaseLimits, LagError, TorsionalLag, TurnAhead, choose_turn
 from labrig.steering.torsion_fit import TorsionBend, fit_torsion
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
@@ -86,7 +86,13 @@ def measure_torsion(order: TorsionOrder, zero_rad: float, plane: PlaneMap, sessi
             f"{order.steps.max_sd_deg:g} is the most that is kept",
             "measure at more depths or go on further, and look at the pictures",
         )
-    return Torsion(fit.lag_rad, fit.lag_rad_per_mm, fit.sd_rad, session.recorder.run_name)
+    return Torsion(
+        fit.lag_rad,
+        fit.lag_rad_per_mm,
+        fit.sd_rad,
+        session.recorder.run_name,
+        LagError(fit.best_mm, fit.best_sd_rad, fit.lag_per_mm_sd_rad),
+    )
 
 
 def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:

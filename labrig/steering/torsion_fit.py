@@ -104,14 +104,7 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
     MeasurementRefusedError
         If the needle bends otherwise than expected.
     """
-    depths_mm = sorted({bend.depth_mm for bend in bends})
-    if len(depths_mm) < _LEAST_DEPTHS or {(bend.depth_mm, bend.direction) for bend in bends} != {
-        (depth_mm, direction) for depth_mm in depths_mm for direction in (-1, 1)
-    }:
-        raise InputError(
-            f"the torsion was measured at {len(depths_mm)} depths, two are the least, each from both sides",
-            "measure again at each depth",
-        )
+    depths_mm = _list_depths_mm(bends)
     solved = least_squares(
         _find_residuals,
         _guess(bends, depths_mm, radius_mm),
@@ -119,17 +112,7 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
         method="lm",
     )
     lag_rad, per_mm, radius = (float(value) for value in solved.x[:3])
-    deepest_rad = lag_rad + per_mm * depths_mm[-1]
-    if (
-        not 1.0 / _RADIUS_FACTOR < radius / radius_mm < _RADIUS_FACTOR
-        or max(abs(lag_rad), abs(deepest_rad)) > _LARGEST_LAG_RAD
-    ):
-        raise MeasurementRefusedError(
-            f"the bends for the torsion fit a radius of {radius:.1f} mm and a lag of {math.degrees(deepest_rad):.0f} "
-            f"degrees at {depths_mm[-1]:g} mm; {radius_mm:g} mm within a factor of {_RADIUS_FACTOR:g} and "
-            f"{math.degrees(_LARGEST_LAG_RAD):.0f} degrees at most are expected",
-            "look at the pictures, at needle and gel",
-        )
+    _refuse_unexpected(radius, radius_mm, lag_rad, lag_rad + per_mm * depths_mm[-1])
     residuals, slopes = np.asarray(solved.fun), np.asarray(solved.jac)
     freedom = len(residuals) - slopes.shape[1]
     widened = float(t.ppf(0.975, freedom) / norm.ppf(0.975))
@@ -146,6 +129,35 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
         best_sd_rad=_find_sd_rad(covariance, best_mm),
         radius_mm=radius,
         residual_rms_mm=math.sqrt(float(np.mean(residuals**2))),
+    )
+
+
+def _list_depths_mm(bends: Sequence[TorsionBend]) -> list[float]:
+    """Return the depths, from the least; refuse bends at fewer than two, or not from both sides."""
+    depths_mm = sorted({bend.depth_mm for bend in bends})
+    if len(depths_mm) < _LEAST_DEPTHS or {(bend.depth_mm, bend.direction) for bend in bends} != {
+        (depth_mm, direction) for depth_mm in depths_mm for direction in (-1, 1)
+    }:
+        raise InputError(
+            f"the torsion was measured at {len(depths_mm)} depths, two are the least, each from both sides",
+            "measure again at each depth",
+        )
+    return depths_mm
+
+
+def _refuse_unexpected(radius_mm: float, expected_mm: float, lag_rad: float, deepest_rad: float) -> None:
+    """Refuse a radius or a lag that no needle of this design has."""
+    largest_deg = math.degrees(_LARGEST_LAG_RAD)
+    if (
+        1.0 / _RADIUS_FACTOR < radius_mm / expected_mm < _RADIUS_FACTOR
+        and max(abs(lag_rad), abs(deepest_rad)) <= _LARGEST_LAG_RAD
+    ):
+        return
+    raise MeasurementRefusedError(
+        f"the bends for the torsion fit a radius of {radius_mm:.1f} mm and a lag of {math.degrees(deepest_rad):.0f} "
+        f"degrees at the deepest turn; {expected_mm:g} mm within a factor of {_RADIUS_FACTOR:g} and {largest_deg:.0f} "
+        "degrees at most are expected",
+        "look at the pictures, at needle and gel",
     )
 
 

@@ -129,7 +129,7 @@ def _measure_hole(
     needle, sheath = protocol.needle, protocol.sheath
     try:
         shafts = []
-        for frame in (hole.bent_frame, hole.turn_frame, hole.end_frame):
+        for frame in (hole.turn_frame, hole.end_frame):
             picture = run.pictures[frame]
             image = picture.read()
             name = Path(picture.file).name

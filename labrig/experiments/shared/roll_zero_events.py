@@ -9,12 +9,11 @@ from labrig.record.events import Event, PictureRole
 class RollZeroRole(PictureRole):
     """Pictures of a hole: the sheath before the needle leaves it, and the inserted needle.
 
-    For the torsion: the needle before the bend at the roll zero, at the turn to 90 degrees, and at the end.
+    For the torsion: the needle at the turn to 90 degrees, and at the end.
     """
 
     SHEATH = "roll-zero-sheath"
     NEEDLE = "roll-zero"
-    TORSION_BENT = "torsion-bent"
     TORSION_TURN = "torsion-turn"
     TORSION_END = "torsion-end"
 
@@ -48,7 +47,6 @@ class TorsionHole(Event):
     hole: int
     depth_mm: float
     direction: int
-    bent_frame: int
     turn_frame: int
     end_frame: int
 

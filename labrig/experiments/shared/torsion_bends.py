@@ -1,8 +1,12 @@
 """What the pictures of a hole say about the torsion of the needle, for the live run and its reanalysis."""
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
 
 from labrig.experiments.shared.roll_zero_events import TorsionHole
+from labrig.geometry.circle import fit_circle
 from labrig.protocol.sections import TorsionSteps
 from labrig.steering.torsion_fit import BendLengths, TorsionBend
 from labrig.vision.shaft_tip import ShaftTip
@@ -11,7 +15,10 @@ ARC_MM = 20.0
 """Length of the arcs to the depth of the turn; the needle bends to one side and to the other, and stays in view."""
 
 BENT_MM = 12.0
-"""Length before the turn, of which the bend at the roll zero gives the radius; the hinges have swung over before."""
+"""Length of the arc at the roll zero whose deflection gives the radius."""
+
+# A circle is fitted to the last arc before the turn, where the hinges have swung over, and before the bevel's onset.
+_FITTED_MM = (0.5, 16.0)
 
 
 def find_lengths(steps: TorsionSteps) -> BendLengths:
@@ -25,18 +32,33 @@ def list_arcs_mm(depth_mm: float) -> list[float]:
     return [first_mm, *[ARC_MM] * round((depth_mm - first_mm) / ARC_MM)]
 
 
-def measure_bend(hole: TorsionHole, bent: ShaftTip, turn: ShaftTip, end: ShaftTip) -> TorsionBend:
-    """Return the deflections in a hole from its three pictures: before the last bend, at the turn, at the end."""
+def measure_bend(hole: TorsionHole, turn: ShaftTip, end: ShaftTip) -> TorsionBend:
+    """Return the deflections in a hole from its two pictures: at the turn, and at the end.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        When the needle at the turn shows no arc.
+    """
+    line_mm = turn.centre_line_mm
+    left_mm = turn.length_mm - np.concatenate(
+        ([0.0], np.cumsum(np.linalg.norm(np.diff(line_mm, axis=0), axis=1)))
+    )
+    circle = fit_circle(line_mm[(left_mm >= _FITTED_MM[0]) & (left_mm <= _FITTED_MM[1])])
+    out_mm = np.array(turn.tip_mm) - circle.centre
+    # The tangent at the tip, ahead: at right angles to the radius, on the side to which the needle heads.
+    side = np.sign(out_mm[0] * math.cos(turn.heading_rad) - out_mm[1] * math.sin(turn.heading_rad))
+    heading_rad = math.atan2(-side * out_mm[1], side * out_mm[0])
     return TorsionBend(
         hole.depth_mm,
         hole.direction,
         hole.depth_mm - list_arcs_mm(hole.depth_mm)[-1],
-        _deflect_mm(bent, turn),
-        _deflect_mm(turn, end),
+        float(-side * circle.radius * (1.0 - math.cos(BENT_MM / circle.radius))),
+        _deflect_mm(turn.tip_mm, heading_rad, end.tip_mm),
     )
 
 
-def _deflect_mm(start: ShaftTip, end: ShaftTip) -> float:
-    """Return how far a tip is aside of the straight line ahead of another, towards +y."""
-    y_mm, z_mm = end.tip_mm[0] - start.tip_mm[0], end.tip_mm[1] - start.tip_mm[1]
-    return y_mm * math.cos(start.heading_rad) - z_mm * math.sin(start.heading_rad)
+def _deflect_mm(start_mm: Sequence[float], heading_rad: float, end_mm: Sequence[float]) -> float:
+    """Return how far a tip is aside of the straight line ahead of an earlier one, towards +y."""
+    y_mm, z_mm = end_mm[0] - start_mm[0], end_mm[1] - start_mm[1]
+    return y_mm * math.cos(heading_rad) - z_mm * math.sin(heading_rad)

@@ -14,7 +14,7 @@ from labrig.devices.needle_state import Torsion
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
-from labrig.experiments.shared.torsion_bends import BENT_MM, find_lengths, list_arcs_mm, measure_bend
+from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, measure_bend
 from labrig.protocol.sections import Advance, Needle, RollZeroSteps, Sheath, TorsionSteps
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.session import Session, TakenPicture
@@ -51,8 +51,8 @@ class TorsionOrder:
 
     @property
     def pictures(self) -> int:
-        """The number of pictures: three of each hole."""
-        return 3 * len(self.holes)
+        """The number of pictures: two of each hole."""
+        return 2 * len(self.holes)
 
     @property
     def deepest_mm(self) -> float:
@@ -103,13 +103,12 @@ def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
     done_s = order.begun_s + order.duration_s * number / len(order.holes)
     session.progress(done_s, f"torsion, {number + 1} of {len(order.holes)}")
     session.ask(ShiftToHole(steps.specimen.name, place, place * steps.hole_spacing_mm))
-    bent, turn, end = probe.insert(depth_mm, direction)
+    turn, end = probe.insert(depth_mm, direction)
     withdraw(session, probe.path, probe.speeds)
     made = TorsionHole(
         hole=place,
         depth_mm=depth_mm,
         direction=direction,
-        bent_frame=bent.frame,
         turn_frame=turn.frame,
         end_frame=end.frame,
     )
@@ -118,7 +117,7 @@ def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
         session.compute(
             partial(measure_shaft_tip, taken.image, plane, order.needle.diameter_mm, order.sheath.diameter_mm)
         )
-        for taken in (bent, turn, end)
+        for taken in (turn, end)
     ]
     return measure_bend(made, *shafts)
 
@@ -142,8 +141,8 @@ class _Probe:
             "linear": self.order.sheath.speed_mm_s,
         }
 
-    def insert(self, depth_mm: float, direction: int) -> tuple[TakenPicture, TakenPicture, TakenPicture]:
-        """Insert to a depth, turn to 90 degrees in a direction, go on, and return the three pictures."""
+    def insert(self, depth_mm: float, direction: int) -> tuple[TakenPicture, TakenPicture]:
+        """Insert to a depth, turn to 90 degrees in a direction, go on, and return the pictures at turn and end."""
         rig, arcs_mm = self.session.rig, list_arcs_mm(depth_mm)
         self._turn(self._fit_in(0.0 if len(arcs_mm) % 2 else math.pi))
         rig.needle.mark_in_tissue(self.session.recorder.run_name)
@@ -156,15 +155,13 @@ class _Probe:
             rolled.append(RolledStretch(arc_mm, self.base_rad, turned))
             if number < len(arcs_mm) - 1:
                 self._advance(sum(arcs_mm[: number + 1]))
-        self._advance(depth_mm - BENT_MM)
-        bent = self.session.take_picture(RollZeroRole.TORSION_BENT)
         self._advance(depth_mm)
         turn = self.session.take_picture(RollZeroRole.TORSION_TURN)
         side_rad = self.base_rad + _QUARTER_RAD
         self._turn(side_rad - direction * math.pi)
         self._turn(side_rad)
         self._advance(depth_mm + self.order.steps.further_mm)
-        return bent, turn, self.session.take_picture(RollZeroRole.TORSION_END)
+        return turn, self.session.take_picture(RollZeroRole.TORSION_END)
 
     def _turn_over(self, rolled: Sequence[RolledStretch], arcs_mm: Sequence[float]) -> int:
         """Turn the bevel by half a turn so that the needle stays near the plane, and return the direction."""

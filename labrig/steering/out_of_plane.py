@@ -19,7 +19,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from labrig.errors import InputError
+from labrig.needle.kinematics import FloatArray
 
 
 @dataclass(frozen=True)
@@ -107,43 +110,69 @@ def budget_out_of_plane(
     InputError
         For a radius or a length that is not a positive number, or not 0 or more.
     """
-    if not 0.0 < radius_mm < math.inf:
-        raise InputError(f"radius_mm is {radius_mm:g}, it must be above 0")
     length_mm = sum(stretch.length_mm for stretch in stretches)
-    constant, lagging, unknown = _Sensitivity(), _Sensitivity(), _Sensitivity()
-    left_mm = length_mm
-    for stretch in stretches:
-        if not 0.0 <= stretch.length_mm < math.inf:
-            raise InputError(f"length_mm of a stretch is {stretch.length_mm:g}, it must be 0 or more")
-        lean = math.cos(stretch.roll_rad) * stretch.length_mm / radius_mm
-        part = _Sensitivity(lean * (left_mm - 0.5 * stretch.length_mm), lean)
-        constant = constant.plus(part, 1)
-        lagging = lagging.plus(part, -stretch.turned)
-        unknown = unknown.plus(part, 1 if stretch.turned == 0 else 0)
-        left_mm -= stretch.length_mm
-    roll, lag = settings.roll_zero_sd_rad, settings.lag_sd_rad
+    roll, lag, unknown = _displace(stretches, radius_mm, np.array([length_mm]))
     heading = settings.heading_sd_rad_per_root_mm
     return OutOfPlaneBudget(
-        roll_zero_mm=roll * abs(constant.x_mm),
-        torsion_mm=lag * math.hypot(lagging.x_mm, unknown.x_mm),
+        roll_zero_mm=settings.roll_zero_sd_rad * abs(float(roll.x_mm[0])),
+        torsion_mm=settings.lag_sd_rad * math.hypot(lag.x_mm[0], unknown.x_mm[0]),
         heading_mm=heading * math.sqrt(length_mm**3 / 3.0),
         start_mm=math.hypot(settings.start_sd_mm, settings.start_sd_rad * length_mm),
         lean_rad=math.hypot(
-            roll * constant.lean,
-            lag * lagging.lean,
-            lag * unknown.lean,
+            settings.roll_zero_sd_rad * roll.lean[0],
+            settings.lag_sd_rad * lag.lean[0],
+            settings.lag_sd_rad * unknown.lean[0],
             heading * math.sqrt(length_mm),
             settings.start_sd_rad,
         ),
     )
 
 
-@dataclass(frozen=True)
-class _Sensitivity:
-    """By how much a radian of roll displaces the tip [mm] and makes it lean [rad]."""
+def covary_out_of_plane(
+    stretches: Sequence[RolledStretch], radius_mm: float, settings: OutOfPlaneSettings, at_mm: FloatArray
+) -> FloatArray:
+    """Return how the places out of the plane along a needle vary together, (N, N) [mm^2], at arc lengths (N,).
 
-    x_mm: float = 0.0
-    lean: float = 0.0
+    Parameters and errors are those of `budget_out_of_plane`, whose total is the root of the last element for the whole
+    length.
+    """
+    roll, lag, unknown = _displace(stretches, radius_mm, at_mm)
+    first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
+    wandering = first**2 * (3.0 * second - first) / 6.0
+    return np.asarray(
+        settings.roll_zero_sd_rad**2 * np.outer(roll.x_mm, roll.x_mm)
+        + settings.lag_sd_rad**2 * (np.outer(lag.x_mm, lag.x_mm) + np.outer(unknown.x_mm, unknown.x_mm))
+        + settings.heading_sd_rad_per_root_mm**2 * wandering
+        + settings.start_sd_mm**2
+        + settings.start_sd_rad**2 * np.outer(at_mm, at_mm)
+    )
 
-    def plus(self, other: "_Sensitivity", sign: int) -> "_Sensitivity":
-        return _Sensitivity(self.x_mm + sign * other.x_mm, self.lean + sign * other.lean)
+
+@dataclass(frozen=True, eq=False)
+class _Displacement:
+    """By how much a radian of roll displaces points of the needle [mm] and makes them lean [rad], (N,)."""
+
+    x_mm: FloatArray
+    lean: FloatArray
+
+
+def _displace(
+    stretches: Sequence[RolledStretch], radius_mm: float, at_mm: FloatArray
+) -> tuple[_Displacement, _Displacement, _Displacement]:
+    """Return what a roll does that is the same everywhere, a lag where its direction is known, and one where not."""
+    if not 0.0 < radius_mm < math.inf:
+        raise InputError(f"radius_mm is {radius_mm:g}, it must be above 0")
+    lengths_mm = np.array([stretch.length_mm for stretch in stretches])
+    for length_mm in lengths_mm:
+        if not 0.0 <= length_mm < math.inf:
+            raise InputError(f"length_mm of a stretch is {length_mm:g}, it must be 0 or more")
+    starts_mm = np.cumsum(lengths_mm) - lengths_mm
+    within_mm = np.clip(at_mm[:, None] - starts_mm, 0.0, lengths_mm)
+    leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
+    moves_mm = leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm)
+    turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
+    roll, lag, unknown = (
+        _Displacement(moves_mm @ signs, leans @ signs)
+        for signs in (np.ones(len(turned)), -turned, (turned == 0.0).astype(np.float64))
+    )
+    return roll, lag, unknown

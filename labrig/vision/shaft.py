@@ -72,8 +72,10 @@ class Shaft:
         Arc length of these rows from the entry [mm].
     light_shift_mm : ndarray (N, 2)
         By how much uneven light may have shifted the centre line [mm], see `shaft_light`.
+    widths_mm : ndarray (N,)
+        Distance between the edges in these rows [mm].
     width_mm : float
-        Median distance between the edges.
+        Median of the widths.
     entry_px : ndarray (2,)
         The sheath's tip, or where the shaft enters the picture.
     sheathed : bool
@@ -92,6 +94,7 @@ class Shaft:
     centre_mm: FloatArray
     arc_mm: FloatArray
     light_shift_mm: FloatArray
+    widths_mm: FloatArray
     width_mm: float
     entry_px: FloatArray
     sheathed: bool
@@ -253,6 +256,7 @@ def _measure(
         centre_mm=0.5 * (left_mm + right_mm)[bar],
         arc_mm=arc_mm[bar] - entry_arc,
         light_shift_mm=shift[:, None] * (right_mm - left_mm)[bar],
+        widths_mm=width_mm[bar],
         width_mm=float(np.median(width_mm[bar])),
         entry_px=ends[0],
         sheathed=diameters.sheath_mm is not None,

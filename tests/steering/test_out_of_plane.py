@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, budget_out_of_plane
+from labrig.steering.out_of_plane import (
+    OutOfPlaneSettings,
+    RolledStretch,
+    budget_out_of_plane,
+    covary_out_of_plane,
+)
 
 RADIUS_MM = 27.7
 STEP_MM = 0.5
@@ -140,3 +145,17 @@ def test_what_is_no_standard_deviation_is_refused_by_name() -> None:
         budget_out_of_plane([], 0.0, NOTHING)
     with pytest.raises(InputError, match="length_mm of a stretch is -3"):
         budget_out_of_plane([RolledStretch(-3.0, 0.0, 0)], RADIUS_MM, NOTHING)
+
+
+def test_places_along_the_needle_vary_as_integrated_paths_do() -> None:
+    """The covariance along the needle is that of integrated paths that wander, within 6 %, and ends with the budget."""
+    settings = OutOfPlaneSettings(0.003, 0.3, 0.01, 0.02, 0.03)
+    at_mm = np.array([20.0, 60.0])
+    covariance = covary_out_of_plane(stretches(BACK_AND_FORTH), RADIUS_MM, settings, at_mm)
+    assert math.sqrt(covariance[1, 1]) == pytest.approx(
+        budget_out_of_plane(stretches(BACK_AND_FORTH), RADIUS_MM, settings).total_mm
+    )
+    turns = np.random.default_rng(8).standard_normal((DRAWS, 120)) * 0.003 * math.sqrt(STEP_MM)
+    x_mm = STEP_MM * np.cumsum(np.cumsum(turns, axis=1), axis=1)[:, [39, 119]]
+    wandering = covary_out_of_plane([], STRAIGHT_MM, OutOfPlaneSettings(0.003, 0, 0, 0, 0), at_mm)
+    assert wandering == pytest.approx(np.cov(x_mm.T), rel=0.06)

@@ -29,6 +29,7 @@ from labrig.experiments.insertion.ending import (
     TargetErrorBounds,
     TracedPath,
     bound_error,
+    find_depth,
     measure_end,
     missed_by_shaft,
 )
@@ -59,6 +60,7 @@ from labrig.experiments.insertion.settings import (
     with_observation_sd,
 )
 from labrig.record.reader import Run
+from labrig.steering.out_of_plane import budget_out_of_plane
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
@@ -262,6 +264,7 @@ def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[s
         "reached": ending.reached,
         "target_error_interval_mm": None if bounds is None else bounds.interval_mm,
         "target_error_sources_mm": None if bounds is None else bounds.sources,
+        "depth": None if bounds is None else bounds.depth,
     }
 
 
@@ -279,14 +282,16 @@ def _bound_error(
     bumped = source.sentinel is not None and not source.sentinel.accepted
     if unseen is None or stop is None or bumped or (end is None and not steps):
         return None
+    turns = tuple(event for event in events.way if isinstance(event, BevelTurn))
+    path = TracedPath(turns, start.roll_zero_rad, stop.depth_mm, stop.centred)
     if end is None:
         last = steps[-1]
         seen = SeenEnd.of_estimate(np.array(last.estimate_mm), last.position_sd_mm, plane)
     else:
-        seen = SeenEnd.of_shaft(end, plane, _find_drift(source.sentinel))
-    turns = tuple(event for event in events.way if isinstance(event, BevelTurn))
-    path = TracedPath(turns, start.roll_zero_rad, stop.depth_mm, stop.centred)
-    return bound_error(seen, path.budget(settings, unseen), start.target_mm)
+        depth = find_depth(end, plane, path, settings, unseen)
+        seen = SeenEnd.of_shaft(end, plane, _find_drift(source.sentinel), depth)
+    budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen)
+    return bound_error(seen, budget, start.target_mm)
 
 
 def _decide_ending(

@@ -16,24 +16,28 @@ from numpy.typing import NDArray
 from labrig.errors import Problem
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import TargetErrorSources
+from labrig.experiments.insertion.result import EndDepth, TargetErrorSources
 from labrig.steering.arrival import bound_target_error, decide_arrival
 from labrig.steering.out_of_plane import (
     OutOfPlaneBudget,
     OutOfPlaneSettings,
     RolledStretch,
-    budget_out_of_plane,
+    covary_out_of_plane,
 )
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.tip_search import TipView
+from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.error_budget import budget_place
-from labrig.vision.perspective import find_slope
+from labrig.vision.perspective import Perspective
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 
 FloatArray = NDArray[np.float64]
 Point = tuple[float, float, float]
+
+# Distance between the points of the needle whose depths are estimated together, and the fewest of them.
+_NODE_MM, _LEAST_NODES = 2.0, 12
 
 # For each source: what it is in a sentence, and what makes it smaller.
 _SOURCES: Mapping[str, tuple[str, str]] = {
@@ -55,6 +59,9 @@ _SOURCES: Mapping[str, tuple[str, str]] = {
     ),
     "in_plane": ("the place in the picture", "bring the camera nearer, or calibrate it better"),
 }
+
+
+_LEFT_HINT = "look at needle, sheath and picture: the needle is bent, leans, or is lit otherwise at its end"
 
 
 @dataclass(frozen=True)
@@ -83,6 +90,13 @@ class Ending:
         """Whether the target was reached; None if it was in the plane, and nothing says whether it was in space."""
         return None if self.outcome == "reached_in_plane_only" else self.outcome == "reached"
 
+    @property
+    def reason(self) -> str:
+        """The reason of a run that ends so: its stop if the needle did, otherwise what became of the target."""
+        if self.outcome == "stopped":
+            return self.stop
+        return "target_missed" if self.outcome == "missed" else self.outcome
+
 
 @dataclass(frozen=True)
 class TracedPath:
@@ -96,34 +110,35 @@ class TracedPath:
     depth_mm: float
     centred: int = 0
 
-    def budget(self, settings: SteeringSettings, unseen: OutOfPlaneSettings) -> OutOfPlaneBudget:
-        """Return how far the needle's end may be out of the plane; a turn acts half the backlash later."""
+    def split(self, settings: SteeringSettings) -> tuple[RolledStretch, ...]:
+        """Return the stretches between the turns; a turn acts half the backlash later."""
         lag_mm = settings.policy.backlash_mm / 2
         acting_mm = [min(turn.depth_mm + lag_mm, self.depth_mm) for turn in self.turns]
         lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, self.depth_mm)))
         turned = (
             (turn.to_rad - self.roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in self.turns
         )
-        stretches = [
+        return tuple(
             RolledStretch(length_mm, *roll)
             for length_mm, roll in zip(lengths_mm, ((0.0, self.centred), *turned), strict=True)
-        ]
-        return budget_out_of_plane(stretches, settings.problem.radius_mm, unseen)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class SeenEnd:
     """The needle's end as the picture shows it, (y, z), with its standard deviation along each axis [mm].
 
-    `slope` (2,) is by how much the true place moves for each millimetre that the end is out of the plane.
+    `slope` (2,) is by how much the true place moves for each millimetre that the end is out of the plane, and `depth`
+    how far it is, None if the picture does not tell.
     """
 
     place_mm: FloatArray
     sd_mm: FloatArray
     slope: FloatArray
+    depth: Depth | None = None
 
     @classmethod
-    def of_shaft(cls, end: ShaftTip, plane: PlaneMap, drift: float = 0.0) -> "SeenEnd":
+    def of_shaft(cls, end: ShaftTip, plane: PlaneMap, drift: float, depth: Depth | None) -> "SeenEnd":
         """Return the end of a measured shaft; `drift` is the relative change of scale since the calibration.
 
         The roll's part of the error budget is left out: it is what the slope stands for.
@@ -134,12 +149,12 @@ class SeenEnd:
             budget_place(plane, end.tip_px, end.errors, axis).with_drift(drift_mm) for axis in np.eye(2)
         )
         sd_mm = [replace(budget, roll=None).total for budget in budgets]
-        return cls(place_mm, np.array(sd_mm), find_slope(plane, place_mm))
+        return cls(place_mm, np.array(sd_mm), _find_slope(plane, place_mm), depth)
 
     @classmethod
     def of_estimate(cls, place_mm: FloatArray, sd_mm: float, plane: PlaneMap) -> "SeenEnd":
         """Return the end as the estimator has it, where the shaft cannot be measured."""
-        return cls(place_mm, np.full(2, sd_mm), find_slope(plane, place_mm))
+        return cls(place_mm, np.full(2, sd_mm), _find_slope(plane, place_mm))
 
 
 @dataclass(frozen=True)
@@ -153,12 +168,15 @@ class TargetErrorBounds:
     interval_mm : (float, float)
         In space, with a probability of 95 %.
     sources : TargetErrorSources
-        What the interval consists of.
+        What is known of it before the picture is asked for the depth.
+    depth : EndDepth or None
+        How far the end is out of the plane, if the picture tells.
     """
 
     in_plane_mm: float
     interval_mm: tuple[float, float]
     sources: TargetErrorSources
+    depth: EndDepth | None = None
 
     def decide(self, tolerance_mm: float) -> Ending:
         """Return how an insertion ended that was steered to its target."""
@@ -166,6 +184,9 @@ class TargetErrorBounds:
         cause = f"the needle's end is {self._describe()}, and {tolerance_mm:g} mm are allowed"
         if self.in_plane_mm > tolerance_mm:
             return missed_by_shaft(self.in_plane_mm, tolerance_mm)
+        if self.depth is not None and self.depth.contradicts:
+            outcome = "missed" if arrival == "missed" else "reached_in_plane_only"
+            return Ending(outcome, "left_the_plane", f"{_describe_depth(self.depth)}; {cause}", _LEFT_HINT)
         if arrival == "missed":
             return Ending(arrival, "target_missed", cause)
         if arrival == "reached":
@@ -188,7 +209,7 @@ class TargetErrorBounds:
             "target.tolerance_mm",
             f"{tolerance_mm:g} mm is below what one camera can certify here: a needle that ends at the target as seen "
             f"in the plane is between {low_mm:.2f} and {high_mm:.2f} mm from it in space (95 %). Standard deviations "
-            f"in mm: {parts}. The run would end as reached_in_plane_only",
+            f"in mm: {parts}. Unless the last picture shows the needle's depth, the run ends as reached_in_plane_only",
             _SOURCES[self.sources.largest][1],
         )
 
@@ -228,14 +249,27 @@ def measure_end(
     )
 
 
+def find_depth(
+    end: ShaftTip, plane: PlaneMap, path: TracedPath, settings: SteeringSettings, unseen: OutOfPlaneSettings
+) -> Depth | None:
+    """Return how far the needle's end is out of the plane, by the last picture and its path; None if it is not told."""
+    perspective = Perspective.of(plane)
+    if perspective is None:
+        return None
+    at_mm = np.linspace(0.0, path.depth_mm, max(_LEAST_NODES, round(path.depth_mm / _NODE_MM)))
+    covariance = covary_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen, at_mm)
+    return measure_depth(end, perspective, path.depth_mm, at_mm, covariance)
+
+
 def bound_error(seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point) -> TargetErrorBounds:
     """Return the distance in space from the target to a needle's end that may be so far out of the plane."""
+    x_mm, x_sd_mm = (0.0, unseen.total_mm) if seen.depth is None else (seen.depth.x_mm, seen.depth.sd_mm)
     off_mm = seen.place_mm - target_mm[1:]
     ray = np.array((1.0, *seen.slope))
-    covariance = np.diag((0.0, *np.square(seen.sd_mm))) + unseen.total_mm**2 * np.outer(ray, ray)
+    covariance = np.diag((0.0, *np.square(seen.sd_mm))) + x_sd_mm**2 * np.outer(ray, ray)
     return TargetErrorBounds(
         in_plane_mm=float(np.linalg.norm(off_mm)),
-        interval_mm=bound_target_error((-target_mm[0], *off_mm), covariance),
+        interval_mm=bound_target_error(np.array((-target_mm[0], *off_mm)) + x_mm * ray, covariance),
         sources=TargetErrorSources(
             roll_zero=unseen.roll_zero_mm,
             torsion=unseen.torsion_mm,
@@ -243,6 +277,20 @@ def bound_error(seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point) -> Ta
             start=unseen.start_mm,
             in_plane=float(np.linalg.norm(seen.sd_mm)),
         ),
+        depth=None if seen.depth is None else EndDepth(**vars(seen.depth)),
+    )
+
+
+def _find_slope(plane: PlaneMap, place_mm: FloatArray) -> FloatArray:
+    perspective = Perspective.of(plane)
+    return np.zeros(2) if perspective is None else perspective.find_slope(place_mm)
+
+
+def _describe_depth(depth: EndDepth) -> str:
+    side = "behind" if depth.x_mm > 0 else "before"
+    return (
+        f"by its width and length in the picture the needle's end is {abs(depth.x_mm):.1f} mm {side} the plane "
+        f"(standard deviation {depth.sd_mm:.1f} mm), which its path does not explain"
     )
 
 

@@ -15,6 +15,7 @@ from labrig.experiments.insertion.events import InsertionRole
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import (
+    EndDepth,
     InsertionPlan,
     InsertionResult,
     InsertionTrial,
@@ -78,12 +79,13 @@ class ShownInsertion:
 
 @dataclass(frozen=True)
 class SourcesRow:
-    """The distance of an insertion from its target in space [mm], what that consists of, and its largest source."""
+    """The distance of an insertion from its target in space [mm], what that consists of, and what the picture shows."""
 
     number: int
     interval_mm: tuple[float, float] | None
     sources: TargetErrorSources
     largest: str
+    depth: EndDepth | None
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
 def _collect_sources(content: InsertionResult) -> list[SourcesRow]:
     """Return what the intervals in space consist of, a row for each insertion that has one."""
     return [
-        SourcesRow(trial.trial + 1, trial.target_error_interval_mm, sources, sources.largest)
+        SourcesRow(trial.trial + 1, trial.target_error_interval_mm, sources, sources.largest, trial.depth)
         for trial in content.insertions
         if (sources := trial.target_error_sources_mm) is not None
     ]

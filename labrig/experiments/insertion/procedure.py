@@ -26,7 +26,14 @@ from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
 from labrig.experiments.insertion.aim import Aim, find_aim_problems, locate_obstacles, make_aim
-from labrig.experiments.insertion.ending import Ending, SeenEnd, TracedPath, bound_error, measure_end
+from labrig.experiments.insertion.ending import (
+    Ending,
+    SeenEnd,
+    TracedPath,
+    bound_error,
+    find_depth,
+    measure_end,
+)
 from labrig.experiments.insertion.events import (
     BevelTurn,
     InsertionRole,
@@ -50,7 +57,7 @@ from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import withdraw
-from labrig.steering.out_of_plane import RolledStretch
+from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.step import SteeringState, start_steering, step_steering
@@ -71,8 +78,6 @@ _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
 _SAME_RAD = 0.01
 _UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
-# Endings whose names a run has for its own; every other is a missed target.
-_NAMED = (*_UNSURE, "reached_in_plane_only")
 
 
 def run(protocol: InsertionProtocol, session: Session) -> None:
@@ -100,7 +105,7 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
         raise TargetMissedError(
             f"{made - len(missed)} of {made} insertions reached the target; {worst.stop}: {worst.cause}",
             worst.hint or "the report shows where the needle left its path",
-            reason=worst.stop if worst.stop in _NAMED else "target_missed",
+            reason=worst.reason,
         )
 
 
@@ -414,18 +419,24 @@ class _Insertion:
         if unseen is None:
             return Ending("reached", stop, command.detail)
         path = TracedPath(tuple(self.turns), self.roll_zero.zero_rad, state.insertion_mm, self.centred)
-        problem, seen = self.settings.problem, self._see_end(final.image, state)
-        bounds = bound_error(seen, path.budget(self.settings, unseen), problem.target_mm)
-        return bounds.decide(problem.tolerance_mm)
+        problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
+        seen = self._see_end(final.image, state, path, unseen)
+        budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
+        return bound_error(seen, budget, problem.target_mm).decide(problem.tolerance_mm)
 
-    def _see_end(self, image: Picture, state: SteeringState) -> SeenEnd:
+    def _see_end(
+        self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
+    ) -> SeenEnd:
         """Return the end of the shaft in the last picture, or of the estimate if that cannot be measured."""
+        plane = self.view.plane
         measure = partial(measure_end, image, self.view, self.protocol, self.roll_zero.sd_rad)
         try:
-            return SeenEnd.of_shaft(self.session.compute(measure), self.view.plane)
+            end = self.session.compute(measure)
         except MeasurementRefusedError:
             tip = state.tip
-            return SeenEnd.of_estimate(tip.position_mm[1:], tip.position_sd_mm, self.view.plane)
+            return SeenEnd.of_estimate(tip.position_mm[1:], tip.position_sd_mm, plane)
+        depth = self.session.compute(partial(find_depth, end, plane, path, self.settings, unseen))
+        return SeenEnd.of_shaft(end, plane, 0.0, depth)
 
     def record_start(self, aim: Aim, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""

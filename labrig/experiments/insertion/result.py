@@ -92,13 +92,27 @@ class TargetErrorSources(Model):
         return max(sources, key=lambda source: sources[source])
 
 
+class EndDepth(Model):
+    """How far the end of a needle is out of the plane, positive away from the camera, with standard deviations [mm].
+
+    `x_mm` is by the picture and by what was known before, `picture_x_mm` by the picture alone: by the needle's width
+    along its length, and by the length seen. `contradicts`: the two do not agree, and `x_mm` is the picture's.
+    """
+
+    x_mm: float
+    sd_mm: float
+    picture_x_mm: float
+    picture_sd_mm: float
+    contradicts: bool
+
+
 class InsertionTrial(Model):
     """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
 
     `reached`: it was steered there, and its end lies within the tolerance in space. None: it does in the plane, and one
     camera does not tell for space. `target_error_interval_mm` holds the distance in space with a probability of 95 %,
     and `target_error_sources_mm` says what that consists of; without `out_of_plane:` in the protocol both are None, and
-    the plane decides.
+    the plane decides. `depth` is what the final picture shows of it; None if it shows nothing.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
     is no tip. `target_error_budget_mm` says what `sigma_target_error_mm` consists of: lens, plane (with the drift
     between the grid pictures), surface, roll, lighting, and the reading of the end; older results do not.
@@ -126,6 +140,7 @@ class InsertionTrial(Model):
     target_error_budget_mm: ErrorBudget | None = None
     target_error_interval_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
+    depth: EndDepth | None = None
     unmeasured: str | None
     template_error_mm: float | None
     true_target_error_mm: float | None

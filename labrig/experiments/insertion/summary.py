@@ -13,6 +13,7 @@ _HEADS = (
 )  # fmt: skip
 _SOURCE_HEADS = (
     "out of plane by", "roll zero mm", "bevel's lag mm", "wandering mm", "start mm", "and in plane mm",
+    "seen behind the plane mm",
 )  # fmt: skip
 _SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane")
 _COMMAND = ("roll_rad", "observe_at_mm", "run_to_mm", "stop")
@@ -123,7 +124,11 @@ def summarise(document: Mapping[str, Any]) -> Summary:
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
     """Yield the table of what the intervals in space consist of; results without intervals have none."""
     rows = tuple(
-        (f"insertion {trial['trial'] + 1}", *(number(sources[source], 2) for source in _SOURCES))
+        (
+            f"insertion {trial['trial'] + 1}",
+            *(number(sources[source], 2) for source in _SOURCES),
+            _format_depth(trial.get("depth")),
+        )
         for trial in trials
         if (sources := trial.get("target_error_sources_mm")) is not None
     )
@@ -150,6 +155,10 @@ def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
         f"{found}: the tip was seen {how} than estimator.observation_sd_mm {stated_mm:g} says; "
         f"{advised_mm:.2g} would fit"
     )
+
+
+def _format_depth(depth: Mapping[str, Any] | None) -> str:
+    return "-" if depth is None else f"{depth['picture_x_mm']:+.1f} ± {depth['picture_sd_mm']:.1f}"
 
 
 def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:

@@ -12,7 +12,7 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.insertion.summary import summarise
 from labrig.record.reader import Run
-from labrig.steering.out_of_plane import OutOfPlaneBudget
+from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
 from tests.analysis.insertions import analyse, record_insertion
 from tests.experiments.insertion.test_procedure import events, insertion
 
@@ -91,7 +91,8 @@ def test_a_turn_counts_from_where_it_acts() -> None:
     settings = make_insertion_settings(protocol, (0.0, -6.0, 40.0), ())
     settings_unseen = make_out_of_plane(protocol, 0.01, None)
     turn = BevelTurn(trial=0, depth_mm=20.0, from_rad=0.3, to_rad=0.3 + math.pi)
-    budget = TracedPath((turn,), 0.3, 40.0).budget(settings, settings_unseen)
+    stretches = TracedPath((turn,), 0.3, 40.0).split(settings)
+    budget = budget_out_of_plane(stretches, protocol.planner.radius_mm, settings_unseen)
     first_mm, radius_mm = 20.75, protocol.planner.radius_mm
     parts = (first_mm * (40 - first_mm / 2) / radius_mm, -((40 - first_mm) ** 2) / 2 / radius_mm)
     assert budget.roll_zero_mm == pytest.approx(0.01 * abs(sum(parts)))

@@ -13,24 +13,17 @@ it, and what is printed every millimetre stands out. The profiles answer three q
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.grid_tracking import TrackedGrid
 from labrig.vision.line_density import Density
+from labrig.vision.line_profile import ACROSS, Comb, LineTable, Profile, measure_profile, sample
+from labrig.vision.lines_between import require_no_lines_between
 
 _FloatArray = NDArray[np.float64]
 
-# Where the density is sampled along a line, in steps to the next line: evenly over three cells, as lines may be dotted.
-_ALONG = (np.arange(18) + 0.5) / 6.0 - 1.0
-# Samples across: each window gives three lines, in steps of at most 0.8 px.
-_LINES_PER_WINDOW = 3
-_SAMPLE_PX = 0.8
-_LEAST_SAMPLES, _MOST_SAMPLES = 30, 160
-_MOST_WINDOWS = 500
-_LEAST_COUNT = 3
 # A position has a line, or none, if its line is at least or less than so dark, as a share of the heaviest lines.
 _LEAST_WEIGHT, _MOST_BARE = 0.05, 0.1
 # Part of a profile, in steps from its line, in which the line is measured.
@@ -43,7 +36,6 @@ _DIVISIONS = {10: 0.05, 5: 0.05, 2: 0.2}
 # Lines closer than this are not seen one by one.
 _LEAST_SEEN_PX = 3.5
 _MOST_CHANGES = 6
-_TABLE_SAMPLES = 60
 # Numbers of finer steps between two lines that are looked for where the finer lines are not resolved: at such distances
 # of the finer lines. Still finer ones leave no trace in the pixels.
 _HIDDEN = (5, 10)
@@ -123,49 +115,6 @@ class Ruling:
     width: float
 
 
-@dataclass(frozen=True)
-class _Comb:
-    """Evenly spaced lines: their step and the place of one, in steps that were followed."""
-
-    step: float
-    offset: float
-
-    def divide(self, number: int) -> "_Comb":
-        return _Comb(self.step / number, self.offset)
-
-
-@dataclass(frozen=True, eq=False)
-class _Profile:
-    """The mean density across a family of lines.
-
-    `places` (K,) are in steps that were followed, evenly spaced; `density` (K,) is NaN where no window reached;
-    `step_px` is the step in pixels.
-    """
-
-    places: _FloatArray
-    density: _FloatArray
-    step_px: float
-
-    def cut(self, comb: _Comb) -> _FloatArray:
-        """Return the profiles (L, S) around the lines of a comb, from half a step before to half a step after."""
-        step, offset = comb.step, comb.offset
-        first = int(np.ceil((self.places[0] - offset) / step + 0.5))
-        last = int(np.floor((self.places[-1] - offset) / step - 0.5))
-        lines = np.arange(first, max(last, first) + 1)
-        at = offset + step * (lines[:, None] + _across())
-        table = np.interp(at, self.places, self.density, left=np.nan, right=np.nan)
-        # A line keeps its number modulo every rhythm: the table starts at a multiple.
-        return np.asarray(np.vstack((np.full((first % _PERIOD, table.shape[1]), np.nan), table)))
-
-
-# The least common multiple of the rhythms and the merges.
-_PERIOD = int(np.lcm.reduce(np.array((*_RHYTHMS, *_MERGES))))
-
-
-def _across() -> _FloatArray:
-    return (np.arange(_TABLE_SAMPLES) + 0.5) / _TABLE_SAMPLES - 0.5
-
-
 def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
     """Return which lines of the sheet were followed.
 
@@ -174,7 +123,7 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
     MeasurementRefusedError
         If what was followed are no lines, or lines that are not evenly spaced.
     """
-    profiles = tuple(_measure_profile(density, grid, axis) for axis in (0, 1))
+    profiles = tuple(measure_profile(density, grid, axis) for axis in (0, 1))
     combs, divisions = _find_combs(profiles)
     steps, offsets = (combs[0].step, combs[1].step), (combs[0].offset, combs[1].offset)
     spacings = [step * profile.step_px for step, profile in zip(steps, profiles, strict=True)]
@@ -194,63 +143,27 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
             f"the lines are {min(spacings):.1f} px apart, and {_LEAST_SPACING_PX:g} px is the least to count them",
             "come closer with the camera",
         )
-    _require_lines(density, grid, [_Comb(*comb) for comb in zip(steps, offsets, strict=True)], rhythm)
+    _require_lines(density, grid, [Comb(*comb) for comb in zip(steps, offsets, strict=True)], rhythm)
     harmonics = [_Harmonics.of(profile, comb) for profile, comb in zip(profiles, combs, strict=True)]
     thickness = float(np.mean([family.thickness() for family in harmonics]))
     if thickness > _THICKEST:
         raise _no_lines_error()
     width = float(np.mean([family.width() for family in harmonics]))
     if rhythm is not None and rhythm.heavy > _PAIR:
+        require_no_lines_between(profiles, combs)
         return Ruling(steps, offsets, 1, rhythm, (), thickness, width)
     hidden, unresolved = _find_hidden(harmonics, width, float(np.mean(spacings)))
+    if hidden == 1:
+        require_no_lines_between(profiles, combs)
     if hidden > 1:
         # With a rhythm of two, these are lines of 5 and 10 mm: the finest lie between all of them.
         rhythm, unresolved = Rhythm(hidden, hidden * (rhythm.heaviest if rhythm else 1)), ()
     return Ruling(steps, offsets, hidden, rhythm, unresolved, thickness, width)
 
 
-def _measure_profile(density: Density, grid: TrackedGrid, axis: int) -> _Profile:
-    """Return the mean density across the lines of one family, averaged along them."""
-    chosen = slice(None, None, len(grid.pixels) // _MOST_WINDOWS + 1)
-    across, along = (np.linalg.inv(grid.waves[chosen])[:, :, family] for family in (axis, 1 - axis))
-    step_px = float(np.median(np.linalg.norm(across, axis=1)))
-    samples = int(np.clip(np.ceil(step_px / _SAMPLE_PX), _LEAST_SAMPLES, _MOST_SAMPLES))
-    here, beside = grid.coordinates[chosen, axis], grid.coordinates[chosen, 1 - axis]
-    first_sample = np.round((np.round(here) - 0.5 * (_LINES_PER_WINDOW - 1)) * samples).astype(int)
-    places = (np.arange(_LINES_PER_WINDOW * samples) + 0.5) / samples - 0.5
-    start = grid.pixels[chosen] + (first_sample / samples - here)[:, None] * across
-    px = (start[:, None] + places[:, None] * across[:, None]).astype(np.float32)
-    values = np.zeros((len(here), len(places)))
-    for at in _ALONG:
-        moved = (np.floor(beside) + at - beside)[:, None] * along
-        values += _sample(density, px + moved[:, None].astype(np.float32))
-    values /= len(_ALONG)
-    low = int(first_sample.min())
-    numbers = (first_sample - low)[:, None] + np.arange(len(places))
-    seen = np.isfinite(values)
-    total = np.bincount(numbers[seen], values[seen], int(numbers.max()) + 1)
-    count = np.bincount(numbers[seen], minlength=int(numbers.max()) + 1)
-    mean = np.where(count >= _LEAST_COUNT, total / np.maximum(count, 1), np.nan)
-    return _Profile((low + np.arange(len(mean)) + 0.5) / samples - 0.5, mean, step_px)
-
-
-def _sample(density: Density, px: _FloatArray) -> _FloatArray:
-    """Return the density at pixels (N, M, 2); NaN outside the picture."""
-    maps = np.ascontiguousarray(px, dtype=np.float32)
-    found = cv2.remap(
-        density,
-        maps[..., 0],
-        maps[..., 1],
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=np.nan,
-    )
-    return np.asarray(found, dtype=np.float64)
-
-
-def _find_combs(profiles: Sequence[_Profile]) -> tuple[tuple[_Comb, _Comb], int]:
+def _find_combs(profiles: Sequence[Profile]) -> tuple[tuple[Comb, Comb], int]:
     """Return the visible lines of both families, and how many of their steps one step of heavier lines is."""
-    combs = _Comb(1.0, 0.0), _Comb(1.0, 0.0)
+    combs = Comb(1.0, 0.0), Comb(1.0, 0.0)
     for _ in range(_MOST_CHANGES):
         merged = next((found for every in _MERGES if (found := _merge(profiles, combs, every))), None)
         if merged is None:
@@ -262,22 +175,22 @@ def _find_combs(profiles: Sequence[_Profile]) -> tuple[tuple[_Comb, _Comb], int]
     return (combs[0].divide(divided), combs[1].divide(divided)), divided
 
 
-def _merge(profiles: Sequence[_Profile], combs: Sequence[_Comb], every: int) -> tuple[_Comb, _Comb] | None:
+def _merge(profiles: Sequence[Profile], combs: Sequence[Comb], every: int) -> tuple[Comb, Comb] | None:
     """Return the wider combs if only every second, third or fifth position has a line in both families."""
     merged, shares = [], []
     for profile, comb in zip(profiles, combs, strict=True):
-        folded = _fold(profile.cut(comb), every)
+        folded = profile.cut(comb).fold(every)
         weights = _weigh(folded, folded[int(np.argmax(_rough_weights(folded)))])
         strongest = int(np.argmax(weights))
         shares.append(float(np.delete(weights, strongest).max() / weights[strongest]))
-        merged.append(_Comb(comb.step * every, comb.offset + strongest * comb.step))
+        merged.append(Comb(comb.step * every, comb.offset + strongest * comb.step))
     # In mottled paper one family alone is uncertain.
     bare = np.isfinite(shares).all() and np.mean(shares) < _MOST_BARE and max(shares) < 2.0 * _MOST_BARE
     return (merged[0], merged[1]) if bare else None
 
 
 def _have_lines_between(
-    profiles: Sequence[_Profile], combs: Sequence[_Comb], divisions: int, least: float
+    profiles: Sequence[Profile], combs: Sequence[Comb], divisions: int, least: float
 ) -> bool:
     """Return whether both families have a line at every place that divides their steps evenly, and none between."""
     weights = [
@@ -291,39 +204,25 @@ def _have_lines_between(
     return bool(np.isfinite(mean).all() and alike and np.median(between) < 0.5 * np.median(at))
 
 
-def _weigh_between(profile: _Profile, comb: _Comb, divisions: int) -> _FloatArray | None:
+def _weigh_between(profile: Profile, comb: Comb, divisions: int) -> _FloatArray | None:
     """Return the weights of lines at every division of a step, the visible line's first; None if they are too close."""
     fine = comb.divide(divisions)
     if 2.0 * fine.step * profile.step_px < _LEAST_SEEN_PX:
         return None
-    folded = _fold(profile.cut(fine), divisions)
+    folded = profile.cut(fine).fold(divisions)
     return _weigh(folded, folded[0])
-
-
-def _fold(table: _FloatArray, period: int) -> _FloatArray:
-    """Return the median profiles (period, S) of the lines that have the same number modulo the period.
-
-    A median is not moved by a line at the paper's edge or by a mark along a line.
-    """
-    folded = np.full((period, table.shape[1]), np.nan)
-    for residue in range(period):
-        lines = table[residue::period]
-        seen = lines[np.isfinite(lines).all(axis=1)]
-        if len(seen):
-            folded[residue] = np.median(seen, axis=0)
-    return folded
 
 
 def _rough_weights(table: _FloatArray) -> _FloatArray:
     """Return the height of the middle of each profile (L,) above its flanks."""
-    at = np.abs(_across())
+    at = np.abs(ACROSS)
     height = table[:, at < 0.1].mean(axis=1) - table[:, at > _FLANK].mean(axis=1)
     return np.asarray(np.where(np.isfinite(height), height, -np.inf))
 
 
 def _weigh(table: _FloatArray, shape: _FloatArray) -> _FloatArray:
     """Return how much of a line's shape (S,) is in each profile (L,), beside a level and a slope."""
-    at = _across()
+    at = ACROSS
     near = np.abs(at) < _LINE_REACH
     design = np.column_stack((shape[near], at[near], np.ones(near.sum())))
     if not np.isfinite(design).all():
@@ -335,12 +234,12 @@ def _weigh(table: _FloatArray, shape: _FloatArray) -> _FloatArray:
 class _Harmonics:
     """The spectrum of a profile at multiples of the visible lines' frequency; a line's part is real and positive."""
 
-    profile: _Profile
+    profile: Profile
     step: float
     offset: float
 
     @classmethod
-    def of(cls, profile: _Profile, comb: _Comb) -> "_Harmonics":
+    def of(cls, profile: Profile, comb: Comb) -> "_Harmonics":
         first = cls(profile, comb.step, comb.offset)
         shift = float(np.angle(first.at((1.0,))[0]) / (2.0 * np.pi))
         return cls(profile, comb.step, comb.offset + shift * comb.step)
@@ -393,9 +292,11 @@ def _find_hidden(harmonics: list[_Harmonics], width: float, spacing_px: float) -
     return found, tuple(unresolved)
 
 
-def _find_rhythm(tables: list[_FloatArray]) -> tuple[Rhythm | None, tuple[int, int]]:
+def _find_rhythm(tables: list[LineTable]) -> tuple[Rhythm | None, tuple[int, int]]:
     """Return the rhythm of heavier lines, and the number of a heaviest line of both families."""
-    weights = [_compare_with_neighbours(_weigh(table, _average_lines(table))) for table in tables]
+    weights = [
+        _compare_with_neighbours(_weigh(table.profiles, _average_lines(table.profiles))) for table in tables
+    ]
     explained = {every: np.array([_explain(family, every) for family in weights]) for every in _RHYTHMS}
     best = max(float(shares.max()) for shares in explained.values())
     if best < _LEAST_RHYTHM:
@@ -405,7 +306,10 @@ def _find_rhythm(tables: list[_FloatArray]) -> tuple[Rhythm | None, tuple[int, i
     clear = explained[every] >= _LEAST_RHYTHM
     means = [_average(family, every) for family in weights]
     found = {_read_rhythm(family) for family, seen in zip(means, clear, strict=True) if seen}
-    heaviest = [int(np.nanargmax(family)) if np.isfinite(family).any() else 0 for family in means]
+    heaviest = [
+        (int(np.nanargmax(family)) + table.first) % every if np.isfinite(family).any() else 0
+        for family, table in zip(means, tables, strict=True)
+    ]
     return (found.pop() if len(found) == 1 else None), (heaviest[0], heaviest[1])
 
 
@@ -463,9 +367,7 @@ def _read_rhythm(means: _FloatArray) -> Rhythm | None:
     return Rhythm(spacing, spacing if alike else every)
 
 
-def _require_lines(
-    density: Density, grid: TrackedGrid, combs: Sequence[_Comb], rhythm: Rhythm | None
-) -> None:
+def _require_lines(density: Density, grid: TrackedGrid, combs: Sequence[Comb], rhythm: Rhythm | None) -> None:
     """Refuse what is no lines in two directions: dots, chequers, or the diagonals of a grid.
 
     In the mean cell between the heavier lines, or between all lines if they are alike, the density of lines is one
@@ -494,7 +396,7 @@ def _average_cells(
     # Shifted from window to window, so that no part of the cell is left out where windows and lines keep step.
     shifts = np.arange(len(coordinates))[:, None] * _SHIFTS % 1.0 * (_NEAR[1] - _NEAR[0])
     around = np.array([(a, b) for a in _NEAR for b in _NEAR]) + shifts[:, None]
-    values = _sample(density, grid.pixels[chosen, None] + np.einsum("nxa,nsa->nsx", inverse, around))
+    values = sample(density, grid.pixels[chosen, None] + np.einsum("nxa,nsa->nsx", inverse, around))
     values[_is_beside_edge(values)] = np.nan
     places = (coordinates[:, None] + around - offsets) / steps
     bins = np.floor((places - np.floor(places)) * samples).astype(int) % samples

@@ -8,6 +8,8 @@ Picture = NDArray[np.uint8]
 
 SIZE = (1280, 720)
 _FLAT = (1600, 1200)
+# A crossing of the ruled paper's lines.
+_CROSSING = (798.0, 594.0)
 
 
 def photograph(
@@ -91,16 +93,18 @@ def draw_ruled_paper(pitch_px: int = 12, heavy: int = 10) -> NDArray[np.float64]
     return flat
 
 
-def draw_second_grid(pitch_px: float = 31.0, turn_deg: float = 0.0, pen: float = 70.0) -> Picture:
+def draw_second_grid(
+    pitch_px: float = 31.0, turn_deg: float = 0.0, pen: float = 70.0, wobble_px: float = 0.6
+) -> Picture:
     """Return graph paper on which somebody has drawn a grid of another pitch by hand, with a ruler and a pen."""
     random = np.random.default_rng(5)
     flat = draw_ruled_paper()
     turn = np.deg2rad(turn_deg)
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    middle = 0.5 * np.array(_FLAT)
+    middle = np.array(_CROSSING)
     for way, other in ((along, across), (across, along)):
         for number in range(-40, 41):
-            at = middle + other * (number * pitch_px + random.normal(0.0, 0.6))
+            at = middle + other * (number * pitch_px + random.normal(0.0, wobble_px))
             lean = 0.002 * random.normal() * other
             ends = [at - 1200.0 * (way + lean), at + 1200.0 * (way + lean)]
             first, last = ([round(float(value)) for value in end] for end in ends)

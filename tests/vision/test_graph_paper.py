@@ -108,6 +108,8 @@ def test_lines_that_may_be_heavier_ones_are_refused():
         no_graph_paper.draw_second_grid,
         lambda: no_graph_paper.draw_second_grid(60.0, 30.0),
         lambda: no_graph_paper.draw_second_grid(48.0),
+        lambda: no_graph_paper.draw_second_grid(24.0, wobble_px=0.0),
+        lambda: no_graph_paper.draw_second_grid(36.0, wobble_px=0.0),
     ],
     ids=[
         "lined",
@@ -117,6 +119,8 @@ def test_lines_that_may_be_heavier_ones_are_refused():
         "second grid",
         "turned second grid",
         "on every 4th line",
+        "on every 2nd line",
+        "on every 3rd line",
     ],
 )
 def test_what_is_no_graph_paper_alone_is_refused(draw):

@@ -1,0 +1,86 @@
+"""Whether there are fainter lines between the lines that were counted: a pen has drawn over some of the printed ones.
+
+Lines drawn over every second or third printed line hide that the printed ones go on between them: they are far
+fainter. The scale would be wrong by two or three without any residual. The mean profile across the lines shows them,
+as far as they are resolved.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import MeasurementRefusedError
+from labrig.vision.line_profile import Comb, Profile
+
+_FloatArray = NDArray[np.float64]
+
+_NUMBERS = tuple(range(2, 11))
+# Half the width of what is looked at around a place [px]: beyond it, light changes slowly.
+_REACH_PX = 6.0
+_LEAST_PLACES = 5
+_SAMPLES_PER_PX = 4.0
+_LEAST_CELLS = 4
+# Least height of a line over that of the lines counted, as amplitudes of their waves, and over its standard error.
+_LEAST_HEIGHT, _LEAST_SIGMAS = 0.02, 5.0
+# Standard error of a median, in median absolute deviations over the square root of the number.
+_MAD_TO_SIGMA, _MEDIAN_TO_MEAN = 1.4826, 1.2533
+
+
+def require_no_lines_between(profiles: Sequence[Profile], combs: Sequence[Comb]) -> None:
+    """Refuse lines between which the profiles of both families show fainter lines, evenly spaced.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        With the distances between both.
+    """
+    for number in _NUMBERS:
+        heights, errors = np.transpose(
+            [_measure_least(profile, comb, number) for profile, comb in zip(profiles, combs, strict=True)]
+        )
+        if np.mean(heights) > max(_LEAST_HEIGHT, _LEAST_SIGMAS * np.linalg.norm(errors) / len(errors)):
+            spacing_px = float(
+                np.mean([profile.step_px * comb.step for profile, comb in zip(profiles, combs, strict=True)])
+            )
+            raise MeasurementRefusedError(
+                f"between the lines {spacing_px:.1f} px apart there are fainter ones, {spacing_px / number:.1f} px "
+                "apart: the darker ones were drawn over a part of the paper's lines",
+                "show graph paper on which nothing else is ruled",
+            )
+
+
+def _measure_least(profile: Profile, comb: Comb, number: int) -> tuple[float, float]:
+    """Return the height of the faintest line at the places that divide a step evenly, and its standard error.
+
+    In units of the amplitude of the wave of the lines counted; NaN for too few lines.
+    """
+    cells, places = _cut_cells(profile, comb)
+    if len(cells) < _LEAST_CELLS:
+        return np.nan, np.nan
+    amplitude = 2.0 * abs(np.mean(np.median(cells, axis=0) * np.exp(2j * np.pi * places)))
+    reach = min(0.5 / number, _REACH_PX / (profile.step_px * comb.step))
+    found = []
+    for place in np.arange(1, number) / number:
+        near = np.abs(places - place) < reach
+        if near.sum() < _LEAST_PLACES:
+            return np.nan, np.nan
+        # A wave over the place: a level and a slope do not count, and the tails of the lines beside count against it.
+        wave = np.cos(np.pi * (places[near] - place) / reach)
+        wave -= wave.mean()
+        heights = cells[:, near] @ wave / (wave @ wave * amplitude)
+        middle = float(np.median(heights))
+        spread = _MAD_TO_SIGMA * float(np.median(np.abs(heights - middle)))
+        found.append((middle, _MEDIAN_TO_MEAN * spread / len(heights) ** 0.5))
+    return min(found)
+
+
+def _cut_cells(profile: Profile, comb: Comb) -> tuple[_FloatArray, _FloatArray]:
+    """Return the density (L, S) from each line to the next, where it is known, and the places (S,) in steps."""
+    samples = max(int(_SAMPLES_PER_PX * profile.step_px * comb.step), 4 * _NUMBERS[-1])
+    places = (np.arange(samples) + 0.5) / samples
+    first = int(np.ceil((profile.places[0] - comb.offset) / comb.step))
+    last = int(np.floor((profile.places[-1] - comb.offset) / comb.step))
+    at = comb.offset + comb.step * (np.arange(first, max(last, first + 1))[:, None] + places)
+    cells = np.interp(at, profile.places, profile.density, left=np.nan, right=np.nan)
+    return np.asarray(cells[np.isfinite(cells).all(axis=1)]), places

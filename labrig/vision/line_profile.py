@@ -1,8 +1,10 @@
 """The density across a family of ruled lines, averaged along them over the whole sheet.
 
-Noise nearly vanishes in it, and what is printed every millimetre stands out.
+Noise nearly vanishes in it, and what is printed every millimetre stands out: in the profile itself, and in its
+spectrum where lines are not resolved.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +24,8 @@ _SAMPLE_PX = 0.8
 _LEAST_SAMPLES, _MOST_SAMPLES = 30, 160
 _MOST_WINDOWS = 500
 _LEAST_COUNT = 3
+# Places between the harmonics where the spectrum holds noise alone.
+_NOISE_AT = (-0.43, -0.37, -0.27, 0.27, 0.37, 0.43)
 # The samples of a line's profile, in steps from the line.
 ACROSS = (np.arange(60) + 0.5) / 60.0 - 0.5
 
@@ -79,6 +83,53 @@ class Profile:
         lines = np.arange(first, max(last, first) + 1)
         at = offset + step * (lines[:, None] + ACROSS)
         return LineTable(first, np.interp(at, self.places, self.density, left=np.nan, right=np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class Harmonics:
+    """The spectrum of a profile at multiples of the visible lines' frequency; a line's part is real and positive."""
+
+    profile: Profile
+    step: float
+    offset: float
+
+    @classmethod
+    def of(cls, profile: Profile, comb: Comb) -> "Harmonics":
+        """Return the spectrum of the lines of a comb, whose place is taken from the first harmonic."""
+        first = cls(profile, comb.step, comb.offset)
+        shift = float(np.angle(first.at((1.0,))[0]) / (2.0 * np.pi))
+        return cls(profile, comb.step, comb.offset + shift * comb.step)
+
+    def at(self, frequencies: Iterable[float]) -> NDArray[np.complex128]:
+        """Return the amplitudes at frequencies, in cycles per step between visible lines."""
+        seen = np.isfinite(self.profile.density)
+        places = (self.profile.places[seen] - self.offset) / self.step
+        taper = np.sin(np.pi * (places - places[0]) / max(np.ptp(places), 1.0)) ** 2
+        density = self.profile.density[seen]
+        density = density - np.average(density, weights=np.maximum(taper, 1e-9))
+        waves = np.exp(2j * np.pi * np.array(list(frequencies))[:, None] * places)
+        return np.asarray(2.0 * (waves @ (taper * density)) / taper.sum())
+
+    def excess(self, number: int) -> tuple[float, float, float]:
+        """Return a harmonic's excess over what its neighbours predict, the noise of that, and the neighbours' size."""
+        near = self.at(number + np.arange(-2.0, 3.0)).real
+        # Harmonics of a broad line fall so steeply that their trend runs below zero: nothing would exceed it by itself.
+        predicted = max((4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0, 0.0)
+        noise = 1.4 * self.noise(number)
+        return float(near[2] - predicted), noise, float(np.abs(np.delete(near, 2)).mean())
+
+    def noise(self, number: int) -> float:
+        """Return the standard deviation of the noise of a harmonic, from what is beside it."""
+        return float(np.sqrt(np.mean(np.abs(self.at(number + np.array(_NOISE_AT))) ** 2) / 2.0))
+
+    def width(self) -> float:
+        """Return the standard deviation of a line's profile, in steps, from the first two harmonics."""
+        first, second = np.maximum(self.at((1.0, 2.0)).real, np.finfo(float).tiny)
+        return float(np.sqrt(max(np.log(first / second), 0.0) / (6.0 * np.pi**2)))
+
+    def thickness(self) -> float:
+        """Return the width of a line, in steps, times its density."""
+        return float(0.5 * self.at((1.0,))[0].real * np.exp(2.0 * (np.pi * self.width()) ** 2))
 
 
 def measure_profile(density: Density, grid: TrackedGrid, axis: int) -> Profile:

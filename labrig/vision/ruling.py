@@ -10,7 +10,7 @@ it, and what is printed every millimetre stands out. The profiles answer three q
 - Which lines are heavier? Paper has heavier lines every 5 or 10 mm, so their rhythm tells the distance of the others.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.grid_tracking import TrackedGrid
 from labrig.vision.line_density import Density
-from labrig.vision.line_profile import ACROSS, Comb, LineTable, Profile, measure_profile, sample
+from labrig.vision.line_profile import ACROSS, Comb, Harmonics, LineTable, Profile, measure_profile, sample
 from labrig.vision.lines_between import require_no_lines_between
 
 _FloatArray = NDArray[np.float64]
@@ -48,8 +48,6 @@ _SURE = 1.25
 _BESIDE = 0.5
 # Five and ten: a rhythm of two says that the finest lines are not seen, or that there are none.
 _PAIR = 2
-# Places between the harmonics where the spectrum holds noise alone.
-_NOISE_AT = (-0.43, -0.37, -0.27, 0.27, 0.37, 0.43)
 # Weight of the finest lines of a sheet as a share of the heaviest, at the least: width times darkness.
 _FAINTEST_FINE = 0.2
 _RHYTHMS = tuple(range(2, 13))
@@ -144,17 +142,17 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
             "come closer with the camera",
         )
     _require_lines(density, grid, [Comb(*comb) for comb in zip(steps, offsets, strict=True)], rhythm)
-    harmonics = [_Harmonics.of(profile, comb) for profile, comb in zip(profiles, combs, strict=True)]
+    harmonics = [Harmonics.of(profile, comb) for profile, comb in zip(profiles, combs, strict=True)]
     thickness = float(np.mean([family.thickness() for family in harmonics]))
     if thickness > _THICKEST:
         raise _no_lines_error()
     width = float(np.mean([family.width() for family in harmonics]))
     if rhythm is not None and rhythm.heavy > _PAIR:
-        require_no_lines_between(profiles, combs)
+        require_no_lines_between(profiles, combs, harmonics)
         return Ruling(steps, offsets, 1, rhythm, (), thickness, width)
     hidden, unresolved = _find_hidden(harmonics, width, float(np.mean(spacings)))
     if hidden == 1:
-        require_no_lines_between(profiles, combs)
+        require_no_lines_between(profiles, combs, harmonics)
     if hidden > 1:
         # With a rhythm of two, these are lines of 5 and 10 mm: the finest lie between all of them.
         rhythm, unresolved = Rhythm(hidden, hidden * (rhythm.heaviest if rhythm else 1)), ()
@@ -230,49 +228,7 @@ def _weigh(table: _FloatArray, shape: _FloatArray) -> _FloatArray:
     return np.asarray((np.linalg.pinv(design) @ table[:, near].T)[0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Harmonics:
-    """The spectrum of a profile at multiples of the visible lines' frequency; a line's part is real and positive."""
-
-    profile: Profile
-    step: float
-    offset: float
-
-    @classmethod
-    def of(cls, profile: Profile, comb: Comb) -> "_Harmonics":
-        first = cls(profile, comb.step, comb.offset)
-        shift = float(np.angle(first.at((1.0,))[0]) / (2.0 * np.pi))
-        return cls(profile, comb.step, comb.offset + shift * comb.step)
-
-    def at(self, frequencies: Iterable[float]) -> NDArray[np.complex128]:
-        """Return the amplitudes at frequencies, in cycles per step between visible lines."""
-        seen = np.isfinite(self.profile.density)
-        places = (self.profile.places[seen] - self.offset) / self.step
-        taper = np.sin(np.pi * (places - places[0]) / max(np.ptp(places), 1.0)) ** 2
-        density = self.profile.density[seen]
-        density = density - np.average(density, weights=np.maximum(taper, 1e-9))
-        waves = np.exp(2j * np.pi * np.array(list(frequencies))[:, None] * places)
-        return np.asarray(2.0 * (waves @ (taper * density)) / taper.sum())
-
-    def excess(self, number: int) -> tuple[float, float, float]:
-        """Return a harmonic's excess over what its neighbours predict, the noise of that, and the neighbours' size."""
-        near = self.at(number + np.arange(-2.0, 3.0)).real
-        # Harmonics of a broad line fall so steeply that their trend runs below zero: nothing would exceed it by itself.
-        predicted = max((4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0, 0.0)
-        noise = np.sqrt(np.mean(np.abs(self.at(number + np.array(_NOISE_AT))) ** 2) / 2.0)
-        return float(near[2] - predicted), float(1.4 * noise), float(np.abs(np.delete(near, 2)).mean())
-
-    def width(self) -> float:
-        """Return the standard deviation of a line's profile, in steps, from the first two harmonics."""
-        first, second = np.maximum(self.at((1.0, 2.0)).real, np.finfo(float).tiny)
-        return float(np.sqrt(max(np.log(first / second), 0.0) / (6.0 * np.pi**2)))
-
-    def thickness(self) -> float:
-        """Return the width of a line, in steps, times its density."""
-        return float(0.5 * self.at((1.0,))[0].real * np.exp(2.0 * (np.pi * self.width()) ** 2))
-
-
-def _find_hidden(harmonics: list[_Harmonics], width: float, spacing_px: float) -> tuple[int, tuple[int, ...]]:
+def _find_hidden(harmonics: list[Harmonics], width: float, spacing_px: float) -> tuple[int, tuple[int, ...]]:
     """Return the number of finer steps between visible lines, and which numbers the picture would not show."""
     level = sum(float(family.at((1.0,))[0].real) for family in harmonics)
     found, unresolved = 1, []

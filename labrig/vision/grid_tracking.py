@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,9 +41,11 @@ _REACH = 2
 _LEAST_SPREAD = 3.0
 # Waves are even within this share of them; fits of the waves by least distances, and what counts as no distance.
 _LARGEST_DEVIATION, _FITS, _EXACT = 0.1, 8, 0.01
-_LEAST_EVEN = 12
-_NEAR = tuple(step for step in product((-1, 0, 1), repeat=2) if step != (0, 0))
-_AROUND = tuple(step for step in product(range(-_REACH, _REACH + 1), repeat=2) if step != (0, 0))
+_LEAST_EVEN, _MOST_COMPARED = 12, 1500
+_NEAR, _AROUND = (
+    np.array([step for step in product(range(-reach, reach + 1), repeat=2) if step != (0, 0)])
+    for reach in (1, _REACH)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +98,12 @@ class TrackedGrid:
         return float(self.even_share * np.sqrt(self.amplitude))
 
     def _is_even(self) -> NDArray[np.bool_]:
-        """Return which windows' waves are near a quadratic function of the place, fitted by least distances."""
-        u, v = ((self.pixels - self.pixels.mean(axis=0)) / np.ptp(self.pixels, axis=0).max()).T
+        """Return which of some waves are near a quadratic function of the place, fitted by least distances."""
+        chosen = slice(None, None, len(self.pixels) // _MOST_COMPARED + 1)
+        pixels, waves = self.pixels[chosen], self.waves[chosen].reshape(-1, 4)
+        u, v = ((pixels - pixels.mean(axis=0)) / np.ptp(pixels, axis=0).max()).T
         terms = np.column_stack((np.ones(len(u)), u, v, u * u, u * v, v * v))
-        waves, weights = self.waves.reshape(-1, 4), np.ones((len(u), 1))
+        weights = np.ones((len(u), 1))
         for _ in range(_FITS):
             fitted = terms @ np.linalg.lstsq(terms * weights, waves * weights, rcond=None)[0]
             off = np.linalg.norm((fitted - waves).reshape(-1, 2, 2), axis=2)
@@ -133,16 +138,14 @@ class _Windows:
     def lock_in(self, cells: _IntArray, waves: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
         """Return the phases (N, 2), from -0.5 to 0.5, and the amplitudes (N, 2) of both families of lines."""
         corners = self.v[cells[:, 0]] - self._half, self.u[cells[:, 1]] - self._half
-        patches = self._views[corners].astype(np.complex64)
-        sums = []
-        for wave in waves.transpose(1, 0, 2):
-            across, down = (
-                (self._taper * np.exp(-2j * np.pi * part[:, None] * self._at)).astype(np.complex64)
-                for part in wave.T
-            )
-            rows = np.matmul(patches, across[:, :, None])[..., 0]
-            sums.append((rows * down).sum(axis=1))
-        total = np.stack(sums, axis=1)
+        # Waves (N, 2 families, side) along u and v. The patches are real: real and imaginary part are two columns.
+        across, down = (
+            (self._taper * np.exp(-2j * np.pi * part[..., None] * self._at)).astype(np.complex64)
+            for part in (waves[..., 0], waves[..., 1])
+        )
+        columns = np.concatenate((across.real, across.imag), axis=1).transpose(0, 2, 1)
+        rows = np.matmul(self._views[corners], columns)
+        total = np.einsum("nvf,nfv->nf", rows[..., :2] + 1j * rows[..., 2:], down)
         return np.angle(total) / (2.0 * np.pi), 2.0 * np.abs(total) / self._taper.sum() ** 2
 
 
@@ -192,38 +195,43 @@ class _Cells:
     def find_wanted(self) -> _IntArray:
         """Return unknown cells beside known ones; again, up to four times, if more of their neighbours are known."""
         known = np.isfinite(self._amplitude)
-        count = sum(
-            (np.roll(known, step, axis=(0, 1)).astype(int) for step in _NEAR), np.zeros(known.shape, int)
-        )
+        count = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False).astype(int) - known
         wanted = self._inside & ~known & (count > self._tries) & (self._tries < _MOST_TRIES)
         self._tries[wanted] = np.maximum(count[wanted], self._tries[wanted])
         return np.argwhere(wanted) - _REACH
 
     def predict(self, cells: _IntArray, spacing: int) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
         """Return coordinates (N, 2), waves (N, 2, 2) and amplitudes (N,) as the neighbours have them."""
-        places, waves, amplitudes, count = (np.zeros((len(cells), *rest)) for rest in ((2,), (2, 2), (), ()))
-        for down, across in _NEAR:
-            at = tuple((cells + _REACH + (down, across)).T)
-            known = np.isfinite(self._amplitude[at])
-            back = -float(spacing) * np.array([across, down])
-            places[known] += (self._coordinates[at] + self._waves[at] @ back)[known]
-            waves[known] += self._waves[at][known]
-            amplitudes[known] += self._amplitude[at][known]
-            count += known
-        return places / count[:, None], waves / count[:, None, None], amplitudes / count
+        at = self._list_around(cells, _NEAR)
+        known = np.isfinite(self._amplitude[at])
+        back = -float(spacing) * _NEAR[:, ::-1]
+        waves = np.where(known[..., None, None], self._waves[at], 0.0)
+        places = np.where(known[..., None], self._coordinates[at], 0.0)
+        places += np.einsum("nkfx,kx->nkf", waves, back)
+        amplitudes = np.where(known, self._amplitude[at], 0.0)
+        count = known.sum(axis=1)
+        return (
+            places.sum(axis=1) / count[:, None],
+            waves.sum(axis=1) / count[:, None, None],
+            amplitudes.sum(axis=1) / count,
+        )
 
     def update_waves(self, cells: _IntArray, spacing: int) -> None:
         """Fit the waves of cells to the coordinates around them, where these are spread enough."""
         here = self._coordinates[tuple((cells + _REACH).T)]
-        spread, change = np.zeros((len(cells), 2, 2)), np.zeros((len(cells), 2, 2))
-        for down, across in _AROUND:
-            there = self._coordinates[tuple((cells + _REACH + (down, across)).T)]
-            known = np.isfinite(there[:, 0])
-            step = float(spacing) * np.array([across, down])
-            spread[known] += np.outer(step, step)
-            change[known] += (there - here)[known][:, :, None] * step
+        away = self._coordinates[self._list_around(cells, _AROUND)] - here[:, None]
+        known = np.isfinite(away[..., 0])
+        steps = float(spacing) * _AROUND[:, ::-1]
+        spread = np.einsum("nk,kx,ky->nxy", known.astype(np.float64), steps, steps, optimize=True)
+        change = np.einsum("nkf,kx->nfx", np.where(known[..., None], away, 0.0), steps)
         good = np.linalg.det(spread) > _LEAST_SPREAD * spacing**4
         self._waves[tuple((cells[good] + _REACH).T)] = change[good] @ np.linalg.inv(spread[good])
+
+    @staticmethod
+    def _list_around(cells: _IntArray, steps: _IntArray) -> tuple[_IntArray, _IntArray]:
+        """Return the rows and columns (N, K) in the tables of the cells around cells."""
+        around = cells[:, None] + _REACH + steps
+        return around[..., 0], around[..., 1]
 
     def collect(self, windows: _Windows) -> TrackedGrid:
         sizes = np.linalg.norm(self._waves, axis=-1).prod(axis=-1)

@@ -95,7 +95,9 @@ def _find_places(shape: tuple[int, ...], grid: TrackedGrid) -> list[_FloatArray]
     for _ in range(_FITS):
         if kept.sum() < _LEAST_WINDOWS:
             return None
-        found = np.linalg.lstsq(terms[kept], grid.coordinates[kept], rcond=None)[0]
+        # Normal equations: places are within -1 and 1, and a least-squares solver takes ten times as long.
+        used = terms[kept]
+        found = np.linalg.solve(used.T @ used, used.T @ grid.coordinates[kept])
         kept = np.abs(terms @ found - grid.coordinates).max(axis=1) < _LARGEST_MISFIT
     u, v = (2.0 * np.arange(size) / size - 1.0 for size in shape[::-1])
     powers = np.zeros((2, _ORDER + 1, _ORDER + 1))

@@ -1,12 +1,13 @@
 """Load the calibration of a run: the map from pixels to mm, and the mask of pixels that are not the needle."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from labrig.errors import InputError
 from labrig.protocol.sections import Scale
 from labrig.protocol.yaml_file import validate_values
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.mask import Mask, load_mask
 from labrig.vision.plane import PlaneMap
@@ -38,6 +39,12 @@ def load_plane_map(run: Run) -> PlaneMap:
         )
     scale = validate_values(stated, f"scale of {run.path}", Scale)
     return PlaneMap.from_scale(scale.px_per_mm, scale.origin_px, scale.insertion)
+
+
+def list_not_in_interval(plane: PlaneMap, budgets: Iterable[ErrorBudget | None]) -> tuple[str, ...]:
+    """Return what error bars with these budgets leave out; nothing without an error bar."""
+    known = [budget for budget in budgets if budget is not None]
+    return plane.not_in_interval(source for budget in known for source in budget.missing) if known else ()
 
 
 def load_lens(run: Run) -> Intrinsics | None:

@@ -210,7 +210,7 @@ def adopt(
     as_json: AsJson = False,
 ) -> None:
     """Without --force, adopt no refused calibration and replace no file."""
-    from labrig.cli.last_plane import compare_with_file, require_confirmed
+    from labrig.cli.last_plane import compare_with_file, explain_no_comparison, require_confirmed
     from labrig.devices.rig_file import load_rig
     from labrig.experiments.registry import load_run_result
     from labrig.record.reader import open_run
@@ -228,7 +228,8 @@ def adopt(
             f"the calibration of {run_path.name} was refused: {'; '.join(result.document['reasons'])}",
             "calibrate again as the reasons say; --force takes it over all the same",
         )
-    targets = load_rig(find_rig_file(rig)).calibration_paths()
+    rig_file = find_rig_file(rig)
+    targets = load_rig(rig_file).calibration_paths()
     for path in targets.values():
         require_writable(
             path, force, "replace the old calibration with --force; the run that made it keeps it"
@@ -245,7 +246,12 @@ def adopt(
         compared = None if comparison is None else asdict(comparison)
         print_json({"run": str(run_path), "written": written, "view": view, "scale_comparison": compared})
         return
-    for line in (*written, view, None if comparison is None else comparison.sentence):
+    compared_with = (
+        explain_no_comparison(rig_file, camera_moved=camera_moved)
+        if comparison is None
+        else comparison.sentence
+    )
+    for line in (*written, view, compared_with):
         if line is not None:
             print_line(line)
 

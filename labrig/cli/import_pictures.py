@@ -36,6 +36,7 @@ class ImportOrder:
     plane: Path | None
     needle_diameter_mm: float
     sheath_diameter_mm: float | None
+    roll_sd_deg: float
     mask: Path | None
     title: str | None
     runs_dir: Path
@@ -165,6 +166,7 @@ def _make_protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
             "window_end_mm": 2.0,
             "min_window_mm": 15.0,
             "max_radius_sigma_mm": 0.5,
+            "roll_sd_deg": order.roll_sd_deg,
         },
     }
     return validate_values(values, "labrig import", ImportProtocol)

@@ -29,13 +29,15 @@ def require_picture_of_rig(picture: Picture, rig: Path | None) -> None:
         )
 
 
-def explain_no_comparison(rig: Path | None) -> str:
-    """Return why there is no last plane map."""
-    if find_named_rig_file(rig) is None:
-        return (
-            "The scale was compared with no earlier plane map; --rig FILE compares it with that of the rig."
-        )
-    return "The scale was compared with no earlier plane map: the rig has none yet."
+def explain_no_comparison(rig: Path | None, *, camera_moved: bool) -> str:
+    """Return why there is no last plane map, and that a confirmation confirmed nothing then."""
+    why = (
+        "; --rig FILE compares it with that of the rig"
+        if find_named_rig_file(rig) is None
+        else ": the rig has none yet"
+    )
+    moved = "; --camera-moved had no effect" if camera_moved else ""
+    return f"The scale was compared with no earlier plane map{why}{moved}."
 
 
 def find_last_plane(rig: Path | None, out: Path | None) -> Path | None:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
+from labrig.cli.help_layout import HelpfulCommand, HelpfulGroup
 from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import BugError, DiskError, InputError, InterruptedRunError, LabrigError, MachineError
@@ -84,9 +85,9 @@ def _make_app(arguments: Sequence[str]) -> typer.Typer:
     for name, (place, text) in COMMANDS.items():
         command = _import_command(place) if name == named else _unused
         if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name, help=text)
+            app.add_typer(command, name=name, help=text, cls=HelpfulGroup)
         else:
-            app.command(name, help=text)(command)
+            app.command(name, help=text, cls=HelpfulCommand)(command)
     return app
 
 
@@ -96,6 +97,7 @@ def _import_command(place: str) -> Callable[..., object]:
     if not isinstance(command, typer.Typer):
         return _require_finite(command)
     for info in command.registered_commands:
+        info.cls = HelpfulCommand
         # The group outlives this command line; another one in the same process finds its commands wrapped already.
         if info.callback is not None and not hasattr(info.callback, "__wrapped__"):
             info.callback = _require_finite(info.callback)

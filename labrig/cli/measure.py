@@ -1,7 +1,7 @@
 """`labrig measure`: measures pictures that belong to no run."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -55,6 +55,7 @@ def curvature(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every picture has a radius, 1 otherwise, 2 when no picture could be read."""
+    from labrig.analysis.calibration import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
     from labrig.vision.curvature import CurvatureSettings, measure_curvature
     from labrig.vision.mask import load_mask
@@ -73,10 +74,10 @@ def curvature(
     def measure(path: Path) -> dict[str, object]:
         image = read_picture(path)
         masked = None if not_needle is None else not_needle.find_masked(path.name, image)
-        found = measure_curvature(image, mapping, settings, masked=masked).to_json()
+        found = measure_curvature(image, mapping, settings, masked=masked)
         return {
-            **found,
-            "not_in_interval": _list_missing(found["radius_budget_mm"], mapping.not_in_interval()),
+            **found.to_json(),
+            "not_in_interval": list(list_not_in_interval(mapping, [found.radius_budget_mm])),
         }
 
     rows = _measure_each(images, measure, NOTHING)
@@ -134,8 +135,7 @@ def tip(
     )
 
     def measure(path: Path) -> dict[str, object]:
-        found = search_tip(path, mapping, search)
-        return {**found, "not_in_interval": _list_missing(found["tip_budget_mm"], mapping.not_in_interval())}
+        return search_tip(path, mapping, search)
 
     rows = _measure_each(images, measure, NO_TIP)
     if as_json:
@@ -143,13 +143,6 @@ def tip(
     else:
         _print_tips(rows)
     return 0 if all(row["accepted"] for row in rows) else 1
-
-
-def _list_missing(budget: object, unknown: Sequence[str]) -> list[str]:
-    """Return the sources of error that an error bar leaves out: those of its budget, and `unknown` ones of the map."""
-    from labrig.vision.error_budget import ErrorBudget
-
-    return [*ErrorBudget(**budget).missing, *unknown] if isinstance(budget, dict) else []
 
 
 def _measure_each(

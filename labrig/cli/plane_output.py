@@ -29,7 +29,7 @@ def compare_scale(
     """Return a map, refused if its scale needs a person's confirmation, with the comparison."""
     comparison = compare_with_file(found, last, camera_moved=camera_moved)
     if comparison is None:
-        return ComparedPlane(found, None, explain_no_comparison(rig))
+        return ComparedPlane(found, None, explain_no_comparison(rig, camera_moved=camera_moved))
     return ComparedPlane(refuse_other_scale(found, comparison, CONFIRMATION), comparison, comparison.sentence)
 
 

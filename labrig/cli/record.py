@@ -101,6 +101,10 @@ def import_(
     plane: PlaneOption = None,
     needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
     sheath_diameter_mm: SheathDiameterOption = None,
+    roll_sd_deg: Annotated[
+        float,
+        typer.Option(min=0, max=30, help="Standard deviation of the bevel's roll; 2 if it was set by eye."),
+    ] = 2.0,
     mask: MaskOption = None,
     title: Annotated[
         str | None, typer.Option(help="Title of the runs. Default: the folder's name.", show_default=False)
@@ -119,6 +123,7 @@ def import_(
         plane=plane,
         needle_diameter_mm=needle_diameter_mm,
         sheath_diameter_mm=sheath_diameter_mm,
+        roll_sd_deg=roll_sd_deg,
         mask=mask,
         title=title,
         runs_dir=runs_dir,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from labrig.analysis.calibration import list_not_in_interval
 from labrig.vision.error_budget import PlaceErrors, budget_place
 from labrig.vision.mask import Mask
 from labrig.vision.picture import read_picture, require_size
@@ -26,7 +27,7 @@ class TipSearch:
 
 
 def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, object]:
-    """Return the tip in a picture, in pixels and mm, with its error budget.
+    """Return the tip in a picture, in pixels and mm, with its error budget and what that leaves out.
 
     Light and roll are not in it: they change the tip's look against that of the template by what no picture tells.
 
@@ -50,7 +51,12 @@ def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, obje
         mask=None if search.mask is None else search.mask.find_masked(path.name, image),
     )
     if fix.tip_px is None:
-        return {**fix.to_json(), "tip_mm": None, "tip_budget_mm": None}
+        return {**fix.to_json(), "tip_mm": None, "tip_budget_mm": None, "not_in_interval": []}
     tip_mm = plane.to_mm(np.array([fix.tip_px]))[0].tolist()
     budget = budget_place(plane, fix.tip_px, PlaceErrors(fit_mm=TIP_SIGMA_PX * plane.mm_per_px))
-    return {**fix.to_json(), "tip_mm": tip_mm, "tip_budget_mm": budget.to_json()}
+    return {
+        **fix.to_json(),
+        "tip_mm": tip_mm,
+        "tip_budget_mm": budget.to_json(),
+        "not_in_interval": list(list_not_in_interval(plane, [budget])),
+    }

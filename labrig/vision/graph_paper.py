@@ -283,7 +283,8 @@ def _predict_around(pixels: _FloatArray, coordinates: _FloatArray, steps: _Float
     window = np.repeat(np.arange(len(pixels)), len(_AROUND_WINDOW))
     away = cells - coordinates[window]
     order = np.argsort(np.sum(away**2, axis=1), kind="stable")
-    _, first = np.unique(cells[order], axis=0, return_index=True)
+    rows, columns = (cells[order] - cells.min(axis=0)).T
+    _, first = np.unique(rows * (int(columns.max()) + 1) + columns, return_index=True)
     chosen = order[first]
     steps = steps[window[chosen]]
     return _Ring(cells[chosen], pixels[window[chosen]] + np.einsum("na,nax->nx", away[chosen], steps), steps)

@@ -65,7 +65,7 @@ def _judge_rhythm(found: Crossings, pitch_mm: float) -> list[str]:
     if wrong is None:
         return []
     counted = f"every {_ORDINALS.get(wrong, f'{wrong}th')} line is heavier"
-    implied = f"with lines {pitch_mm:g} mm apart that would be every {wrong * pitch_mm:g} mm"
+    implied = f"with lines {pitch_mm:g} mm apart that would be every {wrong * pitch_mm:.4g} mm"
     fitting = _list_fitting(rhythm, wrong)
     return [f"{counted}: {implied}, and paper has heavier lines every 5 or 10 mm: {_suggest(found, fitting)}"]
 
@@ -80,7 +80,7 @@ def _list_fitting(rhythm: Rhythm, every: int) -> list[float]:
 
 
 def _suggest(found: Crossings, pitches_mm: list[float]) -> str:
-    fitting = " or ".join(f"{pitch:g}" for pitch in pitches_mm)
+    fitting = " or ".join(f"{pitch:.3g}" for pitch in pitches_mm)
     closer = ", or come closer until finer lines are seen" if found.ruling.hidden == 1 else ""
     return (
         f"the lines counted are {found.pitch_px:.1f} px apart: measure them; {fitting} mm would fit{closer}"

@@ -9,6 +9,7 @@ mm of glass left out make them 0.9 % too large.
 The map of a telecentric lens is affine. Its rays are parallel, so a gel shifts them and changes no scale.
 """
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, Self, get_args
@@ -358,7 +359,19 @@ class PlaneMap:
             *((parallel,) if self.telecentric else ()),
         )
 
-    def not_in_interval(self) -> tuple[str, ...]:
+    def not_in_interval(self, sources: Iterable[str] | None = None) -> tuple[str, ...]:
+        """Return what no interval includes, its size being unknown: sources of error, then quantities of the map.
+
+        Parameters
+        ----------
+        sources : iterable of str, optional
+            The sources of a measurement's error that are not known; default: those of the map alone.
+        """
+        known = {variation.group for variation in self.variations}
+        unknown = [group for group in get_args(VariationGroup) if group not in known]
+        return tuple(dict.fromkeys((*(unknown if sources is None else sources), *self.unknown_quantities())))
+
+    def unknown_quantities(self) -> tuple[str, ...]:
         """Return the quantities of the map whose errors no interval includes, because their sizes are not known."""
         paper = ("the height of the paper over the needle",) if self._needs_height() else ()
         gel = () if self.gel is None else self.gel.unknown_sigmas()

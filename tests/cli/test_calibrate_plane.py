@@ -67,6 +67,7 @@ def test_the_scale_is_said_in_words_that_a_ruler_checks(calibrate: Calibrate, tm
     assert document["picture_mm"] == pytest.approx([width, height], rel=0.01)
     assert document["view"] in done.out
     assert document["scale_comparison"] is None
+    assert document["not_in_interval"] == ["lens", "surface", "the height of the paper over the needle"]
     assert load_plane(out, None).picture_mm == pytest.approx((width, height), rel=0.01)
 
 
@@ -121,7 +122,9 @@ def test_a_last_map_that_cannot_be_used_is_said_to_be_left_out(
     damaged = calibrate("--rig", rig)
     assert (damaged.exit_code, "not compared with the last plane map" in damaged.out) == (0, True)
     (tmp_path / "bench-plane.json").unlink()
-    assert "no earlier plane map: the rig has none yet" in calibrate("--rig", rig).out
+    assert "no earlier plane map: the rig has none yet." in calibrate("--rig", rig).out
+    moved = calibrate("--rig", rig, "--camera-moved").out
+    assert "the rig has none yet; --camera-moved had no effect." in moved
 
 
 def test_a_pitch_that_the_heavier_lines_contradict_is_refused(calibrate: Calibrate, tmp_path: Path) -> None:

@@ -55,6 +55,25 @@ def test_help_fits_the_terminal(columns: int) -> None:
     assert max(len(line) for line in text.splitlines()) <= columns
 
 
+@pytest.mark.parametrize("columns", [80, 40])
+@pytest.mark.parametrize("command", ["calibrate plane", "design", "runs"])
+def test_no_name_is_cut(command: str, columns: int) -> None:
+    """The name of every option stands whole in the help, in lines that fit the terminal."""
+    arguments = [*command.split(), "--help"]
+    code = (
+        "import typer\nfrom labrig.cli.main import _make_app, run_command\n"
+        f"named = typer.main.get_command(_make_app({arguments!r}))\n"
+        f"for name in {command.split()!r}: named = named.commands[name]\n"
+        "print(*(name for param in named.params for name in param.opts))\n"
+        f"run_command({arguments!r})"
+    )
+    names, *lines = _python(code, columns).splitlines()
+    words = " ".join(lines).split()
+    assert len(names.split()) > 3
+    assert [name for name in names.split() if name.startswith("--") and name not in words] == []
+    assert max(len(line) for line in lines) <= columns
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["runs", "--runs-dir", "none"]])
 def test_help_and_list_load_no_heavy_package(arguments: list[str]) -> None:
     """Help and the list of runs import neither numpy nor OpenCV nor pandas."""

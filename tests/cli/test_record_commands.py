@@ -127,7 +127,7 @@ def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path:
     folder = REAL / "DC_0_feedbackfinal_alvo1"
     (imported,) = labrig(
         "import", folder, "--px-per-mm", 5.607, "--origin-px", 70, 50, "--insertion", "down", "--needle-diameter-mm", 1,
-        "--runs-dir", tmp_path, "--json",
+        "--roll-sd-deg", 3, "--runs-dir", tmp_path, "--json",
     ).json()  # fmt: skip
     assert imported["ok"] is True
     done = labrig("reanalyze", imported["run"], "--json")
@@ -135,6 +135,8 @@ def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path:
     import json
 
     result = json.loads((Path(done.json()[0]["analysis"]) / "result.json").read_text())
+    assert result["settings"]["roll_sd_deg"] == 3.0
+    assert result["not_in_interval"][:3] == ["lens", "plane", "surface"]
     assert sum(measurement["found"] for measurement in result["measurements"]) >= 15
     assert not any(measurement["accepted"] for measurement in result["measurements"])
 

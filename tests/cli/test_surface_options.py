@@ -83,7 +83,7 @@ def test_a_wall_of_known_glass_goes_through_file_and_measurement(labrig: Labrig,
     )
     done = labrig("calibrate", "plane", picture, "--intrinsics", lens, *FRAME, *known.split(), "--out", out)
     assert done.exit_code == 0
-    assert "not in the interval: the gel's depth, the tilt of the gel's surface" in done.out
+    assert "not in the interval: lens, the gel's depth, the tilt of the gel's surface" in done.out
     plane = load_plane(out, bench.intrinsics)
     assert plane.gel == Gel(1.35, 5.0, "needle", 0.01, None, (Layer(1.52, 3.0, 0.005, 0.1),))
     ends = [(100.3, 200.7), (700.0, 300.0)]

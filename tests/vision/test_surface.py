@@ -137,8 +137,8 @@ def test_the_paper_s_height_moves_the_scale_by_its_share_of_the_camera_s():
         np.linalg.norm(np.diff(plane.to_mm([ORIGIN, (400.0, 300.0)]), axis=0)) for plane in (known, moved)
     ]
     assert lengths[1] / lengths[0] - 1.0 == pytest.approx(1.0 / known.camera_mm()[2], rel=1e-6)
-    assert plain.not_in_interval() == ("the height of the paper over the needle",)
-    assert known.not_in_interval() == ()
+    assert plain.not_in_interval() == ("surface", "the height of the paper over the needle")
+    assert known.not_in_interval() == ("surface",)
     with pytest.raises(InputError, match="needs the camera's intrinsics"):
         calibrate_plane(BARE, None, 1.0, ORIGIN, "right", paper_sigma_mm=1.0)
 

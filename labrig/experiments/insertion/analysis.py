@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.calibration import list_not_in_interval, load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
@@ -186,6 +186,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
         sighting_noise=_measure_noise(trials, insertions, protocol),
+        not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
     )
     return Findings(result)
 

@@ -131,7 +131,7 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
         "content": content,
-        "not_in_interval": plane.not_in_interval(),
+        "not_in_interval": plane.unknown_quantities(),
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
         "sources": _collect_sources(content),
         "folder": f"analysis/{result.path.name}",

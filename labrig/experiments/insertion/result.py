@@ -181,8 +181,8 @@ class InsertionResult(Result):
     """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
 
     `causes` counts why the others did not. `reached` is False if one of them missed, None if none missed and one is not
-    known to have arrived in space.
-    `sighting_noise` is None for fewer than twenty sightings; older results do not have it.
+    known to have arrived in space. `sighting_noise` is None for fewer than twenty sightings; older results do not have
+    it. `not_in_interval` lists the sources of error that an error bar leaves out; it is None in older results.
     """
 
     kind: Literal["insertion"] = "insertion"
@@ -200,6 +200,7 @@ class InsertionResult(Result):
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
     sighting_noise: SightingNoise | None = None
+    not_in_interval: tuple[str, ...] | None = None
 
     @property
     def tables(self) -> Mapping[str, Rows]:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.calibration import list_not_in_interval, load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import ReadFrame, find_origins
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
@@ -112,6 +112,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
         measurements=results,
         origins=origins,
         sentinel=sentinel,
+        not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
         truth=compare_with_truth(trials, finals, specimens, _read_drawn_radii(run)),
     )
     return Findings(content, partial(_save, _collect_centre_lines(results, measured), mask))

@@ -99,7 +99,7 @@ def make_curvature_page(
             "content": content,
             "folder": f"analysis/{result.path.name}",
             "rows": rows,
-            "not_in_interval": plane.not_in_interval(),
+            "not_in_interval": plane.unknown_quantities(),
             "budget": list_budget_rows(
                 [
                     [measurement.radius_budget_mm for measurement in shown if measurement.accepted],

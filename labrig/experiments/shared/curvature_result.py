@@ -113,7 +113,10 @@ class _Settings(ResultPart):
 
 
 class CurvatureResult(Result):
-    """The result of a steerability run or of imported pictures."""
+    """The result of a steerability run or of imported pictures.
+
+    `not_in_interval` lists the sources of error that an interval leaves out; older results do not, None.
+    """
 
     kind: Literal["curvature"] = "curvature"
     settings: Annotated[dict[str, Any], require_part(_Settings)]
@@ -123,6 +126,7 @@ class CurvatureResult(Result):
     truth: TruthComparison | None
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
+    not_in_interval: tuple[str, ...] | None = None
 
     @property
     def tables(self) -> Mapping[str, Rows]:

@@ -17,7 +17,7 @@ from labrig.experiments.insertion.events import BevelTurn
 from labrig.needle.kinematics import FloatArray
 from labrig.simulation.lens import camera_place_mm
 from labrig.simulation.parallax import see_points
-from labrig.steering.out_of_plane import RolledStretch
+from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
@@ -196,5 +196,6 @@ def _bound_error(
         variances = variances + TARGET_SD_MM**2
     camera_x_mm, *foot_mm = camera_place_mm(drawn.world.description.lens)
     seen = SeenEnd(place_mm, np.sqrt(variances), (place_mm - foot_mm) / -camera_x_mm)
-    unseen = TracedPath(tuple(turns), 0.0, state.insertion_mm).budget(settings, drawn.told)
+    path = TracedPath(tuple(turns), 0.0, state.insertion_mm).split(settings)
+    unseen = budget_out_of_plane(path, settings.problem.radius_mm, drawn.told)
     return bound_error(seen, unseen, settings.problem.target_mm)

@@ -4,7 +4,6 @@ A sighting is where the tip appears in the steering plane, with its parallax, an
 the needle advances. The target is tracked if it moves: its place is told with noise, as that of the tip.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -14,6 +13,7 @@ import numpy as np
 
 from labrig.experiments.insertion.ending import SeenEnd, TargetErrorBounds, TracedPath, bound_error
 from labrig.experiments.insertion.events import BevelTurn
+from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.needle.kinematics import FloatArray
 from labrig.simulation.lens import camera_place_mm
 from labrig.simulation.parallax import see_points
@@ -30,15 +30,12 @@ from labrig.steering.torsion import (
     choose_turn,
     turn_back_and_forth,
 )
-from tests.benchmarks.worlds import ASSUMED, DrawnWorld
+from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
 Turning = Literal["compensated", "same_way", "back_and_forth"]
 
 COMPUTED_MM = 0.03  # the needle advances at 1 mm/s, and a picture takes 30 ms to be computed
-# 0.3 degrees of wandering heading, and what the wandering curvature adds to it.
-PROCESS_SD_RAD = math.radians(0.4)
-RADIUS_SD_MM = 0.6
 TARGET_SD_MM = 0.2  # of a tracked target
 AXIS = BaseLimits(-13.0, 13.0)
 MOST_STEPS = 1000
@@ -105,22 +102,23 @@ class _Bevel:
 
 
 def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
-    """Return the settings of a policy, which are the same in every world."""
-    if policy == "paper":
-        estimator = EstimatorSettings(
-            ASSUMED.radius_mm, ASSUMED.sighting_sd_mm, PROCESS_SD_RAD, "paper", planar=True
-        )
-        return SteeringSettings(problem, estimator, SteeringPolicy.paper(), "paper")
+    """Return the settings of a policy, which are the same in every world: the protocol's, or the paper's.
+
+    Only the longest path is the problem's: its targets are deeper than the protocol's.
+    """
+    chosen = make_insertion_settings(read_protocol(), problem.target_mm, problem.obstacles)
+    chosen = replace(chosen, problem=replace(chosen.problem, max_length_mm=problem.max_length_mm))
+    if policy == "default":
+        return chosen
+    assumed = chosen.estimator
     estimator = EstimatorSettings(
-        ASSUMED.radius_mm,
-        ASSUMED.sighting_sd_mm,
-        PROCESS_SD_RAD,
+        assumed.radius_mm,
+        assumed.observation_sd_mm,
+        assumed.process_sd_rad_per_root_mm,
+        "paper",
         planar=True,
-        radius_sd_mm=RADIUS_SD_MM,
-        cavity_every_mm=ASSUMED.cavity_every_mm,
     )
-    chosen = SteeringPolicy(backlash_mm=ASSUMED.backlash_mm, closing_mm=ASSUMED.closing_mm)
-    return SteeringSettings(problem, estimator, chosen)
+    return replace(chosen, estimator=estimator, policy=SteeringPolicy.paper(), method="paper")
 
 
 def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) -> InsertionEnd:

@@ -6,6 +6,7 @@ filter and policy have a mean error of 2 mm in the plane, which is all that its 
 mean. The seeds are used for nothing else.
 """
 
+import math
 import statistics
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -38,7 +39,7 @@ def print_table() -> None:
     )
     print_rows(heads, [_row(scale, ends) for scale, ends in zip(SCALES, done, strict=True)])
     means_mm = [_mean_mm(ends) for ends in done]
-    fitted = float(np.interp(REPORTED_MM, means_mm, SCALES))
+    fitted = float(np.interp(REPORTED_MM, np.maximum.accumulate(means_mm), SCALES))
     used = read_world("reference").disturbances.heading_deg_per_root_mm
     today = read_world("simulated").disturbances.heading_deg_per_root_mm
     print(
@@ -67,7 +68,8 @@ def _row(scale: float, ends: Sequence[InsertionEnd]) -> list[object]:
     errors = [end.in_plane_mm for end in ends]
     return [
         f"{scale:g}", f"{disturbances.heading_deg_per_root_mm:g}", f"{disturbances.curvature_fraction:g}",
-        f"{_mean_mm(ends):.2f}", f"{statistics.median(errors):.2f}",
+        f"{_mean_mm(ends):.2f}", f"{statistics.stdev(errors) / math.sqrt(len(errors)):.2f}",
+        f"{statistics.median(errors):.2f}",
         f"{100 * statistics.mean(error <= REPORTED_MM for error in errors):.0f} %",
         sum(end.stop not in {"target_reached", "target_missed"} for end in ends),
     ]  # fmt: skip

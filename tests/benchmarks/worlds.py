@@ -1,41 +1,34 @@
 """Worlds for insertions without pictures: none has the numbers that the policy assumes.
 
-A world is read from its rig file. What the policy assumes a value for is drawn anew for each world about that value:
-radius, backlash, closing length, spacing of cavities, noise of the sightings, size of the disturbances and torsion. The
-spreads stand in `Spreads`.
+A world is read from its rig file. What protocols/insertion.yaml assumes a value for is drawn for each world about that
+value: radius, backlash, closing length, spacing of cavities, noise of the sightings. The rig file's disturbances and
+torsion are drawn too. The spreads stand in `Spreads`.
 """
 
 import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from labrig.devices.rig_file import load_rig
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.protocol.load import load_protocol
 from labrig.simulation.description import GelDescription, WorldDescription
 from labrig.simulation.gel import Ball
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.torsion import TorsionalLag
-from tests.benchmarks.planning_problems import RADIUS_MM, draw_planar_problem
+from tests.benchmarks.planning_problems import draw_planar_problem
 
 ROOT = Path(__file__).parents[2]
 GELATIN_PERCENT = 16.0
 REACH_MM = 100.0
 _SMALL_PX = 64  # pictures are not taken; only the place of the lens counts
-
-
-@dataclass(frozen=True)
-class AssumedWorld:
-    """What the policy assumes of every world."""
-
-    radius_mm: float = RADIUS_MM
-    backlash_mm: float = 1.5
-    closing_mm: float = 3.0
-    cavity_every_mm: float = 50.0
-    sighting_sd_mm: float = 0.2
 
 
 @dataclass(frozen=True)
@@ -56,16 +49,16 @@ class Spreads:
     lag_rad: float = math.radians(1.0)
 
 
-ASSUMED, SPREADS = AssumedWorld(), Spreads()
+SPREADS = Spreads()
 
 
 @dataclass(frozen=True)
 class DrawnWorld:
     """A world with a phantom, an aimed target and the sheath introduced.
 
-    problem : what the policy is told; sighting_sd_mm : noise of a sighting in y and z; roll_zero_rad : by how much the
-    bevel is off where the policy takes it to be; measured_lag, told : what it knows of torsion and of other ways out of
-    the plane; noise : draws the sightings.
+    problem : target and obstacles as the policy is told; sighting_sd_mm : noise of a sighting in y and z;
+    roll_zero_rad : by how much the bevel is off where the policy takes it to be; measured_lag, told : what it knows of
+    torsion and of other ways out of the plane; noise : draws the sightings.
     """
 
     world: World
@@ -83,6 +76,14 @@ class DrawnWorld:
 
 
 @cache
+def read_protocol() -> InsertionProtocol:
+    """Return the protocol of the default policy."""
+    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS)
+    assert isinstance(protocol, InsertionProtocol)
+    return protocol
+
+
+@cache
 def read_world(name: str) -> WorldDescription:
     """Return the world of `calibration/rig-NAME.yaml`."""
     world = load_rig(ROOT / "calibration" / f"rig-{name}.yaml").world
@@ -93,6 +94,7 @@ def read_world(name: str) -> WorldDescription:
 def draw_world(described: WorldDescription, seed: int, spreads: Spreads = SPREADS) -> DrawnWorld:
     """Return the world of a seed, drawn about what the policy assumes."""
     random = np.random.default_rng([seed, 5])
+    assumed = read_protocol()
     problem = draw_planar_problem(np.random.default_rng([2, seed]), 2)
     description = _draw_description(described, random, spreads)
     world = World(description, seed)
@@ -101,7 +103,7 @@ def draw_world(described: WorldDescription, seed: int, spreads: Spreads = SPREAD
         "phantom", GELATIN_PERCENT, [Ball(o.position_mm, o.radius_mm) for o in problem.obstacles]
     )
     world.aim_at(problem.target_mm)
-    sighting_sd_mm = _draw_about(ASSUMED.sighting_sd_mm, spreads.sighting, random)
+    sighting_sd_mm = _draw_about(assumed.estimator.observation_sd_mm, spreads.sighting, random)
     roll_zero_rad = spreads.roll_zero_rad * random.standard_normal()
     return DrawnWorld(
         world,
@@ -145,19 +147,20 @@ def _has_torsion(description: WorldDescription) -> bool:
 def _draw_description(
     described: WorldDescription, random: np.random.Generator, spreads: Spreads
 ) -> WorldDescription:
+    assumed = read_protocol()
     torsion = _draw_about(1.0, spreads.torsion, random)
     needle = described.needle.model_copy(
         update={
             "torsion_lag_deg": torsion * described.needle.torsion_lag_deg,
             "torsion_lag_deg_per_mm": torsion * described.needle.torsion_lag_deg_per_mm,
-            "backlash_mm": _draw_about(ASSUMED.backlash_mm, spreads.backlash, random),
-            "hinge_closing_mm": _draw_about(ASSUMED.closing_mm, spreads.closing, random),
+            "backlash_mm": _draw_about(assumed.policy.backlash_mm, spreads.backlash, random),
+            "hinge_closing_mm": _draw_about(assumed.policy.closing_mm, spreads.closing, random),
         }
     )
-    radius_mm = _draw_about(ASSUMED.radius_mm, spreads.radius, random)
+    radius_mm = _draw_about(assumed.planner.radius_mm, spreads.radius, random)
     gel = GelDescription(gelatin_percent=GELATIN_PERCENT, radius_mean_mm=radius_mm, radius_sd_mm=0.0)
     disturbances = described.disturbances
-    every_mm = _draw_about(ASSUMED.cavity_every_mm, spreads.cavity_spacing, random)
+    every_mm = _draw_about(assumed.estimator.cavity_every_mm or math.inf, spreads.cavity_spacing, random)
     cavities = min(int(random.poisson(REACH_MM / every_mm)), 20) if disturbances.cavities else 0
     wander = _draw_about(1.0, spreads.wander, random)
     return described.model_copy(

@@ -4,6 +4,7 @@ A sighting is where the tip appears in the steering plane, with its parallax, an
 the needle advances. The target is tracked if it moves: its place is told with noise, as that of the tip.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -45,18 +46,31 @@ MOST_STEPS = 1000
 class InsertionEnd:
     """The end of an insertion: why it stopped, the world's truth about it, and what the policy says of it.
 
-    `error_mm` is the distance in space, `in_plane_mm` and `x_mm` its parts; `interval_mm` the policy's interval of it.
+    `off_mm` is the tip's true place (x, y, z) from the target; `interval_mm` is the policy's interval of its length.
     """
 
     stop: str
-    error_mm: float
-    in_plane_mm: float
-    x_mm: float
+    off_mm: tuple[float, float, float]
     clearance_mm: float
     replans: int
     turns: int
     outcome: str
     interval_mm: tuple[float, float]
+
+    @property
+    def error_mm(self) -> float:
+        """The distance from the target in space."""
+        return math.hypot(*self.off_mm)
+
+    @property
+    def in_plane_mm(self) -> float:
+        """The distance from the target in the plane."""
+        return math.hypot(*self.off_mm[1:])
+
+    @property
+    def out_of_plane_mm(self) -> float:
+        """The distance from the target across the plane."""
+        return abs(self.off_mm[0])
 
 
 @dataclass
@@ -168,14 +182,11 @@ def _describe_end(
     drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, stop: str, turns: Sequence[BevelTurn]
 ) -> InsertionEnd:
     truth: Any = drawn.world.truth()
-    off_mm = np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]
     bounds = _bound_error(drawn, settings, state, turns)
     steered = stop == "target_reached"
     return InsertionEnd(
         stop=stop,
-        error_mm=float(np.linalg.norm(off_mm)),
-        in_plane_mm=float(np.hypot(*off_mm[1:])),
-        x_mm=float(off_mm[0]),
+        off_mm=tuple((np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()),
         clearance_mm=truth["true_min_clearance_mm"],
         replans=state.replans,
         turns=len(turns),

@@ -73,7 +73,7 @@ def _row(name: str, policy: str, ends: Sequence[InsertionEnd], cpu_s: float) -> 
         name, policy, f"{100 * statistics.mean(error <= TOLERANCE_MM for error in errors):.1f} %",
         f"{statistics.mean(errors):.2f}", f"{statistics.median(errors):.2f}", f"{np.percentile(errors, 95):.2f}",
         f"{max(errors):.2f}", f"{statistics.mean(end.in_plane_mm for end in ends):.2f}",
-        f"{statistics.mean(abs(end.x_mm) for end in ends):.2f}", sum(end.clearance_mm < 0 for end in ends),
+        f"{statistics.mean(end.out_of_plane_mm for end in ends):.2f}", sum(end.clearance_mm < 0 for end in ends),
         f"{statistics.mean(end.turns for end in ends):.0f}", ", ".join(f"{stop} {count}" for stop, count in stops),
         f"{cpu_s:.2f}",
     ]  # fmt: skip

@@ -29,14 +29,8 @@ def print_table() -> None:
     with ProcessPoolExecutor() as executor:
         done = [list(executor.map(partial(_insert, scale=scale), SEEDS, chunksize=4)) for scale in SCALES]
     heads = (
-        "scale",
-        "heading deg / root mm",
-        "curvature",
-        "mean mm",
-        "median",
-        "within 2 mm",
-        "path ends early",
-    )
+        "scale", "heading deg / root mm", "curvature", "mean mm", "SE", "median", "within 2 mm", "path ends early",
+    )  # fmt: skip
     print_rows(heads, [_row(scale, ends) for scale, ends in zip(SCALES, done, strict=True)])
     means_mm = [_mean_mm(ends) for ends in done]
     fitted = float(np.interp(REPORTED_MM, np.maximum.accumulate(means_mm), SCALES))

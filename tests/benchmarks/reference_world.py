@@ -11,6 +11,7 @@ import statistics
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,13 +33,19 @@ def print_table() -> None:
         "scale", "heading deg / root mm", "curvature", "mean mm", "SE", "median", "within 2 mm", "path ends early",
     )  # fmt: skip
     print_rows(heads, [_row(scale, ends) for scale, ends in zip(SCALES, done, strict=True)])
-    means_mm = [_mean_mm(ends) for ends in done]
-    fitted = float(np.interp(REPORTED_MM, np.maximum.accumulate(means_mm), SCALES))
     used = read_world("reference").disturbances.heading_deg_per_root_mm
     today = read_world("simulated").disturbances.heading_deg_per_root_mm
-    print(
-        f"mean error {REPORTED_MM:g} mm at the scale {fitted:.2f}; rig-reference.yaml has {used / today:.2f}"
-    )
+    fitted = _find_scale([_mean_mm(ends) for ends in done])
+    where = "at none of these scales" if fitted is None else f"at the scale {fitted:.2f}"
+    print(f"mean error {REPORTED_MM:g} mm {where}; rig-reference.yaml has {used / today:.2f}")
+
+
+def _find_scale(means_mm: Sequence[float]) -> float | None:
+    """Return the smallest scale with the reported mean, interpolated; None if it is not between two of them."""
+    for (low, low_mm), (high, high_mm) in pairwise(zip(SCALES, means_mm, strict=True)):
+        if low_mm <= REPORTED_MM <= high_mm:
+            return float(np.interp(REPORTED_MM, (low_mm, high_mm), (low, high)))
+    return None
 
 
 def scale_disturbances(scale: float) -> WorldDescription:

@@ -63,7 +63,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         operator_steps=2 * trials + (0 if first is None else 3 + first.holes) + operator_steps,
         problems=problems,
         refusal=foreseen.refusal,
-        warnings=foreseen.warnings,
+        warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig)),
     )
 
 
@@ -94,6 +94,21 @@ def _find_roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -
             "say how under roll_zero:, or first labrig run protocols/roll-zero.yaml on this rig"
             if rig.state_path is not None
             else "say how under roll_zero:; a simulated rig without state_file is new in every run",
+        )
+
+
+def _warn_of_torsion(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield a measured torsion of another needle, which says nothing of this one."""
+    certified = NeedleState(rig.state_path).state.roll_zero
+    needle_id, steps = protocol.needle.needle_id, protocol.roll_zero
+    if certified is None or certified.torsion is None or steps is None:
+        return
+    if certified.needle_id != needle_id and steps.torsion is None:
+        yield Problem(
+            "roll_zero.torsion",
+            f"the torsion that rig {rig.name} knows is of needle {certified.needle_id}; that of {needle_id} is not "
+            "compensated",
+            "measure it: torsion: {} under roll_zero:, or labrig run protocols/roll-zero.yaml",
         )
 
 

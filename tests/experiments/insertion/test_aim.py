@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.needle_state import NeedleState, RollZero
+from labrig.devices.needle_state import NeedleState, RollZero, Torsion
 from labrig.devices.rig_file import load_rig
 from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -86,6 +86,18 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
         store.update(referenced=("rotation",), roll_zero=RollZero(needle_id, 0.1, 0.01, "run-1"))
         problems = [problem for problem in find_problems(protocol, rig) if problem.where == "roll_zero"]
         assert len(problems) == refused
+
+
+def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> None:
+    """If the run finds the roll zero without the torsion, a warning names the needle whose torsion is known."""
+    rig = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    torsion = Torsion(0.01, 0.002, 0.02, "run-1")
+    for needle_id, told in (("N1", 0), ("another", 1)):
+        certified = RollZero(needle_id, 0.1, 0.01, "run-1", torsion)
+        NeedleState(rig.state_path).update(referenced=("rotation",), roll_zero=certified)
+        warnings = [w for w in plan_of(insertion(), rig).warnings if w.where == "roll_zero.torsion"]
+        assert len(warnings) == told
+        assert all("is of needle another" in warning.message for warning in warnings)
 
 
 def test_a_target_named_by_its_pixel_is_aimed_at() -> None:

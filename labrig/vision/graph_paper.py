@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.grid_seed import Seed, find_seeds
+from labrig.vision.grid_seed import Seed, find_fine_spacing_px, find_seeds
 from labrig.vision.grid_tracking import TrackedGrid, track_grid
 from labrig.vision.line_density import Density, blur, clip, halve, measure_darkness, measure_ink
 from labrig.vision.picture import Picture
@@ -112,7 +112,21 @@ def find_crossings(image: Picture) -> Crossings:
     MeasurementRefusedError
         If the picture shows no two families of evenly spaced lines, or the lines are too close together.
     """
-    best = _find_grid(measure_darkness(image))
+    darkness = measure_darkness(image)
+    try:
+        return _find_crossings(image, darkness)
+    except MeasurementRefusedError as refusal:
+        fine_px = find_fine_spacing_px(darkness)
+        if fine_px is None:
+            raise
+        raise MeasurementRefusedError(
+            f"the finest lines in the picture are {fine_px:.1f} px apart, too close to tell each from the next",
+            "come closer with the camera, or use one with more pixels, until they are 5 px apart or more",
+        ) from refusal
+
+
+def _find_crossings(image: Picture, darkness: Density) -> Crossings:
+    best = _find_grid(darkness)
     if best is not None and best[1] >= _MANY_CONFIRMED:
         return best[0]
     # What the ink is refused for says nothing against a grid that darkness shows.

@@ -24,6 +24,10 @@ _PLACES = tuple(product((0.25, 0.5, 0.75), repeat=2))
 # Frequencies that are looked at, in cycles per patch: below, slow light and single marks; above, less than three pixels
 # from line to line.
 _LEAST_CYCLES, _MOST_CYCLES_SHARE, _CYCLES_STEP = 5.0, 0.36, 0.5
+# Lines that are too close to be followed, as shares of a patch's pixels: from 4.5 to 2 px from line to line.
+_LEAST_FINE, _MOST_FINE = 0.22, 0.5
+# Such lines are so close; so many patches show them; and lines further apart than this many times are not clearer.
+_LARGEST_FINE_PX, _LEAST_FINE_SUPPORT, _COARSER = 3.95, 5, 1.2
 _LEAST_ANGLE_DEG = 50
 # Half the width, in degrees, over which rays are added, and that in which a ray's peak is searched.
 _RAY_DEG, _PEAK_DEG = 2, 4
@@ -58,11 +62,45 @@ class Seed:
     waves: _FloatArray
     support: int = 1
 
+    @property
+    def spacings_px(self) -> _FloatArray:
+        """Return the distances (2,) between the lines of both families."""
+        return np.asarray(1.0 / np.linalg.norm(self.waves, axis=1))
+
 
 def find_seeds(density: Density) -> list[Seed]:
     """Return the grids in the patches of a picture: first those that most others agree with, the strongest first."""
+    side = _choose_side(density)
+    return _find_seeds(density, np.arange(_LEAST_CYCLES, _MOST_CYCLES_SHARE * side, _CYCLES_STEP))
+
+
+def find_fine_spacing_px(density: Density) -> float | None:
+    """Return the distance between lines in two directions that are too close to be followed; None for no such lines.
+
+    A coarser pattern has multiples of its frequency there. They are weaker than the pattern itself.
+    """
+    side = _choose_side(density)
+    seeds = _find_seeds(density, np.arange(_LEAST_FINE * side, _MOST_FINE * side, _CYCLES_STEP))
+    if not seeds or seeds[0].support < _LEAST_FINE_SUPPORT or seeds[0].spacings_px.max() > _LARGEST_FINE_PX:
+        return None
+    fine_px = float(seeds[0].spacings_px.mean())
+    clearer = (
+        seed.strength > seeds[0].strength and seed.spacings_px.max() > _COARSER * fine_px
+        for seed in find_seeds(density)
+    )
+    return None if any(clearer) else fine_px
+
+
+def _choose_side(density: Density) -> int:
     height, width = density.shape
-    side = min(_PATCH_PX, height, width) // 2 * 2
+    side: int = min(_PATCH_PX, height, width) // 2 * 2
+    return side
+
+
+def _find_seeds(density: Density, cycles: _FloatArray) -> list[Seed]:
+    """Return the grids with these frequencies [cycles per patch] in the patches."""
+    height, width = density.shape
+    side = _choose_side(density)
     if side < _LEAST_PATCH_PX:
         return []
     taper = np.hanning(side).astype(np.float32)
@@ -74,7 +112,7 @@ def find_seeds(density: Density) -> list[Seed]:
         )
         patch = density[top : top + side, left : left + side]
         middle = np.array([left, top], dtype=np.float64) + side / 2
-        seed = _find_seed((patch - patch.mean()) * taper[:, None] * taper, middle)
+        seed = _find_seed((patch - patch.mean()) * taper[:, None] * taper, middle, cycles)
         if seed is not None:
             found.append(seed)
     supported = [replace(seed, support=sum(_agree(seed, other) for other in found)) for seed in found]
@@ -92,10 +130,9 @@ def _agree(seed: Seed, other: Seed) -> bool:
     )
 
 
-def _find_seed(tapered: Density, centre: _FloatArray) -> Seed | None:
+def _find_seed(tapered: Density, centre: _FloatArray, cycles: _FloatArray) -> Seed | None:
     side = len(tapered)
     amplitude = np.abs(np.fft.fftshift(np.fft.fft2(tapered))).astype(np.float32)
-    cycles = np.arange(_LEAST_CYCLES, _MOST_CYCLES_SHARE * side, _CYCLES_STEP)
     angles = np.deg2rad(np.arange(_DEGREES))[:, None]
     u, v = ((side // 2 + turn * cycles).astype(np.float32) for turn in (np.cos(angles), np.sin(angles)))
     power = np.asarray(cv2.remap(amplitude**2, u, v, cv2.INTER_LINEAR), dtype=np.float32)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -96,6 +97,26 @@ def test_lines_that_may_be_heavier_ones_are_refused():
     plane = calibrate(sheet_of("1/10", 1.8, blur_px=1.6))
     assert not plane.accepted
     assert "with finer lines between them that the picture does not show" in plane.reasons[0]
+
+
+def test_lines_too_close_for_the_camera_are_the_reason():
+    """Where fine lines are seen but not followed, their distance is stated, and that the camera has to come closer."""
+    with pytest.raises(
+        CalibrationRefusedError, match=r"lines in the picture are 2\.[45] px apart, too close"
+    ) as caught:
+        calibrate(sheet_of("1", 2.5, tilt_deg=2.0, blur_px=0.6))
+    assert "come closer" in caught.value.hint
+
+
+def test_printed_lines_between_drawn_ones_are_told_by_the_spectrum_where_blur_hides_them():
+    """At 5.5 px from line to line and a blur of 1.4 px there is no dip between a drawn line and the printed one."""
+    sharp = no_graph_paper.draw_second_grid(24.0, wobble_px=0.0)
+    small = cv2.resize(sharp, (587, 330), interpolation=cv2.INTER_AREA)
+    picture = np.asarray(cv2.GaussianBlur(small, (0, 0), 1.2), dtype=np.uint8)
+    with pytest.raises(
+        CalibrationRefusedError, match=r"between the lines .* px apart there are fainter ones"
+    ):
+        calibrate_plane(picture, None, 1.0, (300.0, 150.0), "right")
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ _LEAST_HEIGHT, _LEAST_SIGMAS = 0.02, 5.0
 # their distance have 0.04. The weaker one is above its noise by this factor, and its waves are so long at the least.
 _HARMONICS = (2, 3)
 _LEAST_RATIO, _LEAST_OVER_NOISE, _LEAST_WAVE_PX = 0.15, 8.0, 2.1
+_MOST_BELOW_ZERO = 3.0
 # Standard error of a median, in median absolute deviations over the square root of the number.
 _MAD_TO_SIGMA, _MEDIAN_TO_MEAN = 1.4826, 1.2533
 
@@ -61,8 +62,7 @@ def _see_lines(profiles: Sequence[Profile], combs: Sequence[Comb], number: int) 
     heights, errors = np.transpose(
         [_measure_least(profile, comb, number) for profile, comb in zip(profiles, combs, strict=True)]
     )
-    error = float(np.linalg.norm(errors)) / len(errors)
-    return bool(np.mean(heights) > max(_LEAST_HEIGHT, _LEAST_SIGMAS * error))
+    return bool((heights > np.maximum(_LEAST_HEIGHT, _LEAST_SIGMAS * errors)).all())
 
 
 def _infer_lines(harmonics: Sequence[Harmonics], number: int, spacing_px: float) -> bool:
@@ -73,8 +73,10 @@ def _infer_lines(harmonics: Sequence[Harmonics], number: int, spacing_px: float)
     after = (near[1] ** 2 - near[0] ** 2) / (near[2] ** 2 - near[0] ** 2)
     ratios = []
     for family in harmonics:
-        before, here, beyond = family.at(near).real
-        if min(before, here, beyond) < _LEAST_OVER_NOISE * family.noise(number + 1):
+        before, here, beyond, double = family.at((*near, 2.0 * number)).real
+        noise = family.noise(number + 1)
+        # Thick lines have harmonics below zero, and next to these a weak one.
+        if min(before, here, beyond) < _LEAST_OVER_NOISE * noise or double < -_MOST_BELOW_ZERO * noise:
             return False
         ratios.append(np.log(here) - (1.0 - after) * np.log(before) - after * np.log(beyond))
     return bool(np.mean(ratios) > _LEAST_RATIO)

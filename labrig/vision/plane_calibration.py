@@ -63,6 +63,10 @@ _LEAST_IN_A_HALF = 8
 _LARGEST_PAPER_SIGMA_MM = 10.0
 # Printed paper is square within half a percent.
 _LARGEST_STRETCH, _LARGEST_SKEW_RAD = 0.02, float(np.deg2rad(1.0))
+# Without a lens, what is no square in the middle of the picture may be tilted: by 25 degrees at the most.
+_LARGEST_TILTED_STRETCH, _LARGEST_TILTED_SKEW_RAD = 0.12, float(np.deg2rad(7.0))
+# A place and two others, along both families of lines.
+_AROUND_MM = np.array([(0.0, 0.0), (1e-3, 0.0), (0.0, 1e-3)])
 # Side of the blocks of crossings that the hold-out leaves out in turn: the errors of neighbours are correlated.
 _BLOCK = 5
 
@@ -422,14 +426,18 @@ def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap, fit: PlaneFit) ->
             f"the crossings are {round_up(off_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
         )
     stretch, skew_rad = _measure_squareness(fit, bare)
-    if stretch > _LARGEST_STRETCH or skew_rad > _LARGEST_SKEW_RAD:
+    known = bare.telecentric or bare.intrinsics is not None
+    most_stretch = _LARGEST_STRETCH if known else _LARGEST_TILTED_STRETCH
+    most_skew_rad = _LARGEST_SKEW_RAD if known else _LARGEST_TILTED_SKEW_RAD
+    if stretch > most_stretch or skew_rad > most_skew_rad:
         remedy = (
             "turn the telecentric lens to face the paper"
             if bare.telecentric
             else "show graph paper, and give the calibration of this camera's lens"
         )
+        through = " through the lens" if known else ""
         reasons.append(
-            f"the lines are no square grid through the lens: {round_up(100.0 * stretch, 1)} % longer one way, "
+            f"the lines are no square grid{through}: {round_up(100.0 * stretch, 1)} % longer one way, "
             f"{round_up(np.rad2deg(skew_rad), 1)} degrees off a right angle: {remedy}"
         )
     if turn_rad > _LARGEST_TURN_RAD:
@@ -441,10 +449,10 @@ def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap, fit: PlaneFit) ->
 
 
 def _measure_squareness(fit: PlaneFit, bare: PlaneMap) -> tuple[float, float]:
-    """Return how much longer the grid is one way, as a share, and its angle off a right one; 0 without a lens.
+    """Return how much longer the grid is one way, as a share, and its angle off a right one.
 
     A calibrated lens has no freedom for either: they would be the tilt of the sheet. Through a telecentric lens a tilt
-    shortens the grid one way.
+    shortens the grid one way. Without a lens both are those in the middle of the picture.
     """
     if bare.telecentric:
         across, along = np.linalg.inv(fit.homography)[:2, :2].T
@@ -453,7 +461,9 @@ def _measure_squareness(fit: PlaneFit, bare: PlaneMap) -> tuple[float, float]:
             :, :2
         ].T
     else:
-        return 0.0, 0.0
+        middle_mm = fit.paper_mm(0.5 * np.array([bare.image_size or (1, 1)], dtype=np.float64))
+        around = apply_homography(np.linalg.inv(fit.homography), middle_mm + _AROUND_MM)
+        across, along = around[1:] - around[0]
     lengths = float(np.linalg.norm(across)), float(np.linalg.norm(along))
     cosine = float(across @ along) / (lengths[0] * lengths[1])
     return max(lengths) / min(lengths) - 1.0, abs(float(np.arcsin(np.clip(cosine, -1.0, 1.0))))

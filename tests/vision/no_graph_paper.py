@@ -65,13 +65,13 @@ def draw_chessboard(square_px: int = 40) -> Picture:
     return photograph(50.0 + 170.0 * ((rows // square_px + columns // square_px) % 2))
 
 
-def draw_keyboard() -> Picture:
-    """Return a keyboard: rows of keys that are offset from row to row, with letters, wider keys at the ends."""
+def draw_keyboard(offsets: tuple[int, ...] = (0, 46, 70, 116)) -> Picture:
+    """Return a keyboard: rows of keys with offsets [px] in turn, with letters, wider keys at the ends."""
     random = np.random.default_rng(3)
     flat = np.full((_FLAT[1], _FLAT[0]), 40.0)
     key = 92
     for row in range(11):
-        left = 40 + (0, 46, 70, 116)[row % 4]
+        left = 40 + offsets[row % len(offsets)]
         for column in range(15):
             wide = 60 if column in {0, 14} else 0
             u, v = left + column * (key + 8), 60 + row * (key + 8)

@@ -20,12 +20,18 @@ def plan(
         Path | None,
         typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.", show_default=False),
     ] = None,
+    improve_s: Annotated[
+        float,
+        typer.Option(
+            "--improve-s", metavar="S", min=0.0, help="Look so long for a better path than the first [s]."
+        ),
+    ] = 0.0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing figure.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.experiments.insertion.scenario import load_scenario, make_problem
-    from labrig.steering.planner import plan_path
+    from labrig.steering.planner import improve_plan, plan_path
 
     if figure is not None:
         _check_figure(figure, force)
@@ -34,6 +40,10 @@ def plan(
     clock = SystemClock()
     started_s = clock.now_s()
     found = plan_path(problem, asked.method)
+    if found.found and asked.method == "best":
+        rounds = improve_plan(problem, found)
+        while clock.now_s() - started_s < improve_s and (better := next(rounds, None)) is not None:
+            found = better
     document = {**found.to_json(), "elapsed_s": clock.now_s() - started_s}
     if figure is not None:
         from labrig.report.plan_figure import write_plan_figure

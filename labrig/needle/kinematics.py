@@ -95,9 +95,12 @@ def arc_jacobian(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) ->
     return radius_mm * jacobian
 
 
-def path_jacobian(psi: FloatArray, radius_mm: float) -> FloatArray:
-    """Return J_v, (..., 3, 2n), the derivative of the path's tip in {1b} by psi_1, ... psi_n, equation (10)."""
-    frames = path_frames(psi, radius_mm)
+def path_jacobian(psi: FloatArray, radius_mm: float, frames: ArcFrames | None = None) -> FloatArray:
+    """Return J_v, (..., 3, 2n), the derivative of the path's tip in {1b} by psi_1, ... psi_n, equation (10).
+
+    `frames` are those of the paths, if they are known already.
+    """
+    frames = frames or path_frames(psi, radius_mm)
     blocks = _arc_blocks(psi, radius_mm, frames, frames.positions_mm[..., None, -1, :])[..., 0, :, :, :]
     return _side_by_side(blocks)
 
@@ -135,6 +138,20 @@ def control_jacobians(psi: FloatArray, radius_mm: float, points: int) -> FloatAr
         blocks[..., i + 1 :, :, :] = 0.0
         jacobians[..., i, :, :, :] = _side_by_side(blocks)
     return jacobians
+
+
+def place_jacobians(
+    psi: FloatArray, radius_mm: float, frames: ArcFrames, places: FloatArray, arcs: NDArray[np.intp]
+) -> FloatArray:
+    """Return the derivative of places (..., q, 3) on arcs (..., q) of each path by psi, (..., q, 3, 2n).
+
+    A place keeps its angle on its own arc, so that the arc's theta does not move it (equation 15 without its f).
+    """
+    blocks = _arc_blocks(psi, radius_mm, frames, places)
+    numbers = np.arange(psi.shape[-2])
+    blocks[arcs[..., None] < numbers] = 0.0
+    blocks[..., 0] *= (arcs[..., None] > numbers)[..., None]
+    return _side_by_side(blocks)
 
 
 def _fractions(points: int) -> FloatArray:

@@ -4,9 +4,24 @@ In the plane of an arc, the nearest point to a sphere's centre lies on the ray f
 meets the arc. Otherwise it is an end of the arc.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, rotation_z
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPlaces:
+    """The place on each of M paths that is nearest to each of K points.
+
+    distances_mm : (M, K); places_mm : (M, K, 3) in {1b}; arcs : (M, K), the arc of each place.
+    """
+
+    distances_mm: FloatArray
+    places_mm: FloatArray
+    arcs: NDArray[np.intp]
 
 
 def arc_distances(
@@ -43,3 +58,23 @@ def arc_distances(
 def path_distances(psi: FloatArray, radius_mm: float, centres_mm: FloatArray) -> FloatArray:
     """Return the distance from each path to each point, (..., K); arguments as `arc_distances`."""
     return np.asarray(arc_distances(psi, radius_mm, centres_mm).min(axis=-2))
+
+
+def find_nearest_places(
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames
+) -> NearestPlaces:
+    """Return the nearest place of each path (M, n, 2) to each point (K, 3); arguments as `arc_distances`."""
+    apart = arc_distances(psi, radius_mm, centres_mm, frames)
+    arcs = apart.argmin(axis=-2)
+    paths = np.arange(len(psi))[:, None]
+    bending = (frames.rotations[:, :-1] @ rotation_z(psi[..., 1]))[paths, arcs]
+    starts, ends = frames.positions_mm[paths, arcs], frames.positions_mm[paths, arcs + 1]
+    offsets = centres_mm - starts
+    local = (offsets[..., None, :] @ bending)[..., 0, :]
+    turned = np.mod(np.arctan2(local[..., 2], local[..., 1] + radius_mm), 2 * np.pi)
+    angle = psi[paths, arcs, 0]
+    nearer_end = np.linalg.norm(centres_mm - ends, axis=-1) < np.linalg.norm(offsets, axis=-1)
+    at = np.where(turned <= angle, turned, np.where(nearer_end, angle, 0.0))
+    on_arc = radius_mm * np.stack((np.zeros_like(at), np.cos(at) - 1.0, np.sin(at)), axis=-1)
+    places = starts + (bending @ on_arc[..., None])[..., 0]
+    return NearestPlaces(apart.min(axis=-2), places, arcs)

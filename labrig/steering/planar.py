@@ -46,6 +46,10 @@ class Field:
         """Return the same plane without obstacles and without a limit on length."""
         return replace(self, discs=self.discs[:0], disc_radii_mm=self.disc_radii_mm[:0], max_length_mm=np.inf)
 
+    def with_smaller_discs(self, by_mm: float) -> "Field":
+        """Return the same plane with discs smaller by this length; those that vanish stay as points."""
+        return replace(self, disc_radii_mm=np.maximum(self.disc_radii_mm - by_mm, 0.0))
+
 
 def target_in_plane(around: Surroundings) -> complex:
     """Return the target as a point of the plane."""
@@ -188,6 +192,13 @@ def close_paths(tips: Tips, field: Field, target: complex) -> Closures:
     chosen = fits[short]
     centres = np.stack((first[parent[chosen]], second[chosen]), axis=1)
     return Closures(parent[chosen], angles[short], centres, first[parent[chosen]] + r * e[chosen])
+
+
+def join_paths(tips: Tips, closures: Closures, which: NDArray[np.intp]) -> FloatArray:
+    """Return paths (M, n, 2) of these closures."""
+    parents = tips.take(closures.parent[which])
+    angles = np.concatenate((parents.angles_rad, closures.angles_rad[which]), axis=1)
+    return make_psi(angles, first_signs(parents))
 
 
 def find_hits(closures: Closures, tips: Tips, field: Field, target: complex) -> BoolArray:

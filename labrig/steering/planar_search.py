@@ -1,23 +1,26 @@
 """The default method in the plane: enumerate and score, and search more closely if nothing is found.
 
 Paths of up to four arcs are enumerated, and the best is taken. If there is none, the tree grows finer and deeper,
-twice, thinned to one tip a cell, and other ends within the tolerance are tried too.
+twice, thinned to one tip a cell, and other ends within the tolerance are tried too. A narrow tunnel is missed by all
+of them, because no angle of the tree leads through. So the tree last grows among smaller obstacles, and its paths are
+mended until they keep off the true ones.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.needle.kinematics import FloatArray
+from labrig.steering.mending import mend_paths, rank_by_lack
 from labrig.steering.planar import (
-    Closures,
     Field,
     Tips,
     close_paths,
     find_hits,
-    first_signs,
     grow_tips,
+    join_paths,
     make_psi,
     start_tree,
     target_in_plane,
@@ -26,9 +29,14 @@ from labrig.steering.planar import (
 from labrig.steering.problem import Surroundings
 from labrig.steering.score import pick_best_feasible
 
-_SCORED = 160
+_SCORED, _RANKED = 160, 1000
 _ENDS = 8
 _END_SHARE = 0.85
+# Rounds that a moving needle can wait for, and rounds without mending.
+QUICK_ROUNDS, CLOSER_ROUNDS = 1, 3
+# By how much smaller the obstacles are among which paths are sought to be mended [mm].
+_SMALLER_MM = (0.4, 1.2)
+_MENDED, _MENDING_STEPS = 64, 24
 
 
 @dataclass(frozen=True)
@@ -48,17 +56,18 @@ _CLOSER = (
 )
 
 
-def search_plane(around: Surroundings, *, thorough: bool) -> FloatArray | None:
-    """Return the best path (n, 2) of a planar problem, or None; a thorough search also tries finer trees."""
+def search_plane(around: Surroundings) -> Iterator[FloatArray | None]:
+    """Yield the best path (n, 2) of a planar problem from each round, or None; later rounds take longer."""
     field, target = Field.from_surroundings(around), target_in_plane(around)
-    quick = _search_first(around, field, target, _FIRST)
-    if quick is not None or not thorough:
-        return quick
+    yield _search_first(around, field, target, _FIRST)
     tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
     ring = _END_SHARE * tolerance_mm * np.exp(2j * np.pi * np.arange(_ENDS) / _ENDS)
     targets = np.concatenate(([target], target + ring))
-    paths = (_search_closer(around, field, targets, effort) for effort in _CLOSER)
-    return next((path for path in paths if path is not None), None)
+    for effort in _CLOSER:
+        yield _search_closer(around, field, targets, effort)
+    if len(field.discs):
+        for smaller_mm in _SMALLER_MM:
+            yield _search_mended(around, field.with_smaller_discs(smaller_mm), target)
 
 
 def _search_first(around: Surroundings, field: Field, target: complex, effort: Effort) -> FloatArray | None:
@@ -78,8 +87,7 @@ def _search_closer(
     tips = start_tree()
     for level in range(around.problem.max_arcs - 1):
         if level:
-            tips = grow_tips(tips, field, effort.samples[level - 1])
-            tips = thin_tips(tips, effort.cell_mm, effort.cell_rad, effort.tips)
+            tips = _grow_thinly(tips, field, effort, level)
         for target in targets:
             path = _pick_best([_close_clear(tips, field, target)], around)
             if path is not None:
@@ -87,18 +95,32 @@ def _search_closer(
     return None
 
 
+def _search_mended(around: Surroundings, field: Field, target: complex) -> FloatArray | None:
+    """Return the best of the paths with the fewest arcs that were mended, or None; the field has smaller discs."""
+    tips = start_tree()
+    for level in range(around.problem.max_arcs - 1):
+        if level:
+            tips = _grow_thinly(tips, field, _CLOSER[0], level)
+        found = _close_clear(tips, field, target)
+        if len(found):
+            kept = rank_by_lack(_thin_family(found, _RANKED), around, _MENDED)
+            path = pick_best_feasible(mend_paths(kept, around, _MENDING_STEPS), around)
+            if path is not None:
+                return path
+    return None
+
+
+def _grow_thinly(tips: Tips, field: Field, effort: Effort, level: int) -> Tips:
+    return thin_tips(
+        grow_tips(tips, field, effort.samples[level - 1]), effort.cell_mm, effort.cell_rad, effort.tips
+    )
+
+
 def _close_clear(tips: Tips, field: Field, target: complex) -> FloatArray:
     """Return the collision-free paths (M, n, 2) that end these tips with two more arcs."""
     closures = close_paths(tips, field, target)
     clear = ~np.any(find_hits(closures, tips, field, target), axis=1)
-    return _join_paths(tips, closures, np.flatnonzero(clear))
-
-
-def _join_paths(tips: Tips, closures: Closures, which: NDArray[np.intp]) -> FloatArray:
-    """Return paths (M, n, 2) of these closures."""
-    parents = tips.take(closures.parent[which])
-    angles = np.concatenate((parents.angles_rad, closures.angles_rad[which]), axis=1)
-    return make_psi(angles, first_signs(parents))
+    return join_paths(tips, closures, np.flatnonzero(clear))
 
 
 def _make_single_arcs(around: Surroundings, target: complex) -> FloatArray:
@@ -111,16 +133,16 @@ def _make_single_arcs(around: Surroundings, target: complex) -> FloatArray:
 
 def _pick_best(families: list[FloatArray], around: Surroundings) -> FloatArray | None:
     """Return the best feasible path of all families, checked again in three dimensions, or None."""
-    families = [_thin_family(family) for family in families]
+    families = [_thin_family(family, _SCORED) for family in families]
     arcs = max(family.shape[1] for family in families)
     padded = [np.pad(family, ((0, 0), (0, arcs - family.shape[1]), (0, 0))) for family in families]
     return pick_best_feasible(np.concatenate(padded), around)
 
 
-def _thin_family(family: FloatArray) -> FloatArray:
+def _thin_family(family: FloatArray, most: int) -> FloatArray:
     """Return a family small enough to score: its shortest paths and an even selection of the others."""
-    if len(family) <= _SCORED:
+    if len(family) <= most:
         return family
     order = np.argsort(family[..., 0].sum(axis=1))
-    shortest, others = order[: _SCORED // 2], order[_SCORED // 2 :]
-    return np.asarray(family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // _SCORED]))])
+    shortest, others = order[: most // 2], order[most // 2 :]
+    return np.asarray(family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // most]))])

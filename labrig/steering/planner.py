@@ -1,17 +1,22 @@
 """The planner: a problem in, a path or the reason why there is none out."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
+from typing import Literal
 
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray, path_frames, path_points
+from labrig.steering import planar_search, spatial_search
 from labrig.steering.clearance import path_distances
-from labrig.steering.planar_search import search_plane
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
-from labrig.steering.score import find_worst_miss_and_gap
-from labrig.steering.spatial_search import search_space
+from labrig.steering.score import cost_path, find_worst_miss_and_gap
+
+Effort = Literal["quick", "closer", "thorough"]
+"""How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
 
 
 @dataclass(frozen=True)
@@ -68,30 +73,45 @@ class Plan:
         }
 
 
-def plan_path(problem: PlanProblem, method: PlanMethod = "best", *, thorough: bool = True) -> Plan:
-    """Return a path to the target, or the reason why there is none.
+def plan_path(problem: PlanProblem, method: PlanMethod = "best", effort: Effort = "thorough") -> Plan:
+    """Return the first path to the target that is found, or the reason why there is none.
 
     Parameters
     ----------
     problem : PlanProblem
     method : {"best", "paper"}
-        "best" enumerates paths (in the plane) or starts many times (free rolls), and takes the best feasible path;
-        "paper" is the paper's resolved motion rate with null-space avoidance, made robust, for comparison.
-    thorough : bool
-        Search more closely if "best" finds nothing at first. Without a path that takes a second, which is too long
-        while the needle moves.
+        "best" enumerates paths (in the plane) or starts many times (free rolls), and takes the best feasible path of
+        the first round that has one; "paper" is the paper's resolved motion rate with null-space avoidance, made
+        robust, for comparison.
+    effort : {"quick", "closer", "thorough"}
+        Of "best". It is a number of rounds and not a time, so that the same problem has the same plan on any machine.
+        Without a path the thorough search takes seconds, which is too long while the needle moves.
     """
     around = Surroundings(problem)
     reason = find_refusal(around)
     if reason is not None:
         return Plan(found=False, reason=reason)
-    psi = _search(around, method, thorough=thorough)
+    psi = _search_first(around, method, effort)
     if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _is_worth_making(psi, around):
         psi = np.zeros((0, 2))
     if psi is None:
         failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
         return Plan(found=False, reason=failed)
     return make_plan(psi, around)
+
+
+def improve_plan(problem: PlanProblem, plan: Plan) -> Iterator[Plan]:
+    """Yield the best plan so far after each round of a thorough search, beginning from a plan that was found.
+
+    The caller stops when it has what it wants, or when its time is over; the search ends after its last round.
+    """
+    around = Surroundings(problem)
+    cost = cost_path(plan.psi, around) if len(plan.arcs) else 0.0
+    for psi in _search_in_rounds(around):
+        found = np.inf if psi is None else cost_path(psi, around)
+        if psi is not None and found < cost:
+            plan, cost = make_plan(psi, around), found
+        yield plan
 
 
 def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:
@@ -102,11 +122,24 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
 
 
-def _search(around: Surroundings, method: PlanMethod, *, thorough: bool) -> FloatArray | None:
+def _search_first(around: Surroundings, method: PlanMethod, effort: Effort) -> FloatArray | None:
+    """Return the best path (n, 2) of the first round that has one."""
     if method == "paper":
         return search_by_resolved_rate(around)
-    search = search_plane if around.problem.planar else search_space
-    return search(around, thorough=thorough)
+    rounds = islice(_search_in_rounds(around), _count_rounds(around, effort))
+    return next((psi for psi in rounds if psi is not None), None)
+
+
+def _search_in_rounds(around: Surroundings) -> Iterator[FloatArray | None]:
+    search = planar_search.search_plane if around.problem.planar else spatial_search.search_space
+    return search(around)
+
+
+def _count_rounds(around: Surroundings, effort: Effort) -> int | None:
+    """Return the most rounds of a search; None: all that there are."""
+    if effort == "quick":
+        return planar_search.QUICK_ROUNDS if around.problem.planar else spatial_search.QUICK_ROUNDS
+    return planar_search.CLOSER_ROUNDS if effort == "closer" and around.problem.planar else None
 
 
 def _is_worth_making(psi: FloatArray | None, around: Surroundings) -> bool:

@@ -15,6 +15,9 @@ StopReason = Literal[
 ]
 
 
+SearchStaging = Literal["staged", "unbounded"]
+
+
 @dataclass(frozen=True)
 class SteeringSettings:
     """The problem, how the tip is estimated, and the policy.
@@ -27,12 +30,17 @@ class SteeringSettings:
     policy : SteeringPolicy
     method : {"best", "paper"}
         The planner.
+    staging : {"staged", "unbounded"}
+        "staged": a moving needle waits for a quick search only; if that finds nothing and the old path will not do, the
+        needle halts, and then the planner searches thoroughly, as it does at the start. "unbounded": it searches on,
+        and for the reason of a failure, while the needle advances; for records that were made before.
     """
 
     problem: PlanProblem
     estimator: EstimatorSettings
     policy: SteeringPolicy = field(default_factory=SteeringPolicy)
     method: PlanMethod = "best"
+    staging: SearchStaging = "staged"
 
     def __post_init__(self) -> None:
         """Refuse a planner and a filter that disagree about the plane."""

@@ -1,14 +1,17 @@
-"""Why there is no path: before any search if geometry alone decides, otherwise after the search."""
+"""Why there is no path: proven by geometry before any search, otherwise what a search without success has seen."""
 
 import math
 
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.planar import Field, close_paths, find_hits, grow_tips, start_tree, target_in_plane
+from labrig.steering.clearance import path_distances
+from labrig.steering.planar import Field, close_paths, grow_tips, join_paths, start_tree, target_in_plane
 from labrig.steering.problem import Surroundings
+from labrig.text import format_count
 
 _SAMPLES = (40, 16)
+_MEASURED_ARCS, _MEASURED = 4, 300
 
 
 def find_refusal(around: Surroundings) -> str | None:
@@ -71,44 +74,51 @@ def _describe_gap(around: Surroundings, k: int, apart: FloatArray) -> str:
 
 
 def explain_failure(around: Surroundings) -> str:
-    """Return why the search found no path to a target that geometry allows."""
+    """Return what is known after a search that found no path: it proves nothing, as it tries some paths only."""
     problem = around.problem
+    asked = (
+        f"no path found with up to {format_count(problem.max_arcs, 'arc')} and {problem.max_length_mm:g} mm"
+    )
     if not problem.planar:
-        limits = f"up to {problem.max_arcs} arcs and {problem.max_length_mm:g} mm"
-        return f"no path found with {limits}{_name_suspect(around)}"
+        return f"{asked}{_name_suspect(around)}"
     field = Field.from_surroundings(around)
-    shares, shortest_mm = _measure_free_paths(field, target_in_plane(around), problem.max_arcs)
+    shares, shortest_mm = _measure_free_paths(field, around)
+    arcs = format_count(min(problem.max_arcs, _MEASURED_ARCS), "arc")
     if math.isinf(shortest_mm):
-        return f"no path of {problem.max_arcs} arcs leads to the target, obstacles or not"
+        return f"{asked}, obstacles or not"
     if shortest_mm > problem.max_length_mm:
-        return f"too long: the shortest path is {shortest_mm:.1f} mm, and {problem.max_length_mm:g} mm are allowed"
-    if not len(shares):
-        return f"no path of {problem.max_arcs} arcs leads to the target without pointing too far aside"
+        return f"{asked}: too long, the shortest found with up to {arcs} and without obstacles has {shortest_mm:.1f} mm"
+    if not shares.any():
+        return f"{asked} without pointing too far aside"
     worst = int(np.argmax(shares))
-    number = field.obstacles[worst] + 1
-    return f"blocked by obstacle {number}: it cuts {100 * shares[worst]:.0f} % of the paths that lead to the target"
+    return f"{asked}: obstacle {worst + 1} cuts {100 * shares[worst]:.0f} % of those tried without obstacles"
 
 
-def _measure_free_paths(field: Field, target: complex, max_arcs: int) -> tuple[FloatArray, float]:
-    """Return the share of paths of up to four arcs that each disc cuts, and the length of the shortest path."""
-    empty = field.without_limits()
-    tips, cut, total, shortest = start_tree(), np.zeros(len(field.discs)), 0, math.inf
-    for level in range(min(max_arcs - 1, 3)):
+def _measure_free_paths(field: Field, around: Surroundings) -> tuple[FloatArray, float]:
+    """Return the share of paths of up to four arcs that each obstacle cuts, and the length of the shortest found."""
+    empty, target, radius_mm = field.without_limits(), target_in_plane(around), field.radius_mm
+    tips, cut, total, shortest = start_tree(), np.zeros(len(around.centres_mm)), 0, math.inf
+    for level in range(min(around.problem.max_arcs, _MEASURED_ARCS) - 1):
         if level:
             tips = grow_tips(tips, empty, _SAMPLES[level - 1])
         closures = close_paths(tips, empty, target)
         if not len(closures.parent):
             continue
-        lengths = tips.angles_rad[closures.parent].sum(axis=1) + closures.angles_rad.sum(axis=1)
-        shortest = min(shortest, field.radius_mm * float(lengths.min()))
-        cut += find_hits(closures, tips, field, target).sum(axis=0)
-        total += len(closures.parent)
+        psi = join_paths(tips, closures, np.arange(len(closures.parent)))
+        shortest = min(shortest, radius_mm * float(psi[..., 0].sum(axis=1).min()))
+        some = psi[:: len(psi) // _MEASURED + 1]
+        cut += (path_distances(some, radius_mm, around.centres_mm) < around.keep_off_mm).sum(axis=0)
+        total += len(some)
     return cut / max(total, 1), shortest
 
 
 def _name_suspect(around: Surroundings) -> str:
-    """Return a guess as text: the first obstacle on the straight line to the target."""
+    """Return as text the first obstacle on the straight line to the target; empty if it is free."""
     along = np.clip(around.centres_mm @ around.target_mm / np.sum(around.target_mm**2), 0, 1)
     apart = np.linalg.norm(around.centres_mm - along[:, None] * around.target_mm, axis=1)
     near = np.flatnonzero(apart < around.keep_off_mm)
-    return f"; blocked by obstacle {near[np.argmin(along[near])] + 1}" if near.size else ""
+    return (
+        f"; obstacle {near[np.argmin(along[near])] + 1} lies on the straight line to the target"
+        if near.size
+        else ""
+    )

@@ -35,6 +35,17 @@ def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | No
     return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > _NO_ARC_RAD).max(initial=-1) + 1])
 
 
+def cost_path(psi: FloatArray, around: Surroundings) -> float:
+    """Return the cost of a feasible path (n, 2), n > 0, as `pick_best_feasible` compares it."""
+    paths = psi[None]
+    frames = path_frames(paths, around.problem.radius_mm)
+    gaps = np.full(1, np.inf)
+    if len(around.centres_mm):
+        apart = arc_distances(paths, around.problem.radius_mm, around.centres_mm, frames).min(axis=1)
+        gaps = (apart - around.needle_and_obstacle_mm).min(axis=1)
+    return float(_path_costs(paths, frames, gaps, around)[0])
+
+
 def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) -> NDArray[np.intp]:
     problem = around.problem
     errors = np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)

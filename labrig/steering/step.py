@@ -8,11 +8,14 @@ There are two policies. The paper's (`SteeringPolicy.paper`) replans every 20 mm
 default policy also replans when the rest of the path would miss, and at every sighting near the target, and it allows
 for the backlash. In the last millimetres it takes the path that comes nearest, and it stops where the tip passes the
 target at its nearest.
+
+While the needle moves, the planner searches quickly only. If that finds nothing and the old path will not do, the
+needle halts, and the planner searches thoroughly.
 """
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Literal
 
 import numpy as np
@@ -23,7 +26,7 @@ from labrig.steering.approach import find_nearest_approach
 from labrig.steering.bending import PathStretch, Turn, advance_pose, shorten, split_into_stretches
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
 from labrig.steering.clearance import path_distances
-from labrig.steering.planner import Plan, make_plan, plan_path
+from labrig.steering.planner import Effort, Plan, improve_plan, make_plan, plan_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.tip import TipObservation, TipState
@@ -38,6 +41,8 @@ _NO_TURN = 1e-9
 _PLACES = 16
 # Share of the rest of a path that the needle can correct sideways later, with curvature to spare.
 _CORRECTED_SHARE = 0.05
+# Rounds of a thorough search in which a better path is sought than the first.
+_IMPROVING_ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,8 @@ class SteeringState:
         Why the planner found no path at this sighting; None if it found one or did not run.
     run_to_mm : float
         Of the last command.
+    sought : str or None
+        The occasion on which a quick search found no path: the needle halts, and the planner then searches thoroughly.
     moving_from : (float, array)
         Insertion length and position at which the tip was last known to move.
     """
@@ -87,6 +94,7 @@ class SteeringState:
     refusal: str | None
     run_to_mm: float
     moving_from: tuple[float, FloatArray]
+    sought: Occasion | None = None
 
     @property
     def tip(self) -> TipState:
@@ -213,6 +221,8 @@ def _stop_if_lost(state: SteeringState, settings: SteeringSettings) -> SteeringC
 def _find_occasion(state: SteeringState, settings: SteeringSettings) -> Occasion | None:
     """Return the occasion to replan here, or None."""
     policy = settings.policy
+    if state.sought is not None:
+        return state.sought
     if policy.final_mm > 0 and state.left_mm <= policy.final_mm:
         return "near"
     if state.insertion_mm - state.planned_at_mm >= policy.replan_every_mm - _HERE_MM:
@@ -251,16 +261,24 @@ def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
 
 def _replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
     """Return the state with a new path, with the old path if it will do, or with the reason why there is none."""
-    tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm)
+    tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
+    staged, stands = settings.staging == "staged", occasion == "start" or state.sought is not None
     try:
         problem = _problem_ahead(state, settings)
     except InputError as error:
-        return replace(tried, refusal=error.message)
-    plan = _plan_with_clearance(problem, settings, thorough=False)
+        return (
+            replace(tried, sought=occasion)
+            if staged and not stands
+            else replace(tried, refusal=error.message)
+        )
+    plan = _plan_with_clearance(problem, settings, "thorough" if staged and stands else "quick")
     if not plan.found:
         if _is_still_good(state, settings):
             return tried
-        plan = _plan_with_clearance(problem, settings, thorough=True)
+        if staged and not stands:
+            return replace(tried, sought=occasion)
+        if not staged:
+            plan = _plan_with_clearance(problem, settings, "closer")
     return _follow(tried, plan, problem, settings) if plan.found else replace(tried, refusal=plan.reason)
 
 
@@ -289,25 +307,28 @@ def _problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProb
     )
 
 
-def _plan_with_clearance(problem: PlanProblem, settings: SteeringSettings, *, thorough: bool) -> Plan:
+def _plan_with_clearance(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> Plan:
     """Return a path with as much of the required clearance as possible, or the last reason why there is none."""
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
     without_margin = replace(problem, covariance=None)
-    plan = _plan(problem, settings, thorough=thorough)
+    plan = _plan(problem, settings, effort)
     for relaxed in (without_margin, replace(without_margin, clearance_mm=least_mm, axis=None)):
         if plan.found:
             break
-        plan = _plan(relaxed, settings, thorough=thorough)
+        plan = _plan(relaxed, settings, effort)
     return plan
 
 
-def _plan(problem: PlanProblem, settings: SteeringSettings, *, thorough: bool) -> Plan:
+def _plan(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> Plan:
     around = Surroundings(problem)
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
         weights = replace(problem.weights, target_error_per_mm=settings.policy.final_error_per_mm)
         psi = find_nearest_approach(Surroundings(replace(problem, weights=weights)))
         return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
-    return plan_path(problem, settings.method, thorough=thorough)
+    plan = plan_path(problem, settings.method, effort)
+    if effort == "thorough" and plan.found and settings.method == "best":
+        plan = list(islice(improve_plan(problem, plan), _IMPROVING_ROUNDS))[-1]
+    return plan
 
 
 def _follow(
@@ -359,6 +380,9 @@ def _command_next(state: SteeringState, settings: SteeringSettings) -> tuple[Ste
         return state, _stop(state, _find_stop_reason(state, settings), state.refusal)
     if state.left_mm <= settings.policy.arrival_mm:
         return state, _stop_at_end(state, settings)
+    if state.sought is not None:
+        halt_mm = state.insertion_mm + settings.policy.lead_mm
+        return replace(state, run_to_mm=halt_mm), SteeringCommand(0.0, halt_mm, halt_mm)
     turned, roll_rad = _make_due_turns(state, settings)
     run_to_mm = turned.end_mm
     if turned.ahead:
@@ -391,7 +415,7 @@ def _stop_at_end(state: SteeringState, settings: SteeringSettings) -> SteeringCo
 def _find_stop_reason(state: SteeringState, settings: SteeringSettings) -> StopReason:
     """Return "blocked" if there is a path without the obstacles, otherwise "target_missed"."""
     free = replace(settings, problem=replace(settings.problem, obstacles=()))
-    plan = _plan_with_clearance(_problem_ahead(state, free), free, thorough=True)
+    plan = _plan_with_clearance(_problem_ahead(state, free), free, "closer")
     return "blocked" if plan.found else "target_missed"
 
 

@@ -5,15 +5,24 @@ import time
 
 import numpy as np
 
-from labrig.steering.planner import plan_path
-from labrig.steering.problem import PlanProblem
+from labrig.steering.planner import improve_plan, plan_path
+from labrig.steering.problem import PlanProblem, Surroundings
+from labrig.steering.score import cost_path
 from tests.benchmarks.oracle import oracle_solves
-from tests.benchmarks.planning_problems import draw_planar_problem, draw_spatial_problems, find_faults
+from tests.benchmarks.planning_problems import (
+    draw_planar_problem,
+    draw_rings,
+    draw_spatial_problems,
+    draw_tunnel,
+    find_faults,
+)
 from tests.benchmarks.table import print_rows
 
 SETS = ((2, 200), (5, 100), (9, 100), (14, 100))
 RIVAL_PROBLEMS = 50
 RIVAL_LIMIT_S = 2.0
+TIGHT = 40
+TUNNELS, SPARE_MM = 120, (0.05, 0.15, 0.4)
 
 
 def print_table() -> None:
@@ -24,9 +33,48 @@ def print_table() -> None:
     rows.append(_row(3, draw_spatial_problems(40, seed=3)))
     heads = ("problems", "solved", "oracle", "oracle alone", "bad", "median ms", "95 % ms", "worst ms")
     print_rows(heads, rows)
+    print_tight()
     problems = [draw_planar_problem(np.random.default_rng([2, k]), 2) for k in range(RIVAL_PROBLEMS)]
     print("\nside by side, the same planar problems with two obstacles")
     print_rows(("planner", "solved", "median ms", "95 % ms"), _side_by_side(problems))
+
+
+def print_tight() -> None:
+    """Print the problems with hardly any room: solved quickly and thoroughly, and the time to the first path."""
+    rings = [draw_rings(np.random.default_rng([21, k])) for k in range(TIGHT)]
+    tunnels = {
+        spare_mm: [draw_tunnel(np.random.default_rng([7, place, k]), spare_mm) for k in range(TUNNELS)]
+        for place, spare_mm in enumerate(SPARE_MM)
+    }
+    rows = [_tight_row("3-D, rings of 40 spheres, 0.05-0.15 mm to spare", rings)]
+    rows += [
+        _tight_row(f"planar tunnels, {spare_mm} mm to spare on each side", problems)
+        for spare_mm, problems in tunnels.items()
+    ]
+    print()
+    print_rows(("tight problems", "of", "solved quickly", "solved", "bad", "median ms", "worst ms"), rows)
+    saved = [_save_by_improving(problem) for problem in draw_spatial_problems(TIGHT, seed=3)]
+    print(
+        f"a thorough search lowers the cost of the first path in space by {100 * np.mean(saved):.1f} % on average"
+    )
+
+
+def _tight_row(name: str, problems: list[PlanProblem]) -> list[object]:
+    solved, times = [], []
+    for problem in problems:
+        started = time.perf_counter()
+        solved.append(plan_path(problem).found)
+        times.append(1000 * (time.perf_counter() - started))
+    quick = sum(plan_path(problem, effort="quick").found for problem in problems)
+    bad = sum(bool(find_faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
+    return [name, len(problems), quick, sum(solved), bad, f"{np.median(times):.1f}", f"{max(times):.0f}"]
+
+
+def _save_by_improving(problem: PlanProblem) -> float:
+    """Return the share of the first path's cost that a thorough search saves."""
+    around, first = Surroundings(problem), plan_path(problem)
+    best = list(improve_plan(problem, first))[-1]
+    return 1 - cost_path(best.psi, around) / cost_path(first.psi, around)
 
 
 def _sets() -> list[tuple[int, int, np.random.Generator]]:

@@ -80,6 +80,75 @@ def _draw_spheres(
     return ()
 
 
+def draw_tunnel(rng: np.random.Generator, spare_mm: float) -> PlanProblem:
+    """Return a planar problem with walls of discs on both sides of a witness path, from its start nearly to its end.
+
+    They leave the needle's clearance and `spare_mm` more on each side.
+    """
+    while True:
+        arcs = int(rng.integers(2, 6))
+        rolls = np.full(arcs, np.pi)
+        rolls[0] = rng.choice((0.0, np.pi))
+        turns = list(zip(rolls.tolist(), rng.uniform(0.3, 1.1, arcs).tolist(), strict=True))
+        witness = integrate_path(turns, RADIUS_MM, 0.2)
+        if witness[-1, 2] < 60 or np.any(np.diff(witness[:, 2]) < 0.02):
+            continue
+        count = len(witness)
+        places = range(count // 10, count - count // 12, 20)
+        walls = _keep_clear(
+            witness, [(k, side * np.pi / 2, 3.0, spare_mm) for k in places for side in (1, -1)]
+        )
+        if len(walls) >= 12:
+            x, y, z = witness[-1].tolist()
+            return PlanProblem((x, y, z), walls, planar=True)
+
+
+def draw_rings(rng: np.random.Generator) -> PlanProblem:
+    """Return a problem in space with ten rings of four tight spheres around a witness path."""
+    while True:
+        arcs = int(rng.integers(3, 6))
+        rolls = np.pi + rng.normal(0, 1, arcs)
+        rolls[0] = rng.uniform(-np.pi, np.pi)
+        turns = list(zip(rolls.tolist(), rng.uniform(0.5, 1.3, arcs).tolist(), strict=True))
+        witness = integrate_path(turns, RADIUS_MM, 0.3)
+        if witness[-1, 2] < 75 or np.any(np.diff(witness[:, 2]) < 0.05):
+            continue
+        spheres = []
+        for share in np.linspace(0.15, 0.9, 10):
+            first = rng.uniform(0, 2 * np.pi)
+            for quarter in range(4):
+                around = first + quarter * np.pi / 2
+                spheres.append(
+                    (int(share * len(witness)), around, rng.uniform(3, 6), rng.uniform(0.05, 0.15))
+                )
+        kept = _keep_clear(witness, spheres)
+        if len(kept) >= 32:
+            x, y, z = witness[-1].tolist()
+            return PlanProblem((x, y, z), kept)
+
+
+def _keep_clear(
+    witness: NDArray[np.float64], spheres: list[tuple[int, float, float, float]]
+) -> tuple[Obstacle, ...]:
+    """Return spheres beside a path that leave all of it its clearance.
+
+    Each is given by a place on the path, the angle about it from the x axis, its radius and the spare distance.
+    """
+    kept = []
+    for place, angle_rad, radius, spare_mm in spheres:
+        along = witness[place + 1] - witness[place - 1]
+        along /= np.linalg.norm(along)
+        second = np.cross(along, (1.0, 0.0, 0.0))
+        second /= np.linalg.norm(second)
+        first = np.cross(second, along)
+        keep_off_mm = radius + DIAMETER_MM / 2 + CLEARANCE_MM
+        side = first * np.cos(angle_rad) + second * np.sin(angle_rad)
+        x, y, z = (witness[place] + side * (keep_off_mm + spare_mm)).tolist()
+        if np.linalg.norm(witness - (x, y, z), axis=1).min() >= keep_off_mm + spare_mm / 3:
+            kept.append(Obstacle((x, y, z), radius))
+    return tuple(kept)
+
+
 def find_faults(problem: PlanProblem) -> list[str]:
     """Plan, follow the plan by integration, and return its faults."""
     plan = plan_path(problem)

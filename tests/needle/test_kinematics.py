@@ -17,6 +17,7 @@ from labrig.needle.kinematics import (
     path_frames,
     path_jacobian,
     path_points,
+    place_jacobians,
 )
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +82,20 @@ def test_the_control_jacobians_are_the_derivatives_of_the_control_points(psi: Fl
     """Equation (15), its own-arc block corrected, agrees with central differences to 1e-7."""
     expected = _differences(lambda p: control_points(p, RADIUS_MM, POINTS), psi)
     np.testing.assert_allclose(control_jacobians(psi, RADIUS_MM, POINTS), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("psi", CONFIGURATIONS)
+def test_the_place_jacobians_are_the_derivatives_of_places_at_fixed_angles(psi: FloatArray) -> None:
+    """A place that keeps its angle on its arc moves as central differences say, to 1e-7."""
+    arcs = np.arange(len(psi))
+
+    def places(moved: FloatArray) -> FloatArray:
+        frames = path_frames(moved, RADIUS_MM)
+        steps, _ = arc_pose(psi[:, 0] / 2, moved[:, 1], RADIUS_MM)
+        return frames.positions_mm[:-1] + (frames.rotations[:-1] @ steps[..., None])[..., 0]
+
+    found = place_jacobians(psi, RADIUS_MM, path_frames(psi, RADIUS_MM), places(psi), arcs)
+    np.testing.assert_allclose(found, _differences(places, psi), atol=1e-7)
 
 
 @pytest.mark.parametrize("psi", CONFIGURATIONS)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,19 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from labrig.errors import InputError
-from labrig.needle.kinematics import path_points
-from labrig.steering.clearance import arc_distances, path_distances
-from labrig.steering.planner import plan_path, sample_path
-from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem
+from labrig.needle.kinematics import path_frames, path_points
+from labrig.steering.clearance import arc_distances, find_nearest_places, path_distances
+from labrig.steering.planner import improve_plan, plan_path, sample_path
+from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Surroundings
+from labrig.steering.score import cost_path
 from tests.benchmarks.oracle import integrate_path
 from tests.benchmarks.planner import oracle
-from tests.benchmarks.planning_problems import draw_planar_problem, draw_spatial_problems, find_faults
+from tests.benchmarks.planning_problems import (
+    draw_planar_problem,
+    draw_spatial_problems,
+    draw_tunnel,
+    find_faults,
+)
 
 TARGET = (0.0, 5.0, 100.0)
 OBSTACLES = (Obstacle((0.0, -2.0, 35.0), 8.0), Obstacle((0.0, 6.0, 68.0), 8.0))
@@ -82,6 +89,10 @@ def test_distances_are_exact(seed: int) -> None:
     assert np.all(exact <= sampled + 1e-9)
     np.testing.assert_allclose(exact, sampled, atol=1e-2)
     np.testing.assert_allclose(path_distances(psi, 27.6, centres), exact.min(axis=0))
+    near = find_nearest_places(psi[None], 27.6, centres, path_frames(psi[None], 27.6))
+    np.testing.assert_allclose(
+        np.linalg.norm(near.places_mm[0] - centres, axis=-1), exact.min(axis=0), atol=1e-9
+    )
 
 
 def test_a_sphere_about_the_arcs_centre_is_a_radius_away() -> None:
@@ -134,13 +145,13 @@ REFUSED = {
     ),
     "a wall": (
         PlanProblem(TARGET, (OBSTACLES[0], Obstacle((0.0, 0.0, 50.0), 45.0)), planar=True),
-        "blocked by obstacle 2",
+        "obstacle 2 cuts",
     ),
     "too long a way round": (
         PlanProblem((0.0, 0.0, 100.0), (), planar=True, max_length_mm=100.2, tolerance_mm=0.1, max_arcs=4),
         "too long",
     ),
-    "one arc": (PlanProblem(TARGET, planar=True, max_arcs=1), "no path of 1 arcs"),
+    "one arc": (PlanProblem(TARGET, planar=True, max_arcs=1), "no path found with up to 1 arc and"),
 }
 
 
@@ -244,3 +255,27 @@ def test_a_tolerance_of_the_radius_buys_robustness(planar: bool) -> None:
     worst_mm = max(miss_mm(robust.psi, end_mm) for end_mm in (27.6, 32.9))
     assert robust.worst_target_error_mm == pytest.approx(worst_mm, abs=1e-3)
     assert worst_mm <= max(miss_mm(plan_path(known).psi, end_mm) for end_mm in (27.6, 32.9))
+
+
+def test_a_narrow_tunnel_takes_a_thorough_search() -> None:
+    """A tunnel with 0.05 mm to spare on each side is not passed quickly, and is passed without a fault thoroughly."""
+    problem = draw_tunnel(np.random.default_rng([7, 0, 0]), 0.05)
+    assert not plan_path(problem, effort="quick").found
+    assert find_faults(problem) == []
+
+
+def test_a_longer_search_is_never_worse() -> None:
+    """Each round of an improving search yields a plan that costs no more than the one before it."""
+    problem = draw_spatial_problems(1, seed=5)[0]
+    around, first = Surroundings(problem), plan_path(problem)
+    costs = [cost_path(plan.psi, around) for plan in (first, *islice(improve_plan(problem, first), 6))]
+    assert costs == sorted(costs, reverse=True)
+
+
+def test_a_failure_states_only_what_was_found() -> None:
+    """The reason names the limits of the search and the shortest path that it found, and no impossibility."""
+    problem = PlanProblem((0.0, 0.0, 100.0), planar=True, max_length_mm=101.0)
+    assert plan_path(problem).length_mm <= 101.0
+    reason = plan_path(replace(problem, max_length_mm=99.0)).reason
+    assert reason.startswith("no path found with up to 6 arcs and 99 mm")
+    assert "shortest found" in reason

@@ -104,6 +104,21 @@ def test_commands_lead_on() -> None:
         state, command = step_steering(state, TipSighting(needle.inserted_mm, needle.place), chosen)
 
 
+def test_a_needle_halts_for_a_thorough_search() -> None:
+    """A needle too stiff for its target is told so only where it was told to halt, unless the search is unbounded."""
+    halted = {}
+    for staging in ("staged", "unbounded"):
+        chosen = replace(settings(), staging=staging)
+        done = drive(DrivenNeedle(3 * RADIUS_MM), chosen)
+        assert done.command.stop in {"blocked", "target_missed"}
+        last, before = done.states[-1], done.states[-2]
+        assert last.refusal is not None
+        halted[staging] = before.sought is not None
+        if halted[staging]:
+            assert last.insertion_mm == before.run_to_mm == before.insertion_mm + chosen.policy.lead_mm
+    assert halted == {"staged": True, "unbounded": False}
+
+
 def test_a_tip_that_is_not_seen_is_lost() -> None:
     """After the allowed number of misses the needle stops, and the sentence states that number."""
     chosen = settings()
@@ -129,7 +144,7 @@ def test_a_needle_that_does_not_advance_is_stuck() -> None:
     ("change", "stop", "word"),
     [
         ({"target_mm": (0.0, 20.0, 10.0)}, "target_missed", "turning circles"),
-        ({"obstacles": (Obstacle((0.0, 0.0, 10.0), 5.0),)}, "blocked", "blocked"),
+        ({"obstacles": (Obstacle((0.0, 0.0, 10.0), 5.0),)}, "blocked", "obstacle 1 cuts"),
         ({"max_length_mm": 50.0, "obstacles": ()}, "target_missed", "too long"),
     ],
 )

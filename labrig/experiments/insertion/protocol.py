@@ -94,6 +94,11 @@ class Planner(Model):
     weights: PlannerWeights = Field(
         default_factory=PlannerWeights, description="What makes one path better than another."
     )
+    staging: Annotated[Literal["staged", "unbounded"], Former("unbounded")] = Field(
+        "staged",
+        description="With staged, a needle that moves waits for a quick search only, and halts for a thorough one; "
+        "with unbounded, the planner searches on while the needle advances.",
+    )
 
 
 class Estimator(Model):

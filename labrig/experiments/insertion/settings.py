@@ -59,6 +59,7 @@ def make_insertion_settings(
             observe_every_mm=protocol.insertion.frame_every_mm,
         ),
         method=planner.method,
+        staging=planner.staging,
     )
 
 

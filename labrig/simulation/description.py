@@ -60,6 +60,11 @@ class NeedleDescription(Model):
         description="Insertion after half a turn of the bevel in which the play of the hinges lets the curvature swing "
         "over to the other side [mm].",
     )
+    leaves_track_mm: NonNegativeMm = Field(
+        3.0,
+        description="Length along which a needle that was withdrawn, and goes in again with its bevel turned, still "
+        "follows its old cut before it cuts another [mm].",
+    )
     clamp_roll_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
         0.0,
         description="Roll of the bevel where the rotation axis stands at zero: how the needle is clamped [deg].",

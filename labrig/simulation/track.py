@@ -19,6 +19,8 @@ from labrig.simulation.unevenness import NODE_MM, Unevenness, no_unevenness
 
 Wander = tuple[float, float]
 _STEADY: Wander = (0.0, 0.0)
+# A bevel that points within 60 degrees of where it pointed when the gel was cut does not leave the cut.
+_SAME_BEVEL_COSINE = 0.5
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,15 @@ class Bending:
     """How the needle bends: its radius with closed hinges (infinite: straight), two lengths, and layers.
 
     hinge_closing_mm : arc length over which the hinges close; backlash_mm : over which the curvature swings to the
-    other side after half a turn; layers : where the radius is scaled.
+    other side after half a turn; layers : where the radius is scaled; leaves_track_mm : along which a needle that was
+    withdrawn follows its old cut again with its bevel turned, before it cuts another.
     """
 
     radius_mm: float
     hinge_closing_mm: float
     backlash_mm: float
     layers: tuple[LayerDescription, ...] = ()
+    leaves_track_mm: float = math.inf
 
     def scale_radius_at(self, z_mm: float) -> float:
         """Return the scale of the radius at a depth."""
@@ -82,7 +86,7 @@ class PathNode:
 
 
 class Track:
-    """A path that can only grow.
+    """A path that grows at its end, or, after a withdrawal, branches off from where the bevel was turned.
 
     Parameters
     ----------
@@ -115,6 +119,9 @@ class Track:
         self._unevenness = no_unevenness() if unevenness is None else unevenness
         self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
         self._end = self._nodes[0]
+        self._rolls_rad: list[float] = []
+        self._left: list[PathNode] = []
+        self._tip_mm = self._turned_mm = 0.0
 
     @property
     def length_mm(self) -> float:
@@ -122,13 +129,38 @@ class Track:
         return self._end.arc_mm
 
     def extend(self, arc_mm: float, roll_rad: float) -> None:
-        """Extend the cut to `arc_mm` with the bevel at `roll_rad`; the existing cut stays."""
+        """Bring the tip to `arc_mm` with the bevel at `roll_rad`: along the existing cut, and then cutting on."""
+        self._follow(min(arc_mm, self.length_mm), roll_rad)
         if arc_mm <= self.length_mm:
             return
+        self._tip_mm = arc_mm
         while arc_mm >= len(self._nodes) * NODE_MM:
             grown = self._step(self._nodes[-1], NODE_MM, roll_rad)
+            self._rolls_rad.append(roll_rad)
             self._nodes.append(replace(grown, arc_mm=len(self._nodes) * NODE_MM))
         self._end = self._step(self._nodes[-1], arc_mm - self._nodes[-1].arc_mm, roll_rad)
+
+    def _follow(self, arc_mm: float, roll_rad: float) -> None:
+        """Move the tip within the cut; it leaves the cut once it was pushed far enough with its bevel turned."""
+        ahead_mm, from_mm, self._tip_mm = arc_mm - self._tip_mm, self._tip_mm, arc_mm
+        stretch = int(from_mm / NODE_MM)
+        if (
+            stretch >= len(self._rolls_rad)
+            or math.cos(roll_rad - self._rolls_rad[stretch]) > _SAME_BEVEL_COSINE
+        ):
+            self._turned_mm = 0.0
+            return
+        self._turned_mm = max(0.0, self._turned_mm + ahead_mm)
+        beyond_mm = self._turned_mm - self._bending.leaves_track_mm
+        if beyond_mm >= 0.0:
+            self.branch_at(arc_mm - beyond_mm)
+
+    def branch_at(self, arc_mm: float) -> None:
+        """Leave the cut at the last node before `arc_mm`: what lies beyond is no longer on the needle's path."""
+        kept = max(1, int(arc_mm / NODE_MM) + 1)
+        self._left += self._nodes[kept:]
+        self._nodes, self._rolls_rad = self._nodes[:kept], self._rolls_rad[: kept - 1]
+        self._end, self._turned_mm = self._nodes[-1], 0.0
 
     def _step(self, node: PathNode, length_mm: float, roll_rad: float) -> PathNode:
         closing = node.arc_mm < self._hinge_closing_mm
@@ -183,6 +215,10 @@ class Track:
         """Return the path in space from the sheath's tip to the end, (N, 3) as (x, y, z)."""
         taken = self._nodes[:: max(1, round(every_mm / NODE_MM))]
         return np.array([(n.x_mm, n.y_mm, n.z_mm) for n in [*taken, self._end]])
+
+    def left_points_mm(self) -> Floats:
+        """Return the cuts that the needle has left for another, (N, 3) as (x, y, z)."""
+        return np.array([(n.x_mm, n.y_mm, n.z_mm) for n in self._left]).reshape(-1, 3)
 
 
 def _approach(value: float, sought: float, limit: float) -> float:

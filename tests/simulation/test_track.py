@@ -112,3 +112,22 @@ def test_a_table_before_the_start_is_evenly_spaced() -> None:
     table = cut((2.0, 0.0)).table(-1.0)
     assert table[0, :3] == pytest.approx([-1.0, 0.0, -1.0])
     assert np.diff(table[:, 0]) == pytest.approx(np.full(len(table) - 1, NODE_MM))
+
+
+def test_a_withdrawn_needle_follows_its_cut_until_its_turned_bevel_leaves_it() -> None:
+    """With the bevel as it was the cut stays; turned, the needle leaves it after the given length."""
+    bending = Bending(RADIUS_MM, CLOSING_MM, BACKLASH_MM, leaves_track_mm=4.0)
+    track = Track((0.0, 0.0), 0.0, bending)
+    track.extend(40.0, 0.0)
+    whole = track.points_mm()
+    track.extend(20.0, 0.0)
+    track.extend(39.0, 0.0)
+    np.testing.assert_array_equal(track.points_mm(), whole)
+    track.extend(20.0, 0.0)
+    track.extend(22.0, math.pi)
+    assert track.length_mm == 40.0
+    track.extend(30.0, math.pi)
+    assert track.length_mm == 30.0
+    along = [track.node_at(arc).curvature_1_mm * RADIUS_MM for arc in (23.9, 24.75, 26.0)]
+    np.testing.assert_allclose(along, [-1.0, 0.0, 1.0], atol=0.1)
+    np.testing.assert_array_equal(track.left_points_mm(), whole[481:-1])

@@ -8,6 +8,7 @@ from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.problem import PlanMethod, PlanProblem
+from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings, freeze, require_numbers
 
 StopReason = Literal[
@@ -34,6 +35,8 @@ class SteeringSettings:
         "staged": a moving needle waits for a quick search only; if that finds nothing and the old path will not do, the
         needle halts, and then the planner searches thoroughly, as it does at the start. "unbounded": it searches on,
         and for the reason of a failure, while the needle advances; for records that were made before.
+    recovery : RecoverySettings or None
+        Whether and how a needle that is blocked, or would miss, is withdrawn and goes on elsewhere; None: it stops.
     """
 
     problem: PlanProblem
@@ -41,6 +44,7 @@ class SteeringSettings:
     policy: SteeringPolicy = field(default_factory=SteeringPolicy)
     method: PlanMethod = "best"
     staging: SearchStaging = "staged"
+    recovery: RecoverySettings | None = None
 
     def __post_init__(self) -> None:
         """Refuse a planner and a filter that disagree about the plane."""
@@ -75,7 +79,7 @@ class TipSighting:
 
 @dataclass(frozen=True)
 class SteeringCommand:
-    """What to do next: stop, or turn the bevel, advance, and take a picture.
+    """What to do next: stop, or turn the bevel, advance, and take a picture; or withdraw the needle.
 
     Attributes
     ----------
@@ -88,7 +92,10 @@ class SteeringCommand:
     stop : str or None
         Why the insertion ends here; None while it goes on.
     detail : str
-        A sentence about it; empty while the needle goes on.
+        A sentence about it, or about the withdrawal; empty while the needle goes on.
+    withdraw_to_mm, leave_mm : float or None
+        Withdraw the needle along its path to this insertion length, and then call `retreat_steering` with the length at
+        which it is to leave its old cut; None: no withdrawal.
     """
 
     roll_rad: float
@@ -96,3 +103,5 @@ class SteeringCommand:
     run_to_mm: float
     stop: StopReason | None = None
     detail: str = ""
+    withdraw_to_mm: float | None = None
+    leave_mm: float | None = None

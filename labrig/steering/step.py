@@ -11,6 +11,9 @@ target at its nearest.
 
 While the needle moves, the planner searches quickly only. If that finds nothing and the old path will not do, the
 needle halts, and the planner searches thoroughly.
+
+If there is no path, or if the tip ended beside the target, the needle may recover: the command is then to withdraw it,
+and `retreat_steering` goes on from a place that it has passed.
 """
 
 import math
@@ -29,10 +32,18 @@ from labrig.steering.clearance import path_distances
 from labrig.steering.planner import Effort, Plan, improve_plan, make_plan, plan_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.problem import PlanProblem, Surroundings
+from labrig.steering.recovery import (
+    PassedPlace,
+    RecoverySettings,
+    find_cavities,
+    list_places_back,
+    widen_belief,
+)
+from labrig.steering.score import cost_path
 from labrig.steering.tip import TipObservation, TipState
 from labrig.steering.torsion import TurnAhead
 
-Occasion = Literal["start", "schedule", "deviation", "near"]
+Occasion = Literal["start", "schedule", "deviation", "near", "recovery"]
 
 # An estimated radius counts within this factor of the given radius.
 _RADIUS_FACTOR = 1.5
@@ -43,6 +54,8 @@ _PLACES = 16
 _CORRECTED_SHARE = 0.05
 # Rounds of a thorough search in which a better path is sought than the first.
 _IMPROVING_ROUNDS = 6
+# Shortest arc by which a withdrawn needle leaves its old cut.
+_LEAVES_MM = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +90,14 @@ class SteeringState:
         The occasion on which a quick search found no path: the needle halts, and the planner then searches thoroughly.
     moving_from : (float, array)
         Insertion length and position at which the tip was last known to move.
+    passed : tuple of PassedPlace
+        In order of depth, the start first; empty if the needle may not recover.
+    turned_at_mm : tuple of float
+        Insertion lengths at which the bevel was turned on the way to the present place.
+    cavities : tuple of (float, float)
+        Stretches, in insertion length, on which the tip did not bend before it was withdrawn.
+    retreats : int
+        How often the needle has recovered.
     """
 
     belief: TipBelief
@@ -95,6 +116,10 @@ class SteeringState:
     run_to_mm: float
     moving_from: tuple[float, FloatArray]
     sought: Occasion | None = None
+    passed: tuple[PassedPlace, ...] = ()
+    turned_at_mm: tuple[float, ...] = ()
+    cavities: tuple[tuple[float, float], ...] = ()
+    retreats: int = 0
 
     @property
     def tip(self) -> TipState:
@@ -139,7 +164,7 @@ def begin_steering(settings: SteeringSettings) -> SteeringState:
     return SteeringState(
         belief=belief, insertion_mm=0.0, turns=(), plan=Plan(found=False, reason=None), plan_start=belief.tip.pose,
         plan_from_mm=0.0, ahead=(), end_mm=0.0, replans=-1, followed_mm=0.0, planned_at_mm=0.0, why=None, refusal=None,
-        run_to_mm=0.0, moving_from=(0.0, belief.tip.position_mm),
+        run_to_mm=0.0, moving_from=(0.0, belief.tip.position_mm), passed=(PassedPlace(0.0, belief, ()),),
     )  # fmt: skip
 
 
@@ -188,20 +213,61 @@ def take_in_sighting(
         seen_mm = None
     if seen_mm is not None and np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2:
         moving_from = sighting.insertion_mm, seen_mm
+    turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
+    passed = state.passed
+    if settings.recovery is not None and belief.tip.accepted:
+        passed = (*passed, PassedPlace(sighting.insertion_mm, belief, turns))
     return replace(
         state,
         belief=belief,
         insertion_mm=sighting.insertion_mm,
-        turns=tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm),
+        turns=turns,
         why=None,
         refusal=None,
         moving_from=moving_from,
+        passed=passed,
     )
 
 
 def turn_bevel(state: SteeringState, roll_rad: float, settings: SteeringSettings) -> SteeringState:
     """Return the state after a turn of the bevel at the present insertion length."""
-    return replace(state, turns=(*state.turns, Turn(_acting_mm(state.insertion_mm, settings), roll_rad)))
+    turns = (*state.turns, Turn(_acting_mm(state.insertion_mm, settings), roll_rad))
+    return replace(state, turns=turns, turned_at_mm=(*state.turned_at_mm, state.insertion_mm))
+
+
+def retreat_steering(
+    state: SteeringState, leave_mm: float, settings: SteeringSettings
+) -> tuple[SteeringState, SteeringCommand]:
+    """Return what a needle that was withdrawn does next; it leaves its old cut at the passed place nearest to a length.
+
+    The state is then that of the tip at this place; the next sighting lies beyond it.
+    """
+    place = min(state.passed, key=lambda passed: abs(passed.insertion_mm - leave_mm))
+    return _command_next(_go_on_from(place, state, settings), settings)
+
+
+def _go_on_from(place: PassedPlace, state: SteeringState, settings: SteeringSettings) -> SteeringState:
+    """Return the state at a passed place, with a path from there that leaves the old cut, or why there is none."""
+    at_mm = place.insertion_mm
+    belief = place.belief if settings.recovery is None else widen_belief(place.belief, settings.recovery)
+    returned = replace(
+        state,
+        belief=belief,
+        insertion_mm=at_mm,
+        turns=place.turns,
+        plan=Plan(found=False, reason=None),
+        ahead=(),
+        end_mm=at_mm,
+        refusal=None,
+        sought=None,
+        run_to_mm=at_mm,
+        moving_from=(at_mm, belief.tip.position_mm),
+        passed=tuple(passed for passed in state.passed if passed.insertion_mm <= at_mm),
+        turned_at_mm=tuple(turned_mm for turned_mm in state.turned_at_mm if turned_mm <= at_mm),
+        cavities=(*state.cavities, *find_cavities(state.passed)),
+        retreats=state.retreats + 1,
+    )
+    return _replan(returned, "recovery", settings)
 
 
 def _stop_if_lost(state: SteeringState, settings: SteeringSettings) -> SteeringCommand | None:
@@ -262,7 +328,8 @@ def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
 def _replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
     """Return the state with a new path, with the old path if it will do, or with the reason why there is none."""
     tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
-    staged, stands = settings.staging == "staged", occasion == "start" or state.sought is not None
+    staged = settings.staging == "staged"
+    stands = occasion in {"start", "recovery"} or state.sought is not None
     try:
         problem = _problem_ahead(state, settings)
     except InputError as error:
@@ -271,7 +338,10 @@ def _replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings
             if staged and not stands
             else replace(tried, refusal=error.message)
         )
-    plan = _plan_with_clearance(problem, settings, "thorough" if staged and stands else "quick")
+    if occasion == "recovery":
+        problem = replace(problem, leaves_mm=_LEAVES_MM)
+    searches = staged and stands and occasion != "recovery"
+    plan = _plan_with_clearance(problem, settings, "thorough" if searches else "quick")
     if not plan.found:
         if _is_still_good(state, settings):
             return tried
@@ -377,7 +447,7 @@ def _is_still_good(state: SteeringState, settings: SteeringSettings) -> bool:
 def _command_next(state: SteeringState, settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
     """Return what to do next, and the state after it is done."""
     if state.refusal is not None:
-        return state, _stop(state, _find_stop_reason(state, settings), state.refusal)
+        return state, _withdraw_or_stop(state, _find_stop_reason(state, settings), state.refusal, settings)
     if state.left_mm <= settings.policy.arrival_mm:
         return state, _stop_at_end(state, settings)
     if state.sought is not None:
@@ -409,7 +479,62 @@ def _stop_at_end(state: SteeringState, settings: SteeringSettings) -> SteeringCo
     miss_mm = float(np.linalg.norm(state.tip.position_mm - problem.target_mm))
     reached = miss_mm <= problem.tolerance_mm
     detail = f"the tip is {miss_mm:.2f} mm from the target, and {problem.tolerance_mm:g} mm are allowed"
-    return _stop(state, "target_reached" if reached else "target_missed", detail)
+    if reached:
+        return _stop(state, "target_reached", detail)
+    return _withdraw_or_stop(state, "target_missed", detail, settings)
+
+
+def _withdraw_or_stop(
+    state: SteeringState, reason: StopReason, detail: str, settings: SteeringSettings
+) -> SteeringCommand:
+    """Return a withdrawal to where the needle can go on, if it may and there is such a place, otherwise a stop."""
+    recovery = settings.recovery
+    leave_mm = None if recovery is None else _find_place_back(state, recovery, settings)
+    if recovery is None or leave_mm is None:
+        return _stop(state, reason, detail)
+    back_mm = leave_mm - recovery.leaves_track_mm
+    return replace(_stop(state, reason, detail), stop=None, withdraw_to_mm=back_mm, leave_mm=leave_mm)
+
+
+def _find_place_back(
+    state: SteeringState, recovery: RecoverySettings, settings: SteeringSettings
+) -> float | None:
+    """Return the passed place from which the path costs least, the length withdrawn counted in, or None."""
+    if state.retreats >= recovery.most_attempts:
+        return None
+    costs = dict[float, float]()
+    acting_mm = settings.policy.backlash_mm / 2
+    for place in list_places_back(state.passed, state.turned_at_mm, acting_mm, recovery):
+        there = _go_on_from(place, state, settings)
+        if there.plan.found and there.plan.arcs and math.cos(there.plan.arcs[0].roll_rad) < 0.0:
+            withdrawn_mm = state.insertion_mm - place.insertion_mm
+            cost = _cost_with_cavities(there, settings)
+            costs[place.insertion_mm] = cost + settings.problem.weights.length_per_mm * withdrawn_mm
+    best_mm = min(costs, key=lambda at_mm: costs[at_mm], default=None)
+    return None if best_mm is None or math.isinf(costs[best_mm]) else best_mm
+
+
+def _cost_with_cavities(state: SteeringState, settings: SteeringSettings) -> float:
+    """Return the cost of the path ahead if the known cavities are passed again, infinite if it then leads nowhere."""
+    problem = _problem_ahead(state, settings)
+    cost = cost_path(state.plan.psi, Surroundings(problem))
+    for from_mm, to_mm in state.cavities:
+        start_mm = state.plan_from_mm
+        if to_mm <= start_mm or from_mm >= state.end_mm:
+            continue
+        turns = tuple(replace(turn, at_mm=_acting_mm(turn.at_mm, settings)) for turn in state.ahead)
+        bent = split_into_stretches(start_mm, max(from_mm, start_mm), turns, 0.0)
+        straight = PathStretch(to_mm - max(from_mm, start_mm), 0.0, bends=False)
+        beyond = advance_pose(problem.start, (*bent, straight), 1.0 / problem.radius_mm)
+        try:
+            left = replace(
+                problem, start=beyond, max_length_mm=max(settings.problem.max_length_mm - to_mm, _HERE_MM)
+            )
+        except InputError:
+            return math.inf
+        plan = _plan_with_clearance(left, settings, "quick")
+        return cost + cost_path(plan.psi, Surroundings(left)) if plan.found and plan.arcs else math.inf
+    return cost
 
 
 def _find_stop_reason(state: SteeringState, settings: SteeringSettings) -> StopReason:

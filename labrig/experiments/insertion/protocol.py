@@ -221,6 +221,22 @@ class OutOfPlane(Model):
     )
 
 
+class Recovery(Model):
+    """How a needle that is blocked, or would miss, is withdrawn part of the way and goes on elsewhere."""
+
+    most_attempts: int = Field(
+        3, ge=1, le=20, description="So often the needle is withdrawn in an insertion."
+    )
+    back_mm: PositiveMm = Field(
+        5.0, description="Least length by which the needle is withdrawn, besides leaves_track_mm [mm]."
+    )
+    leaves_track_mm: PositiveMm = Field(
+        4.0,
+        description="Length along which a needle that goes in again follows its old cut with its bevel turned [mm].",
+    )
+    leaves_track_sd_mm: PositiveMm = Field(1.0, description="Standard deviation of leaves_track_mm [mm].")
+
+
 class InsertionProtocol(MovingProtocol):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
@@ -247,6 +263,11 @@ class InsertionProtocol(MovingProtocol):
         description="What leads the needle out of the plane that the camera sees. The target is reached if the 95 % "
         "interval of the distance in space lies within the tolerance; null: if the distance in the plane does.",
     )
+    recovery: Recovery | None = Field(
+        None,
+        description="Whether a needle that is blocked, or would miss, may be withdrawn part of the way, turned, and go "
+        "in again; null: it stops.",
+    )
     roll_zero: RollZeroSteps | None = Field(
         None,
         description="How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion.",
@@ -263,6 +284,11 @@ class InsertionProtocol(MovingProtocol):
     def conflicts(self) -> Iterator[Conflict]:
         """Yield sizes that contradict each other."""
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        if self.recovery is not None and self.planner.staging == "unbounded":
+            message = (
+                "staging is unbounded, but a needle that may recover has to stand still while it is planned"
+            )
+            yield Conflict("planner.staging", message, "set it to staged, or leave out recovery")
         if self.planner.radius_mm <= self.needle.diameter_mm:
             message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"
             yield Conflict("planner.radius_mm", message, "are both in mm?")

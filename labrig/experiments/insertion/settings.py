@@ -12,6 +12,7 @@ from labrig.steering.out_of_plane import OutOfPlaneSettings
 from labrig.steering.parameters import PlanWeights, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
+from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings
 
 
@@ -60,6 +61,7 @@ def make_insertion_settings(
         ),
         method=planner.method,
         staging=planner.staging,
+        recovery=None if protocol.recovery is None else RecoverySettings(**protocol.recovery.model_dump()),
     )
 
 

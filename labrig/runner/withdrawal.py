@@ -82,6 +82,16 @@ def plan_reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]
     return tuple(_join_moves(_plan_moves(path))) if path else ()
 
 
+def plan_partial_moves(path: Sequence[AxisPositions], to_mm: float) -> tuple[ReverseMove, ...]:
+    """Return the moves that withdraw the needle along its path to an insertion length; `path` as for all of it."""
+    moves = list[ReverseMove]()
+    for move in plan_reverse_moves(path):
+        if move.axis == "insertion" and move.position <= to_mm:
+            return (*moves, ReverseMove("insertion", to_mm))
+        moves.append(move)
+    return tuple(moves)
+
+
 def _plan_moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
     here = path[-1]
     depth_mm, roll_rad = here.insertion_mm, here.rotation_rad
@@ -153,6 +163,19 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
     rig.needle.mark_out()
     session.record(WithdrawalStop())
+
+
+def withdraw_partly(
+    session: Session, path: Sequence[AxisPositions], to_mm: float, speeds: Mapping[str, float]
+) -> None:
+    """Withdraw the needle along its path to an insertion length, turning the bevel back where it was turned.
+
+    The needle stays in tissue, and the sheath where it is. Arguments and errors are otherwise as in `withdraw`.
+    """
+    rig = session.rig
+    for move in plan_partial_moves((*path, collect_axis_positions(rig.read_states())), to_mm):
+        axis = rig.axis(move.axis)
+        session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
 
 
 def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:

@@ -30,6 +30,7 @@ from labrig.experiments.insertion.ending import (
     TracedPath,
     bound_error,
     find_depth,
+    list_turns,
     measure_end,
     missed_by_shaft,
 )
@@ -40,6 +41,7 @@ from labrig.experiments.insertion.events import (
     InsertionSheath,
     InsertionStart,
     InsertionStop,
+    NeedleRetreat,
     PathSought,
     TipObserved,
     TrueInsertion,
@@ -67,6 +69,7 @@ from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_bac
 from labrig.steering.step import (
     SteeringState,
     begin_steering,
+    retreat_steering,
     start_steering,
     step_steering,
     take_in_sighting,
@@ -136,6 +139,9 @@ class _TruePath:
         return (y, z), math.atan2(rise[0], rise[1])
 
 
+_NO_PATH = _TruePath(np.empty(0), _NO_POINTS)
+
+
 @dataclass(frozen=True, eq=False)
 class _Places:
     """The predicted and the observed tip (3,), the settings with their obstacles, and the true path."""
@@ -196,7 +202,7 @@ def _read_trials(run: Run) -> list[_Events]:
     trials = run.read_trials(InsertionStart, InsertionStop)
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
     plans = run.read_events(PathSought)
-    way = run.read_events(BevelTurn, TipObserved)
+    way = run.read_events(BevelTurn, TipObserved, NeedleRetreat)
     true = run.read_truth(TrueInsertion)
     return [
         _Events(
@@ -249,6 +255,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         plans=tuple(_describe_plan(event, settings) for event in events.plans),
         as_recorded=[step.estimate_mm for step in steps] == recorded,
         commands=tuple(commands),
+        retreats=sum(isinstance(event, NeedleRetreat) for event in events.way),
     )
 
 
@@ -283,8 +290,7 @@ def _bound_error(
     bumped = source.sentinel is not None and not source.sentinel.accepted
     if unseen is None or stop is None or bumped or (end is None and not steps):
         return None
-    turns = tuple(event for event in events.way if isinstance(event, BevelTurn))
-    path = TracedPath(turns, start.roll_zero_rad, stop.depth_mm, stop.centred)
+    path = TracedPath(list_turns(events.way), start.roll_zero_rad, stop.depth_mm, stop.centred)
     if end is None:
         last = steps[-1]
         seen = SeenEnd.of_estimate(np.array(last.estimate_mm), last.position_sd_mm, plane)
@@ -326,11 +332,14 @@ def _retrace(
     """
     state, command = start_steering(settings)
     steps, commands = list[InsertionStep](), [_describe_command(None, state, command)]
-    for event in events.way:
+    for place, event in enumerate(events.way):
         if isinstance(event, BevelTurn):
             if command.roll_rad == 0.0:
                 state = turn_bevel(state, event.to_rad - event.from_rad, settings)
             command = replace(command, roll_rad=0.0)
+        elif isinstance(event, NeedleRetreat):
+            state, command = retreat_steering(state, event.leave_mm, settings)
+            commands.append(_describe_command(None, state, command))
         elif isinstance(event, TipObserved):
             if command.roll_rad != 0.0:
                 state = replace(state, turns=state.turns[:-1])
@@ -342,7 +351,8 @@ def _retrace(
                 commands.append(_describe_command(event.frame, state, command))
             else:
                 state = take_in_sighting(state, sighting, settings)
-            places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
+            known = _NO_PATH if _was_left(event, events.way[place:]) else true
+            places = _Places(predicted[:3, 3], sighting.position_mm, settings, known)
             steps.append(_describe_step(event, fix, state, places))
     return steps, commands
 
@@ -378,10 +388,15 @@ def _measure_noise(
 def _list_sightings(
     events: _Events, insertion: InsertionTrial, protocol: InsertionProtocol, template_mm: float = 0.0
 ) -> SeenInsertion:
-    """Return the turns of an insertion, and its believed sightings but those within `template_mm` after a turn."""
+    """Return the turns of an insertion, and its believed sightings but those within `template_mm` after a turn.
+
+    They end where the needle was first withdrawn.
+    """
     steps = {step.frame: step for step in insertion.steps}
     way, swung_mm = list[TipSighting | float](), 0.0
     for event in events.way:
+        if isinstance(event, NeedleRetreat):
+            break
         if isinstance(event, BevelTurn):
             way.append(event.to_rad - event.from_rad)
             swung_mm = event.depth_mm + template_mm
@@ -390,6 +405,11 @@ def _list_sightings(
             seen_mm = step.tip_mm if step.believed and step.depth_mm >= swung_mm else None
             way.append(TipSighting(step.depth_mm, None if seen_mm is None else np.array((0.0, *seen_mm))))
     return SeenInsertion(begin_steering(_restore_settings(events, protocol)), tuple(way))
+
+
+def _was_left(event: TipObserved, since: Sequence[InsertionEvent]) -> bool:
+    """Return whether the needle was withdrawn later from where it was at a picture, to cut another path."""
+    return any(isinstance(later, NeedleRetreat) and later.leave_mm < event.depth_mm for later in since)
 
 
 def _describe_command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
@@ -402,6 +422,7 @@ def _describe_command(frame: int | None, state: SteeringState, command: Steering
         sought=state.why,
         replans=max(state.replans, 0),
         stop=command.stop,
+        withdraw_to_mm=command.withdraw_to_mm,
     )
 
 
@@ -514,7 +535,7 @@ def _find_drift(sentinel: Sentinel | None) -> float:
 
 def _read_true_path(truth: TrueInsertion | None) -> _TruePath:
     if truth is None or not truth.path_mm:
-        return _TruePath(np.empty(0), _NO_POINTS)
+        return _NO_PATH
     path = np.asarray(truth.path_mm, dtype=np.float64)
     arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     return _TruePath(arc, path[:, 1:])

@@ -6,7 +6,7 @@ distance in space lies within the tolerance.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import Problem
-from labrig.experiments.insertion.events import BevelTurn
+from labrig.experiments.insertion.events import BevelTurn, InsertionEvent, NeedleRetreat
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import EndDepth, TargetErrorSources
 from labrig.steering.arrival import bound_target_error, decide_arrival
@@ -122,6 +122,17 @@ class TracedPath:
             RolledStretch(length_mm, *roll)
             for length_mm, roll in zip(lengths_mm, ((0.0, self.centred), *turned), strict=True)
         )
+
+
+def list_turns(way: Iterable[InsertionEvent]) -> tuple[BevelTurn, ...]:
+    """Return the turns on the path that the needle lies in; those beyond where it left an old cut are not on it."""
+    turns = list[BevelTurn]()
+    for event in way:
+        if isinstance(event, BevelTurn):
+            turns.append(event)
+        elif isinstance(event, NeedleRetreat):
+            turns = [turn for turn in turns if turn.depth_mm <= event.leave_mm]
+    return tuple(turns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,6 +86,21 @@ class BevelTurn(InsertionEvent):
     overshoot_rad: float = 0.0
 
 
+class NeedleRetreat(InsertionEvent):
+    """The needle is withdrawn part of the way to go on elsewhere: from and to where, the how-manieth time, and why.
+
+    `leave_mm` is the length at which it is to leave its old cut.
+    """
+
+    kind: ClassVar[str] = "retreat"
+
+    from_mm: float
+    to_mm: float
+    leave_mm: float
+    attempt: int
+    cause: str
+
+
 class NeedleHeld(InsertionEvent):
     """The needle stands still before the last picture."""
 

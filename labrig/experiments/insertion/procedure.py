@@ -15,8 +15,8 @@ space too.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from labrig.analysis.origin import find_sheath
@@ -32,6 +32,7 @@ from labrig.experiments.insertion.ending import (
     TracedPath,
     bound_error,
     find_depth,
+    list_turns,
     measure_end,
 )
 from labrig.experiments.insertion.events import (
@@ -41,6 +42,7 @@ from labrig.experiments.insertion.events import (
     InsertionStart,
     InsertionStop,
     NeedleHeld,
+    NeedleRetreat,
     PathSought,
     RecordedEstimate,
     RecordedPose,
@@ -56,11 +58,11 @@ from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
-from labrig.runner.withdrawal import withdraw
+from labrig.runner.withdrawal import withdraw, withdraw_partly
 from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
-from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.steering.step import SteeringState, retreat_steering, start_steering, step_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.steering.torsion import (
     BaseLimits,
@@ -171,6 +173,9 @@ def _steer(
 ) -> tuple[SteeringState, SteeringCommand]:
     """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
     while command.stop is None:
+        if command.withdraw_to_mm is not None and command.leave_mm is not None:
+            state, command = insertion.retreat(state, command, command.withdraw_to_mm, command.leave_mm)
+            continue
         insertion.turn_bevel(command.roll_rad, state)
         picture = insertion.advance(command)
         seen = insertion.find_tip(picture, state)
@@ -314,6 +319,45 @@ class _Insertion:
             )
         return self.session.take_picture(NeedleRole.OBSERVE, self.trial)
 
+    def retreat(
+        self, state: SteeringState, command: SteeringCommand, to_mm: float, leave_mm: float
+    ) -> tuple[SteeringState, SteeringCommand]:
+        """Withdraw the needle part of the way, and return how it goes on from where it is to leave its old cut."""
+        session, attempt = self.session, state.retreats + 1
+        session.progress(
+            _estimate_done_s(self.protocol, self.trial, to_mm),
+            f"{command.detail}: withdrawing the needle to {to_mm:.0f} mm to go on elsewhere, time {attempt}",
+        )
+        event = NeedleRetreat(
+            trial=self.trial,
+            from_mm=state.insertion_mm,
+            to_mm=to_mm,
+            leave_mm=leave_mm,
+            attempt=attempt,
+            cause=command.detail,
+        )
+        session.record(event)
+        self.turns = list(list_turns((*self.turns, event)))
+        withdraw_partly(session, self.path, to_mm, self._withdrawal_speeds)
+        self.path.append(collect_axis_positions(session.rig.read_states()))
+        self._forget_beyond(leave_mm, state.insertion_mm)
+        self.run_to_mm = to_mm
+        state, command = session.compute(partial(retreat_steering, state, leave_mm, self.settings))
+        self._record_plan(state, None)
+        return state, command
+
+    def _forget_beyond(self, leave_mm: float, from_mm: float) -> None:
+        """Keep the stretches between turns up to a length only; the bevel has been turned back to there."""
+        kept, since_mm, turned_rad = list[RolledStretch](), 0.0, self.bevel_rad
+        for stretch in self._list_rolled(from_mm):
+            if since_mm >= leave_mm:
+                break
+            kept.append(replace(stretch, length_mm=min(stretch.length_mm, leave_mm - since_mm)))
+            since_mm += stretch.length_mm
+        self.rolled, self.bevel_rad = kept, kept[-1].roll_rad
+        if self.bevel_rad != turned_rad:
+            self.turned = 1 if self.bevel_rad > turned_rad else -1
+
     def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
         """Find the tip in a picture, near where the last state predicts it."""
         require_light(picture.image)
@@ -387,12 +431,7 @@ class _Insertion:
         )
         if command.stop in _UNSURE:
             session.ask(ConfirmStopped(command.detail))
-        speeds = {
-            "insertion": protocol.insertion.withdraw_speed_mm_s,
-            "rotation": session.rig.rotation.max_speed / 2,
-            "linear": protocol.sheath.speed_mm_s,
-        }
-        withdraw(session, self.path, speeds)
+        withdraw(session, self.path, self._withdrawal_speeds)
         session.record(
             InsertionStop(
                 trial=self.trial,
@@ -437,6 +476,15 @@ class _Insertion:
             return SeenEnd.of_estimate(tip.position_mm[1:], tip.position_sd_mm, plane)
         depth = self.session.compute(partial(find_depth, end, plane, path, self.settings, unseen))
         return SeenEnd.of_shaft(end, plane, 0.0, depth)
+
+    @property
+    def _withdrawal_speeds(self) -> Mapping[str, float]:
+        """The speed of each axis while the needle is withdrawn [mm/s or rad/s]."""
+        return {
+            "insertion": self.protocol.insertion.withdraw_speed_mm_s,
+            "rotation": self.session.rig.rotation.max_speed / 2,
+            "linear": self.protocol.sheath.speed_mm_s,
+        }
 
     def record_start(self, aim: Aim, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""

@@ -44,7 +44,7 @@ class InsertionCommand(Model):
 
     `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
     turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
-    first, and why to stop; after the first stop there are no more.
+    first, and why to stop; after the first stop there are no more. `withdraw_to_mm`: how far to withdraw the needle.
     """
 
     frame: int | None
@@ -55,6 +55,7 @@ class InsertionCommand(Model):
     sought: str | None
     replans: int
     stop: str | None
+    withdraw_to_mm: float | None = None
 
 
 class InsertionPlan(Model):
@@ -120,7 +121,7 @@ class InsertionTrial(Model):
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
     the live run to the last digit, as it is with its settings and its code; older results say neither that nor
-    `commands`.
+    `commands`. `retreats` counts how often the needle was withdrawn part of the way to go on elsewhere.
     """
 
     trial: int
@@ -153,6 +154,7 @@ class InsertionTrial(Model):
     steps: tuple[InsertionStep, ...]
     plans: tuple[InsertionPlan, ...]
     as_recorded: bool | None = None
+    retreats: int = 0
     commands: tuple[InsertionCommand, ...] = ()
 
 

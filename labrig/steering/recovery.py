@@ -19,13 +19,16 @@ from labrig.steering.bending import Turn
 from labrig.steering.cavities import TipBelief
 from labrig.steering.tip import TipState, freeze
 
+Stretch = tuple[float, float]
+"""From and to which insertion length [mm]."""
+
 _HEADING = 3
 _LIKELY = 0.5
 _LEAST_MM = 1.0
 # Distance between the places from which paths are tried.
 _APART_MM = 3.0
-# The filter notices a cavity, and its end, about so long after the tip [mm].
-_NOTICED_MM = 2.0
+# The filter notices a cavity, and its end, so long after the tip [mm]: a bend shows late, and a straight path later.
+_NOTICED_MM, _END_NOTICED_MM = 6.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -65,13 +68,13 @@ class PassedPlace:
     turns: tuple[Turn, ...]
 
 
-def find_cavities(passed: Sequence[PassedPlace]) -> tuple[tuple[float, float], ...]:
+def find_cavities(passed: Sequence[PassedPlace]) -> tuple[Stretch, ...]:
     """Return the stretches on which the tip was probably in a cavity, from and to which insertion length."""
-    found = list[tuple[float, float]]()
+    found = list[Stretch]()
     for before, place in pairwise(passed):
         if place.belief.cavity > _LIKELY:
             from_mm = before.insertion_mm - _NOTICED_MM
-            to_mm = place.insertion_mm - _NOTICED_MM / 2
+            to_mm = place.insertion_mm - _END_NOTICED_MM
             if found and found[-1][1] >= from_mm:
                 from_mm = found.pop()[0]
             found.append((from_mm, to_mm))
@@ -80,29 +83,28 @@ def find_cavities(passed: Sequence[PassedPlace]) -> tuple[tuple[float, float], .
 
 def list_places_back(
     passed: Sequence[PassedPlace],
-    turned_at_mm: Sequence[float],
-    acting_mm: float,
+    unfit: Sequence[Stretch],
+    before_mm: float,
     recovery: RecoverySettings,
 ) -> Iterator[PassedPlace]:
     """Yield the places from which a withdrawn needle could go on, the nearest first.
 
     Parameters
     ----------
-    passed, turned_at_mm
-        Places in order of depth, the last of them the present one, and the insertion lengths at which the bevel was
-        turned.
-    acting_mm : float
-        Length after which a turn of the bevel acts. No other turn may have been made on it, nor where the old cut
-        guides the needle: its bend would not be the one that the place was passed with.
+    passed : sequence of PassedPlace
+        In order of depth.
+    unfit : sequence of (float, float)
+        Insertion lengths from and to which no place is wanted.
+    before_mm : float
+        Insertion length before which all places lie.
     recovery : RecoverySettings
     """
-    next_mm = passed[-1].insertion_mm - recovery.back_mm
+    next_mm = before_mm - recovery.back_mm
     for place in reversed(passed):
-        low_mm, high_mm = place.insertion_mm - recovery.leaves_track_mm, place.insertion_mm + acting_mm
-        turned = any(low_mm <= at_mm <= high_mm for at_mm in turned_at_mm)
-        steers = place.belief.cavity <= _LIKELY and not turned
-        if place.insertion_mm <= next_mm and low_mm >= _LEAST_MM and steers:
-            next_mm = place.insertion_mm - _APART_MM
+        at_mm = place.insertion_mm
+        fits = not any(from_mm <= at_mm <= to_mm for from_mm, to_mm in unfit)
+        if at_mm <= next_mm and at_mm - recovery.leaves_track_mm >= _LEAST_MM and fits:
+            next_mm = at_mm - _APART_MM
             yield place
 
 

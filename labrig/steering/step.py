@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.needle.kinematics import FloatArray, path_frames
+from labrig.needle.kinematics import FloatArray, cut_path, path_frames
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.bending import PathStretch, Turn, advance_pose, shorten, split_into_stretches
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
@@ -35,6 +35,7 @@ from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.recovery import (
     PassedPlace,
     RecoverySettings,
+    Stretch,
     find_cavities,
     list_places_back,
     widen_belief,
@@ -54,8 +55,11 @@ _PLACES = 16
 _CORRECTED_SHARE = 0.05
 # Rounds of a thorough search in which a better path is sought than the first.
 _IMPROVING_ROUNDS = 6
-# Shortest arc by which a withdrawn needle leaves its old cut.
-_LEAVES_MM = 4.0
+# Shortest arcs by which a withdrawn needle leaves its old cut, each tried if the one before leads nowhere.
+_LEAVES_MM = (4.0, 12.0, 20.0)
+
+# The shortest arc by which the needle leaves its old cut, and the cavities that it will pass.
+_Way = tuple[float, tuple[Stretch, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,8 @@ class SteeringState:
         In order of depth, the start first; empty if the needle may not recover.
     turned_at_mm : tuple of float
         Insertion lengths at which the bevel was turned on the way to the present place.
+    left_cut_mm : float
+        Insertion length at which a withdrawn needle last left its old cut; infinite if it never was withdrawn.
     cavities : tuple of (float, float)
         Stretches, in insertion length, on which the tip did not bend before it was withdrawn.
     retreats : int
@@ -118,7 +124,8 @@ class SteeringState:
     sought: Occasion | None = None
     passed: tuple[PassedPlace, ...] = ()
     turned_at_mm: tuple[float, ...] = ()
-    cavities: tuple[tuple[float, float], ...] = ()
+    left_cut_mm: float = math.inf
+    cavities: tuple[Stretch, ...] = ()
     retreats: int = 0
 
     @property
@@ -243,10 +250,33 @@ def retreat_steering(
     The state is then that of the tip at this place; the next sighting lies beyond it.
     """
     place = min(state.passed, key=lambda passed: abs(passed.insertion_mm - leave_mm))
-    return _command_next(_go_on_from(place, state, settings), settings)
+    ways = (_go_on_with_cost(place, state, way, settings) for way in _list_ways(state))
+    gone_on = next((there for there, cost in ways if math.isfinite(cost)), None)
+    return _command_next(gone_on or _go_on_from(place, state, _LEAVES_MM[0], settings), settings)
 
 
-def _go_on_from(place: PassedPlace, state: SteeringState, settings: SteeringSettings) -> SteeringState:
+def _list_ways(state: SteeringState) -> tuple[_Way, ...]:
+    """Return the ways to go on, in the order in which they are tried; the last forgets the known cavities."""
+    known = tuple(sorted((*state.cavities, *find_cavities(state.passed))))
+    return (*((leaves_mm, known) for leaves_mm in _LEAVES_MM), (_LEAVES_MM[0], ()))
+
+
+def _go_on_with_cost(
+    place: PassedPlace, state: SteeringState, way: _Way, settings: SteeringSettings
+) -> tuple[SteeringState, float]:
+    """Return the state at a passed place, and the cost of its path and of the withdrawal; infinite without a path."""
+    leaves_mm, known = way
+    there = _go_on_from(place, state, leaves_mm, settings)
+    if not there.plan.arcs or math.cos(there.plan.arcs[0].roll_rad) > 0.0:
+        return there, math.inf
+    withdrawn_mm = state.insertion_mm - place.insertion_mm
+    cost = _cost_with_cavities(there, known, settings)
+    return there, cost + settings.problem.weights.length_per_mm * withdrawn_mm
+
+
+def _go_on_from(
+    place: PassedPlace, state: SteeringState, leaves_mm: float, settings: SteeringSettings
+) -> SteeringState:
     """Return the state at a passed place, with a path from there that leaves the old cut, or why there is none."""
     at_mm = place.insertion_mm
     belief = place.belief if settings.recovery is None else widen_belief(place.belief, settings.recovery)
@@ -264,10 +294,11 @@ def _go_on_from(place: PassedPlace, state: SteeringState, settings: SteeringSett
         moving_from=(at_mm, belief.tip.position_mm),
         passed=tuple(passed for passed in state.passed if passed.insertion_mm <= at_mm),
         turned_at_mm=tuple(turned_mm for turned_mm in state.turned_at_mm if turned_mm <= at_mm),
-        cavities=(*state.cavities, *find_cavities(state.passed)),
+        cavities=tuple(sorted((*state.cavities, *find_cavities(state.passed)))),
+        left_cut_mm=at_mm,
         retreats=state.retreats + 1,
     )
-    return _replan(returned, "recovery", settings)
+    return _replan(returned, "recovery", settings, leaves_mm)
 
 
 def _stop_if_lost(state: SteeringState, settings: SteeringSettings) -> SteeringCommand | None:
@@ -289,6 +320,8 @@ def _find_occasion(state: SteeringState, settings: SteeringSettings) -> Occasion
     policy = settings.policy
     if state.sought is not None:
         return state.sought
+    if 0.0 <= state.insertion_mm - state.left_cut_mm < _LEAVES_MM[0]:
+        return None
     if policy.final_mm > 0 and state.left_mm <= policy.final_mm:
         return "near"
     if state.insertion_mm - state.planned_at_mm >= policy.replan_every_mm - _HERE_MM:
@@ -325,8 +358,13 @@ def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     return np.column_stack((arcs_mm / _bounded_radius_mm(state, settings), rolls_rad))
 
 
-def _replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
-    """Return the state with a new path, with the old path if it will do, or with the reason why there is none."""
+def _replan(
+    state: SteeringState, occasion: Occasion, settings: SteeringSettings, leaves_mm: float = 0.0
+) -> SteeringState:
+    """Return the state with a new path, with the old path if it will do, or with the reason why there is none.
+
+    `leaves_mm` is the least length of an arc by which the needle leaves its old cut, 0 if it is not in one.
+    """
     tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
     staged = settings.staging == "staged"
     stands = occasion in {"start", "recovery"} or state.sought is not None
@@ -338,8 +376,7 @@ def _replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings
             if staged and not stands
             else replace(tried, refusal=error.message)
         )
-    if occasion == "recovery":
-        problem = replace(problem, leaves_mm=_LEAVES_MM)
+    problem = replace(problem, leaves_mm=leaves_mm)
     searches = staged and stands and occasion != "recovery"
     plan = _plan_with_clearance(problem, settings, "thorough" if searches else "quick")
     if not plan.found:
@@ -502,39 +539,47 @@ def _find_place_back(
     """Return the passed place from which the path costs least, the length withdrawn counted in, or None."""
     if state.retreats >= recovery.most_attempts:
         return None
-    costs = dict[float, float]()
-    acting_mm = settings.policy.backlash_mm / 2
-    for place in list_places_back(state.passed, state.turned_at_mm, acting_mm, recovery):
-        there = _go_on_from(place, state, settings)
-        if there.plan.found and there.plan.arcs and math.cos(there.plan.arcs[0].roll_rad) < 0.0:
-            withdrawn_mm = state.insertion_mm - place.insertion_mm
-            cost = _cost_with_cavities(there, settings)
-            costs[place.insertion_mm] = cost + settings.problem.weights.length_per_mm * withdrawn_mm
-    best_mm = min(costs, key=lambda at_mm: costs[at_mm], default=None)
-    return None if best_mm is None or math.isinf(costs[best_mm]) else best_mm
+    # A turn on the way would make the bend another than the one that the place was passed with.
+    low_mm, high_mm = settings.policy.backlash_mm / 2, recovery.leaves_track_mm
+    turned = tuple((at_mm - low_mm, at_mm + high_mm) for at_mm in state.turned_at_mm)
+    before_mm = min(state.insertion_mm, state.left_cut_mm)
+    ways = _list_ways(state)
+    unfit = (*ways[0][1], *turned)
+    for way in ways:
+        costs = [
+            (_go_on_with_cost(place, state, way, settings)[1], place.insertion_mm)
+            for place in list_places_back(state.passed, unfit, before_mm, recovery)
+        ]
+        cost, best_mm = min(costs, default=(math.inf, 0.0))
+        if math.isfinite(cost):
+            return best_mm
+    return None
 
 
-def _cost_with_cavities(state: SteeringState, settings: SteeringSettings) -> float:
+def _cost_with_cavities(
+    state: SteeringState, known: tuple[Stretch, ...], settings: SteeringSettings
+) -> float:
     """Return the cost of the path ahead if the known cavities are passed again, infinite if it then leads nowhere."""
-    problem = _problem_ahead(state, settings)
-    cost = cost_path(state.plan.psi, Surroundings(problem))
-    for from_mm, to_mm in state.cavities:
-        start_mm = state.plan_from_mm
-        if to_mm <= start_mm or from_mm >= state.end_mm:
+    problem, plan, at_mm = _problem_ahead(state, settings), state.plan, state.plan_from_mm
+    passed_mm = 0.0
+    for from_mm, to_mm in known:
+        if to_mm <= at_mm or from_mm >= at_mm + (plan.length_mm or 0.0):
             continue
-        turns = tuple(replace(turn, at_mm=_acting_mm(turn.at_mm, settings)) for turn in state.ahead)
-        bent = split_into_stretches(start_mm, max(from_mm, start_mm), turns, 0.0)
-        straight = PathStretch(to_mm - max(from_mm, start_mm), 0.0, bends=False)
-        beyond = advance_pose(problem.start, (*bent, straight), 1.0 / problem.radius_mm)
+        enters_mm = max(from_mm - at_mm, 0.0)
+        bent = cut_path(plan.psi, enters_mm / problem.radius_mm)
+        along = tuple(PathStretch(problem.radius_mm * angle, roll, bends=True) for angle, roll in bent)
+        straight = PathStretch(to_mm - at_mm - enters_mm, 0.0, bends=False)
+        beyond = advance_pose(problem.start, (*along, straight), 1.0 / problem.radius_mm)
+        left_mm = max(settings.problem.max_length_mm - to_mm, _HERE_MM)
         try:
-            left = replace(
-                problem, start=beyond, max_length_mm=max(settings.problem.max_length_mm - to_mm, _HERE_MM)
-            )
+            problem = replace(problem, start=beyond, max_length_mm=left_mm)
         except InputError:
             return math.inf
-        plan = _plan_with_clearance(left, settings, "quick")
-        return cost + cost_path(plan.psi, Surroundings(left)) if plan.found and plan.arcs else math.inf
-    return cost
+        plan = _plan_with_clearance(problem, settings, "quick")
+        if not plan.found or not plan.arcs:
+            return math.inf
+        passed_mm, at_mm = passed_mm + to_mm - at_mm, to_mm
+    return cost_path(plan.psi, Surroundings(problem)) + settings.problem.weights.length_per_mm * passed_mm
 
 
 def _find_stop_reason(state: SteeringState, settings: SteeringSettings) -> StopReason:

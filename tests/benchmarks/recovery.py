@@ -27,7 +27,7 @@ from labrig.steering.step import retreat_steering, start_steering, step_steering
 from tests.benchmarks.table import print_rows
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "insertion.yaml"
-LISTED, FRESH = range(1, 13), range(1001, 1041)
+LISTED, FRESH = range(1, 13), range(2001, 2041)
 CAVITIES = 2
 GELATIN_PERCENT = 13.0
 SIGMA_MM = 0.05

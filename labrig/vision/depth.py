@@ -15,7 +15,7 @@ are left out.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,13 +100,13 @@ def measure_depth(
     # A needle that wanders or is bent away: x rises with the square of the length and faster.
     bent = share**2 * (3.0 - share) / 2.0
     anywhere = before + _ANYWHERE_MM**2 * np.outer(bent, bent)
-    x_mm, sd_mm = _update(width, length, before)
-    picture_x_mm, picture_sd_mm = _update(width, length, anywhere)
-    contradicts = abs(picture_x_mm) > _CONTRADICTS * math.hypot(
-        picture_sd_mm, math.sqrt(covariance_mm2[-1, -1])
+    known = _update(width, length, before, _Places(np.zeros(len(at_mm)), before))
+    picture = _update(width, length, anywhere, known)
+    contradicts = abs(picture.end_mm) > _CONTRADICTS * math.hypot(
+        picture.end_sd_mm, math.sqrt(covariance_mm2[-1, -1])
     )
-    found = Depth(x_mm, sd_mm, picture_x_mm, picture_sd_mm, contradicts)
-    return replace(found, x_mm=picture_x_mm, sd_mm=picture_sd_mm) if contradicts else found
+    told = picture if contradicts else known
+    return Depth(told.end_mm, told.end_sd_mm, picture.end_mm, picture.end_sd_mm, contradicts)
 
 
 def _trace_width(end: ShaftTip, perspective: Perspective, at_mm: FloatArray) -> _Traces | None:
@@ -175,20 +175,43 @@ class _LengthTrace:
         return float(self.slopes @ places_mm) - lost_mm, slopes
 
 
-def _update(width: _Traces, length: _LengthTrace, before: FloatArray) -> tuple[float, float]:
-    """Return place and standard deviation of the needle's end after both traces, by Gauss-Newton steps."""
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Places out of the plane along the needle [mm], (N,), and their covariance (N, N)."""
+
+    mean_mm: FloatArray
+    covariance: FloatArray
+
+    @property
+    def end_mm(self) -> float:
+        """The end's place."""
+        return float(self.mean_mm[-1])
+
+    @property
+    def end_sd_mm(self) -> float:
+        """Its standard deviation."""
+        return math.sqrt(max(0.0, float(self.covariance[-1, -1])))
+
+
+def _update(width: _Traces, length: _LengthTrace, before: FloatArray, near: _Places) -> _Places:
+    """Return the places after both traces, by Gauss-Newton steps from places near by.
+
+    A needle towards the camera's foot looks as long at two depths, since depth shortens what a lean lengthens. So the
+    steps start at what is known.
+    """
     count = len(before)
     prior = np.zeros((count + 2, count + 2))
     prior[:count, :count] = before
     prior[-2, -2], prior[-1, -1] = 1.0, _TAPER**2
-    state, covariance = np.zeros(count + 2), prior
+    places = near
     noise = np.diag(np.full(len(width.seen) + 1, length.variance))
     noise[:-1, :-1] = width.covariance
     for _ in range(_ROUNDS):
-        expected_mm, slopes = length.linearise(state[:count], covariance[:count, :count])
+        expected_mm, slopes = length.linearise(places.mean_mm, places.covariance)
         rows = np.vstack((width.slopes, np.concatenate((slopes, np.zeros(2)))))
-        seen = np.append(width.seen, length.seen_mm - expected_mm + slopes @ state[:count])
+        seen = np.append(width.seen, length.seen_mm - expected_mm + slopes @ places.mean_mm)
         spread = rows @ prior @ rows.T + noise
         gain = np.linalg.solve(spread, rows @ prior).T
-        state, covariance = gain @ seen, prior - gain @ rows @ prior
-    return float(state[count - 1]), math.sqrt(max(0.0, float(covariance[count - 1, count - 1])))
+        covariance = prior - gain @ rows @ prior
+        places = _Places((gain @ seen)[:count], covariance[:count, :count])
+    return places

@@ -24,7 +24,14 @@ from labrig.steering.torsion_fit import BendLengths, TorsionBend, fit_torsion
 from tests.benchmarks.blind_insertion import InsertionEnd, Turning, insert
 from tests.benchmarks.closed_loop import WORLDS
 from tests.benchmarks.table import print_rows
-from tests.benchmarks.worlds import ASSUMED, GELATIN_PERCENT, SPREADS, DrawnWorld, draw_world, read_world
+from tests.benchmarks.worlds import (
+    GELATIN_PERCENT,
+    SPREADS,
+    DrawnWorld,
+    draw_world,
+    read_protocol,
+    read_world,
+)
 
 LAGS_DEG = {0.0: None, 5.0: 1.0, 10.0: 1.5, 20.0: 3.0}
 """Lag at 100 mm, and the largest mean error with the lag measured [mm]."""
@@ -72,7 +79,7 @@ def _row(lag_deg: float, limit_mm: float | None, turning: Turning, *, measured: 
     return [
         f"{lag_deg:g} deg", turning, "yes" if measured else "no", f"{statistics.mean(errors_mm):.2f}",
         f"{np.percentile(errors_mm, 95):.2f}", f"{errors_mm[-1]:.2f}",
-        f"{statistics.mean(abs(end.x_mm) for end in ends):.2f}",
+        f"{statistics.mean(end.out_of_plane_mm for end in ends):.2f}",
         f"{limit_mm:g}" if measured and limit_mm is not None else "-",
         sum(end.clearance_mm < 0 for end in ends),
     ]  # fmt: skip
@@ -113,7 +120,7 @@ def _measure(described: WorldDescription, seed: int) -> tuple[TorsionalLag, floa
         for depth_mm in steps.depths_mm
         for direction in (1, -1)
     ]
-    fit = fit_torsion(bends, lengths, ASSUMED.radius_mm)
+    fit = fit_torsion(bends, lengths, read_protocol().planner.radius_mm)
     error = LagError(fit.best_mm, fit.best_sd_rad, fit.lag_per_mm_sd_rad)
     return TorsionalLag(fit.lag_rad, fit.lag_rad_per_mm, error), fit.sd_rad
 

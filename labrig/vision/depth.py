@@ -37,6 +37,8 @@ _WIDTH_PX, _IN_COMMON, _TAPER, _MOST = 0.06, 0.4, 0.003, 0.015
 _SLIP, _ENDS_MM = 0.01, 0.1
 # Places so far out of the plane, as a standard deviation, when nothing is known before.
 _ANYWHERE_MM = 30.0
+# So many standard deviations are a contradiction. In `python -m tests.benchmarks depth` with 100 pictures a row, 1 of
+# 495 alarmed where what was told is true; of 99 needles more than 3 mm out, where 0.9 mm were told, 77 did.
 _CONTRADICTS = 3.0
 _ROUNDS = 4
 _TINY_MM2 = 1e-9

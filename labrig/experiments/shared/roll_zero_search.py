@@ -83,13 +83,16 @@ class RollZeroOrder:
         )
 
     def plan_torsion_moves(self, rig: RigDescription) -> tuple[PlannedMove, ...]:
-        """Return the farthest moves for the torsion; none if it is not measured."""
+        """Return the farthest moves for the torsion; none if it is not measured.
+
+        Within two turns of travel there is room for its turns, wherever the roll zero is.
+        """
         if self.torsion is None:
             return ()
         key = "roll_zero.torsion"
         return (
-            plan_roll_move(rig, key, -math.pi / 2),
-            plan_roll_move(rig, key, 3 * math.pi / 2),
+            plan_roll_move(rig, key, -2 * math.pi),
+            plan_roll_move(rig, key, 2 * math.pi),
             *plan_insertion_moves(f"{key}.depths_mm", self.torsion.deepest_mm, self.advance, self.sheath),
         )
 

@@ -274,11 +274,11 @@ class Gel:
         if self.paper == "gel":
             return f"in the gel where the needle was to be, {self.depth_mm:.4g} mm below the gel's surface"
         outermost = "outermost" if self.layers else "gel's"
-        return f"in air on the {outermost} surface, {self.height_mm():g} mm above the needle"
+        return f"in air on the {outermost} surface, {self.height_mm():.4g} mm above the needle"
 
     def _say_surface(self) -> str:
         along_y, along_z = np.rad2deg(self.tilt_rad)
-        tilted = f"rises towards the camera by {along_y:g} degrees along +y and {along_z:g} along +z"
+        tilted = f"rises towards the camera by {along_y:.3g} degrees along +y and {along_z:.3g} along +z"
         lies = tilted if any(self.tilt_rad) else "parallel to the paper"
         if not self.layers:
             return f"The gel's surface is flat and {lies}, and nothing but air lies above it."

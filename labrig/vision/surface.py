@@ -80,7 +80,7 @@ def require_room(plane: PlaneMap, gel: Gel) -> None:
     depth_mm = max(other.height_mm() for other in (gel, *gel.vary()))
     if depth_mm >= height_mm:
         raise CalibrationRefusedError(
-            f"the gel's depth is {depth_mm:g} mm, and the camera is only {round_down(height_mm, 0)} mm above "
+            f"the gel's depth is {depth_mm:.4g} mm, and the camera is only {round_down(height_mm, 0)} mm above "
             "the paper",
             "measure from the gel's surface to the needle, in mm",
         )

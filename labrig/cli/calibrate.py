@@ -241,19 +241,15 @@ def adopt(
     for name, path in targets.items():
         write_atomically(path, read_file(result.path / name))
     written = [str(path) for path in targets.values()]
-    view = found.view_sentence()
     if as_json:
         compared = None if comparison is None else asdict(comparison)
-        print_json({"run": str(run_path), "written": written, "view": view, "scale_comparison": compared})
+        told = {"written": written, "view": found.view_sentence(), "scale_comparison": compared}
+        print_json({"run": str(run_path), **told})
         return
-    compared_with = (
-        explain_no_comparison(rig_file, camera_moved=camera_moved)
-        if comparison is None
-        else comparison.sentence
-    )
-    for line in (*written, view, compared_with):
-        if line is not None:
-            print_line(line)
+    uncompared = explain_no_comparison(rig_file, camera_moved=camera_moved)
+    compared_with = uncompared if comparison is None else comparison.sentence
+    for line in filter(None, (*written, found.view_sentence(), compared_with)):
+        print_line(line)
 
 
 def _read_board_size(board: str) -> tuple[int, int]:

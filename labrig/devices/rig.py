@@ -224,10 +224,7 @@ class Rig:
         self._camera = (
             source if source is None else Camera(source, description.camera, self._heartbeat, worker)
         )
-        self._watch: BusWatch | None = None
-        if guards.watch:
-            nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
-            self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
+        self._watch = self._watch_bus(link) if guards.watch else None
         self._read_s = self._target_s = 0.0
         self._is_watching = False
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
@@ -243,6 +240,10 @@ class Rig:
         self._unknown_motion = ""
         self._lost_zeros: set[str] = set()
         self._has_power = self._is_ending = False
+
+    def _watch_bus(self, link: CanLink) -> BusWatch:
+        nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
+        return BusWatch(link, nodes, self.description.can.heartbeat, CommandFormatter(self.description))
 
     def _open_axes(self, link: CanLink) -> dict[str, Axis]:
         return {

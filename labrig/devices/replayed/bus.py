@@ -166,6 +166,12 @@ class RecordedBus:
             self._next += 1
             self._deliver_until(until_us)
 
+    def pass_transfer(self) -> None:
+        """Let the time pass that a picture took to arrive: until the SYNC that the rig sends as soon as it has it."""
+        upcoming = next((entry for entry in self._entries[self._next :] if entry.sent), None)
+        if upcoming is not None and upcoming.can_id == _SYNC:
+            self._clock.pass_until(upcoming.t_us)
+
     def _deliver(self, entry: _Entry) -> None:
         self._clock.reach(entry.t_us)
         if entry.is_answer:

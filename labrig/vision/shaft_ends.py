@@ -95,15 +95,15 @@ def find_sheath_end(
     if step is None or np.median(width[:step]) < ratio * np.median(width[step:]):
         raise _no_step_error(float(np.median(width)), diameters)
     usual = float(np.median(width[:step]))
-    even = float(np.mean(np.abs(width[:step] - usual) <= WIDTH_TOLERANCE * usual))
+    level = 0.5 * (usual + float(np.median(width[step:])))
+    near = max(step - piece // 2, 1)
+    after = near + int(np.argmax(width[near:] < level))
+    even = float(np.mean(np.abs(width[:after] - usual) <= WIDTH_TOLERANCE * usual))
     if even < _EVEN_SHEATH:
         raise MeasurementRefusedError(
             f"{round_down(100.0 * even, 1)} % of the sheath's rows are {usual:.2f} mm wide within "
             f"{100.0 * WIDTH_TOLERANCE:.0f} %, and {100.0 * _EVEN_SHEATH:.0f} % is the least: something lies over it"
         )
-    level = 0.5 * (usual + float(np.median(width[step:])))
-    near = max(step - piece // 2, 1)
-    after = near + int(np.argmax(width[near:] < level))
     hidden_mm = float(rows[after] - rows[after - 1]) / px_per_mm
     if hidden_mm > LARGEST_HOLE_MM:
         raise MeasurementRefusedError(

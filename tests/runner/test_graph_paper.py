@@ -76,7 +76,7 @@ def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: 
     assert sentinel.accepted
     assert sentinel.drift == pytest.approx(0.003, abs=5e-4)
     assert trial.sigma_target_error_mm is not None
-    reading_mm, drifted_mm = 0.105, 0.003 * 19.0
+    reading_mm, drifted_mm = 0.073, 0.003 * 19.0
     assert trial.sigma_target_error_mm > math.hypot(reading_mm, drifted_mm) - 0.005
     assert "The plane map held" in page(run, result)
 

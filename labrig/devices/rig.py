@@ -358,7 +358,7 @@ class Rig:
             for axis in self.axes:
                 axis.drive.expect_report()
             # Before the SYNC: a busy computer may be held up after the drives have measured.
-            self._read_s = self.clock.now_s()
+            self._read_s = self._link.find_sync_s()
             self._link.send(_SYNC, b"")
             states = {name: axis.read() for name, axis in self._axes.items()}
             self._positions |= {name: (self._read_s, state.position) for name, state in states.items()}

@@ -166,11 +166,12 @@ class RecordedBus:
             self._next += 1
             self._deliver_until(until_us)
 
-    def pass_transfer(self) -> None:
-        """Let the time pass that a picture took to arrive: until the SYNC that the rig sends as soon as it has it."""
+    def find_sync_us(self) -> int:
+        """Return the time [us] of the SYNC that the record sends next; now if it sends something else."""
         upcoming = next((entry for entry in self._entries[self._next :] if entry.sent), None)
-        if upcoming is not None and upcoming.can_id == _SYNC:
-            self._clock.pass_until(upcoming.t_us)
+        if upcoming is None or upcoming.can_id != _SYNC:
+            return self._clock.now_us
+        return max(upcoming.t_us, self._clock.now_us)
 
     def _deliver(self, entry: _Entry) -> None:
         self._clock.reach(entry.t_us)
@@ -208,6 +209,11 @@ class ReplayedLink(CanLink):
     """A link to the bus of a record: while it awaits an answer, what the record has arrives."""
 
     bus: RecordedBus | None = None
+
+    def find_sync_s(self) -> float:
+        """Return the time of the record: the time that a picture takes to arrive is not replayed."""
+        assert self.bus is not None
+        return self.bus.find_sync_us() / 1e6
 
     def receive(self, answers: SimpleQueue[bytes], deadline_s: float) -> bytes | None:
         """Return the next of `answers`; None, and the deadline reached, where the record has none by then."""

@@ -55,7 +55,7 @@ class ReplayedHardware:
 
     def open_source(self) -> PictureSource:
         """Return the camera of the record."""
-        return ReplayedSource(self._recording, self._comparison, self.bus)
+        return ReplayedSource(self._recording, self._comparison)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return the next truth of the simulated world in the record; nothing for a bench."""
@@ -78,9 +78,8 @@ class ReplayedHardware:
 class ReplayedSource:
     """The camera of a record: accepts the recorded settings and gives the recorded pictures in order."""
 
-    def __init__(self, recording: Recording, comparison: Comparison, bus: RecordedBus) -> None:
+    def __init__(self, recording: Recording, comparison: Comparison) -> None:
         self.exposures = 0
-        self._bus = bus if recording.exact else None
         self._settings: Mapping[str, Setting] = recording.camera
         self._pictures = iter(recording.pictures)
         self._comparison = comparison
@@ -103,10 +102,7 @@ class ReplayedSource:
         if exposure is None or exposure.t_s is None:
             return exposure
         # Real time is not replayed to the microsecond; a picture is never older than its command.
-        stamped = replace(exposure, t_s=max(exposure.t_s, self._comparison.clock.now_s()))
-        if self._bus is not None:
-            self._bus.pass_transfer()
-        return stamped
+        return replace(exposure, t_s=max(exposure.t_s, self._comparison.clock.now_s()))
 
     def close(self) -> None:
         """Nothing to release."""

@@ -143,9 +143,9 @@ class Track:
     def _follow(self, arc_mm: float, roll_rad: float) -> None:
         """Move the tip within the cut; it leaves the cut once it was pushed far enough with its bevel turned."""
         ahead_mm, from_mm, self._tip_mm = arc_mm - self._tip_mm, self._tip_mm, arc_mm
-        stretch = int(from_mm / NODE_MM)
+        stretch = math.floor(from_mm / NODE_MM)  # negative where the tip is behind the beginning of the cut
         if (
-            stretch >= len(self._rolls_rad)
+            not 0 <= stretch < len(self._rolls_rad)
             or math.cos(roll_rad - self._rolls_rad[stretch]) > _SAME_BEVEL_COSINE
         ):
             self._turned_mm = 0.0

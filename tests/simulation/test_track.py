@@ -131,3 +131,12 @@ def test_a_withdrawn_needle_follows_its_cut_until_its_turned_bevel_leaves_it() -
     along = [track.node_at(arc).curvature_1_mm * RADIUS_MM for arc in (23.9, 24.75, 26.0)]
     np.testing.assert_allclose(along, [-1.0, 0.0, 1.0], atol=0.1)
     np.testing.assert_array_equal(track.left_points_mm(), whole[481:-1])
+
+
+def test_a_needle_withdrawn_behind_its_cut_and_turned_cuts_on() -> None:
+    """A tip behind the beginning of its cut is in no cut that it could leave."""
+    track = Track((0.0, 0.0), 0.0, Bending(RADIUS_MM, CLOSING_MM, BACKLASH_MM, leaves_track_mm=4.0))
+    track.extend(0.12, 0.0)
+    for arc_mm in (-2.0, -1.0, 0.06, 5.0):
+        track.extend(arc_mm, math.pi)
+    assert track.length_mm == 5.0

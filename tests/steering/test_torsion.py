@@ -90,8 +90,9 @@ def test_the_sensitivity_foretells_what_an_error_of_the_lag_does(
 @given(lengths_mm, lags)
 def test_no_other_directions_leave_less(arcs_mm: list[float], lag: TorsionalLag) -> None:
     """The error of the lag displaces the end no more than turns back and forth, or all the same way, would let it."""
-    _, path, _ = steer(arcs_mm, lag, lag)
     turns = len(arcs_mm) - 1
+    room = BaseLimits(-math.pi * turns - 1.0, math.pi * turns + 1.0)
+    _, path, _ = steer(arcs_mm, lag, lag, room)
     others = ([1 if number % 2 == 0 else -1 for number in range(turns)], [1] * turns)
     least_mm = min(left_by(arcs_mm, directions, lag.error) for directions in others)
     rounded_mm = 0.02 * turns

@@ -10,8 +10,9 @@ and without that shift count as one standard deviation apart, as far as the shif
 bevel's roll is added if it is known (`bending_plane`). The degrees of freedom are Welch's and Satterthwaite's.
 `ErrorBudget` lists the parts.
 
-In 300 drawn pictures, three of four with a lamp beside the needle, the interval held the truth in 97 % at radii of 20
-to 30 mm, 94 % at 30 to 40 mm and 95 % at 40 to 60 mm; in even light in 95 % (`python -m tests.benchmarks coverage`).
+In 6,000 drawn pictures, three of four with a lamp beside the needle, the interval held the truth in 97.1 % at radii of
+20 to 30 mm, 95.7 % at 30 to 40 mm and 94.8 % at 40 to 60 mm (`LABRIG_BENCHMARK_RENDERS=2000 python -m tests.benchmarks
+coverage`).
 Without the part of the light it did so in 88, 82 and 79 % (900 pictures).
 """
 

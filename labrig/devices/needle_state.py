@@ -75,6 +75,11 @@ class RollZero:
     run: str
     torsion: Torsion | None = None
 
+    @property
+    def lag(self) -> TorsionalLag:
+        """The lag of the bevel at each depth: as measured, or that of a needle whose torsion was not measured."""
+        return TorsionalLag() if self.torsion is None else self.torsion.lag
+
 
 @dataclass(frozen=True)
 class RigState:

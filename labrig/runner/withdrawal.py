@@ -13,9 +13,12 @@ from dataclasses import dataclass
 import pandas as pd
 
 from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
+from labrig.devices.rig import Rig
+from labrig.protocol.sections import Sheath
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
 from labrig.record.reader import Run, open_run
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
+from labrig.runner.plan import Speeds
 from labrig.runner.session import Session
 
 _SAME_DEPTH_MM = 0.02
@@ -35,6 +38,15 @@ class ReverseMove:
 
 SLOWLY: Mapping[str, float] = {"insertion": 1.0, "rotation": 0.5, "linear": 1.0}
 """Default speed of each axis in a withdrawal [mm/s or rad/s]."""
+
+
+def find_speeds(rig: Rig, advance: Speeds, sheath: Sheath) -> Mapping[str, float]:
+    """Return the speed of each axis in the withdrawals of a run, by its protocol's sections [mm/s or rad/s]."""
+    return {
+        "insertion": advance.withdraw_speed_mm_s,
+        "rotation": rig.rotation.max_speed / 2,
+        "linear": sheath.speed_mm_s,
+    }
 
 
 def read_needle_path(run: Run) -> tuple[AxisPositions, ...]:

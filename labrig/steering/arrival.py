@@ -56,19 +56,17 @@ def bound_target_error(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple
     return float(low_mm), float(high_mm)
 
 
-def decide_arrival(in_plane_mm: float, interval_mm: tuple[float, float], tolerance_mm: float) -> Arrival:
+def decide_arrival(interval_mm: tuple[float, float], tolerance_mm: float) -> Arrival:
     """Return whether the target was reached.
 
     Parameters
     ----------
-    in_plane_mm : float
-        Distance from the target as seen in the plane.
     interval_mm : (float, float)
-        Of the distance in space.
+        Of the distance from the target in space.
     tolerance_mm : float
         The largest distance that counts as reached.
     """
-    if in_plane_mm > tolerance_mm or interval_mm[0] > tolerance_mm:
+    if interval_mm[0] > tolerance_mm:
         return "missed"
     return "reached" if interval_mm[1] <= tolerance_mm else "reached_in_plane_only"
 

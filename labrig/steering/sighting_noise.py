@@ -21,7 +21,7 @@ from scipy.stats import chi2
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.cavities import start_belief
 from labrig.steering.policy import SteeringSettings, TipSighting
-from labrig.steering.step import SteeringState, take_in_sighting, turn_bevel
+from labrig.steering.state import SteeringState, take_in_sighting, turn_bevel
 
 # A mean NIS outside of this share of all insertions whose settings fit is an alarm.
 _USUAL_SHARE = 0.999

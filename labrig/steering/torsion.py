@@ -18,9 +18,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Literal
 
 from labrig.errors import InputError
 from labrig.steering.out_of_plane import RolledStretch
+
+Turning = Literal["compensated", "back_and_forth"]
 
 # Directions of so many turns are chosen together; those behind them act on a short rest of the path.
 _FORESEEN_TURNS = 8
@@ -71,6 +74,12 @@ class BaseLimits:
 
     low_rad: float
     high_rad: float
+
+    @classmethod
+    def of_axis(cls, limits_rad: tuple[float, float], zero_rad: float) -> "BaseLimits":
+        """Return the limits of a rotation axis from the roll zero."""
+        low_rad, high_rad = limits_rad
+        return cls(low_rad - zero_rad, high_rad - zero_rad)
 
     def hold(self, angle_rad: float) -> bool:
         """Return whether an angle is within the limits."""
@@ -150,6 +159,22 @@ def find_lag_sensitivity(stretches: Sequence[RolledStretch], radius_mm: float) -
         left_mm -= stretch.length_mm
         at_mm += stretch.length_mm
     return LagSensitivity(constant_mm, growing_mm2)
+
+
+def plan_turn(
+    path: Sequence[RolledStretch],
+    base_rad: float,
+    turns: Sequence[TurnAhead],
+    lag: TorsionalLag,
+    limits: BaseLimits,
+    *,
+    turning: Turning,
+    radius_mm: float,
+) -> BaseTurn:
+    """Return how the base makes the first of these turns: by `choose_turn`, or back and forth whatever the lag."""
+    if turning == "back_and_forth":
+        return turn_back_and_forth(base_rad, turns[0].roll_rad)
+    return choose_turn(path, base_rad, turns, lag, limits, radius_mm=radius_mm)
 
 
 def choose_turn(

@@ -22,7 +22,8 @@ from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
-from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.steering.state import SteeringState
+from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip import EstimatorSettings
 from labrig.steering.torsion import (
     BaseLimits,

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
-from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.steering.state import SteeringState
+from labrig.steering.step import start_steering, step_steering
 
 Floats = NDArray[np.float64]
 STEP_MM = 0.05

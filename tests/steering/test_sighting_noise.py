@@ -14,7 +14,8 @@ from labrig.steering.sighting_noise import (
     measure_backlash,
     measure_sighting_sd,
 )
-from labrig.steering.step import begin_steering, start_steering, step_steering
+from labrig.steering.state import begin_steering
+from labrig.steering.step import start_steering, step_steering
 from tests.steering.driven_needle import DrivenNeedle
 from tests.steering.insertions import RADIUS_MM, settings
 

@@ -66,15 +66,8 @@ from labrig.steering.out_of_plane import budget_out_of_plane
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
-from labrig.steering.step import (
-    SteeringState,
-    begin_steering,
-    retreat_steering,
-    start_steering,
-    step_steering,
-    take_in_sighting,
-    turn_bevel,
-)
+from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
+from labrig.steering.step import retreat_steering, start_steering, step_steering
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.shaft_tip import ShaftTip
@@ -285,8 +278,7 @@ def _bound_error(
 ) -> TargetErrorBounds | None:
     """Return the distance in space from the target; None if the protocol knows the plane alone, or nothing was seen."""
     start, stop, plane = events.start, events.stop, source.view.plane
-    torsion_sd_rad = None if start.torsion is None else start.torsion.sd_rad
-    unseen = make_out_of_plane(source.protocol, start.roll_zero_sd_rad, torsion_sd_rad)
+    unseen = make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion)
     bumped = source.sentinel is not None and not source.sentinel.accepted
     if unseen is None or stop is None or bumped or (end is None and not steps):
         return None

@@ -191,10 +191,10 @@ class TargetErrorBounds:
 
     def decide(self, tolerance_mm: float) -> Ending:
         """Return how an insertion ended that was steered to its target."""
-        arrival = decide_arrival(self.in_plane_mm, self.interval_mm, tolerance_mm)
-        cause = f"the needle's end is {self._describe()}, and {tolerance_mm:g} mm are allowed"
         if self.in_plane_mm > tolerance_mm:
             return missed_by_shaft(self.in_plane_mm, tolerance_mm)
+        arrival = decide_arrival(self.interval_mm, tolerance_mm)
+        cause = f"the needle's end is {self._describe()}, and {tolerance_mm:g} mm are allowed"
         if self.depth is not None and self.depth.contradicts:
             outcome = "missed" if arrival == "missed" else "reached_in_plane_only"
             return Ending(outcome, "left_the_plane", f"{_describe_depth(self.depth)}; {cause}", _LEFT_HINT)

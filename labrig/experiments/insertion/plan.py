@@ -27,13 +27,7 @@ from labrig.runner.plan import (
 from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
 from labrig.steering.planner import Plan
 from labrig.steering.step import start_steering
-from labrig.steering.torsion import (
-    BaseLimits,
-    TorsionalLag,
-    TurnAhead,
-    choose_turn,
-    turn_back_and_forth,
-)
+from labrig.steering.torsion import BaseLimits, TurnAhead, Turning, plan_turn
 from labrig.vision.shaft_tip import READ_PX
 
 
@@ -145,8 +139,7 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
         message = f"there is no path: {command.detail}"
         return _Foreseen(refusal=Problem("target", message, "move target or obstacles"))
     roll_zero, radius_mm = _expect_roll_zero(protocol, rig), settings.problem.radius_mm
-    torsion_sd_rad = None if roll_zero.torsion is None else roll_zero.torsion.sd_rad
-    unseen = make_out_of_plane(protocol, roll_zero.sd_rad, torsion_sd_rad)
+    unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
     if unseen is None:
         return _Foreseen()
     rolled = _list_stretches(state.plan, roll_zero, rig, protocol.policy.turning, radius_mm)
@@ -167,20 +160,22 @@ def _expect_roll_zero(protocol: InsertionProtocol, rig: RigDescription) -> RollZ
 
 
 def _list_stretches(
-    path: Plan, roll_zero: RollZero, rig: RigDescription, turning: str, radius_mm: float
+    path: Plan, roll_zero: RollZero, rig: RigDescription, turning: Turning, radius_mm: float
 ) -> list[RolledStretch]:
     """Return the arcs of a path with the directions in which the bevel will be turned before them."""
-    low_rad, high_rad = rig.axes.rotation.limits
-    limits = BaseLimits(low_rad - roll_zero.zero_rad, high_rad - roll_zero.zero_rad)
-    lag = TorsionalLag() if roll_zero.torsion is None else roll_zero.torsion.lag
+    limits = BaseLimits.of_axis(rig.axes.rotation.limits, roll_zero.zero_rad)
     ahead = [TurnAhead(arc.roll_rad, arc.length_mm) for arc in path.arcs]
     base_rad, turned, rolled = 0.0, 0, list[RolledStretch]()
     for number, arc in enumerate(path.arcs):
         if arc.roll_rad != 0.0:
-            turn = (
-                turn_back_and_forth(base_rad, arc.roll_rad)
-                if turning == "back_and_forth"
-                else choose_turn(rolled, base_rad, ahead[number:], lag, limits, radius_mm=radius_mm)
+            turn = plan_turn(
+                rolled,
+                base_rad,
+                ahead[number:],
+                roll_zero.lag,
+                limits,
+                turning=turning,
+                radius_mm=radius_mm,
             )
             base_rad, turned = turn.to_rad, turn.direction
         rolled.append(RolledStretch(arc.length_mm, base_rad, turned))

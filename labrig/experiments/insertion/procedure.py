@@ -15,7 +15,7 @@ space too.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
@@ -58,20 +58,14 @@ from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
-from labrig.runner.withdrawal import withdraw, withdraw_partly
+from labrig.runner.withdrawal import find_speeds, withdraw, withdraw_partly
 from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
-from labrig.steering.step import SteeringState, retreat_steering, start_steering, step_steering
+from labrig.steering.state import SteeringState
+from labrig.steering.step import retreat_steering, start_steering, step_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
-from labrig.steering.torsion import (
-    BaseLimits,
-    BaseTurn,
-    TorsionalLag,
-    centre_bevel,
-    choose_turn,
-    turn_back_and_forth,
-)
+from labrig.steering.torsion import BaseLimits, centre_bevel, plan_turn
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture
 
@@ -239,7 +233,7 @@ class _Insertion:
         rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
         if self.protocol.policy.turning == "compensated":
             from_rad = self.session.rig.read_states()["rotation"].position - zero_rad
-            turn = centre_bevel(from_rad, self._lag, self._base_limits)
+            turn = centre_bevel(from_rad, self.roll_zero.lag, self._base_limits)
             self.turned = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
             self.centred = self.turned
             if turn.overshoot_rad:
@@ -252,7 +246,15 @@ class _Insertion:
             return
         rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
         rolled = self._list_rolled(state.insertion_mm)
-        turn = self._choose_turn(roll_rad, state, rolled)
+        turn = plan_turn(
+            rolled,
+            self.bevel_rad,
+            state.list_turns(roll_rad),
+            self.roll_zero.lag,
+            self._base_limits,
+            turning=self.protocol.policy.turning,
+            radius_mm=self.settings.problem.radius_mm,
+        )
         event = BevelTurn(
             trial=self.trial,
             depth_mm=self.path[-1].insertion_mm,
@@ -271,38 +273,15 @@ class _Insertion:
         self.session.rig.wait(rotation.lag_s)
         self.path.append(collect_axis_positions(self.session.rig.read_states()))
 
-    def _choose_turn(
-        self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]
-    ) -> BaseTurn:
-        """Return how to make a turn, with regard to the turns that are planned behind it."""
-        if self.protocol.policy.turning == "back_and_forth":
-            return turn_back_and_forth(self.bevel_rad, roll_rad)
-        radius_mm = self.settings.problem.radius_mm
-        return choose_turn(
-            rolled,
-            self.bevel_rad,
-            state.list_turns(roll_rad),
-            self._lag,
-            self._base_limits,
-            radius_mm=radius_mm,
-        )
-
     def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
         """Return the stretches between turns of the bevel, the present one included."""
         since_mm = sum(stretch.length_mm for stretch in self.rolled)
         return [*self.rolled, RolledStretch(max(0.0, to_mm - since_mm), self.bevel_rad, self.turned)]
 
     @property
-    def _lag(self) -> TorsionalLag:
-        """The measured lag of the bevel; none if it was not measured."""
-        torsion = self.roll_zero.torsion
-        return TorsionalLag() if torsion is None else torsion.lag
-
-    @property
     def _base_limits(self) -> BaseLimits:
         """The limits of the rotation axis, from the roll zero."""
-        low_rad, high_rad = self.session.rig.rotation.limits
-        return BaseLimits(low_rad - self.roll_zero.zero_rad, high_rad - self.roll_zero.zero_rad)
+        return BaseLimits.of_axis(self.session.rig.rotation.limits, self.roll_zero.zero_rad)
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
         """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
@@ -452,9 +431,7 @@ class _Insertion:
         stop = str(command.stop)
         if command.stop != "target_reached":
             return Ending("stopped" if stop in _UNSURE else "missed", stop, command.detail)
-        torsion = self.roll_zero.torsion
-        torsion_sd_rad = None if torsion is None else torsion.sd_rad
-        unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, torsion_sd_rad)
+        unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion)
         if unseen is None:
             return Ending("reached", stop, command.detail)
         path = TracedPath(tuple(self.turns), self.roll_zero.zero_rad, state.insertion_mm, self.centred)
@@ -480,11 +457,7 @@ class _Insertion:
     @property
     def _withdrawal_speeds(self) -> Mapping[str, float]:
         """The speed of each axis while the needle is withdrawn [mm/s or rad/s]."""
-        return {
-            "insertion": self.protocol.insertion.withdraw_speed_mm_s,
-            "rotation": self.session.rig.rotation.max_speed / 2,
-            "linear": self.protocol.sheath.speed_mm_s,
-        }
+        return find_speeds(self.session.rig, self.protocol.insertion, self.protocol.sheath)
 
     def record_start(self, aim: Aim, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""

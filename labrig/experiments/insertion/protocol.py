@@ -19,6 +19,7 @@ from labrig.protocol.sections import (
     check_sheath,
 )
 from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.torsion import Turning
 
 _WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
 _DEFAULT = SteeringPolicy()
@@ -187,7 +188,7 @@ class Policy(Model):
         _DEFAULT.least_clearance_mm,
         description="If no path keeps clearance_mm, take a path that keeps this [mm].",
     )
-    turning: Annotated[Literal["compensated", "back_and_forth"], Former(value="back_and_forth")] = Field(
+    turning: Annotated[Turning, Former(value="back_and_forth")] = Field(
         "compensated",
         description="How the bevel is turned against torsion of the needle. compensated: in the directions whose lags "
         "displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and "

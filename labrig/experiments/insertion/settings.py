@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +15,15 @@ from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings
+
+
+class MeasuredTorsion(Protocol):
+    """The measured lag of a bevel, as the rig's state or a record has it."""
+
+    @property
+    def sd_rad(self) -> float:
+        """Its standard deviation."""
+        ...
 
 
 def make_insertion_settings(
@@ -66,19 +76,19 @@ def make_insertion_settings(
 
 
 def make_out_of_plane(
-    protocol: InsertionProtocol, roll_zero_sd_rad: float, torsion_sd_rad: float | None
+    protocol: InsertionProtocol, roll_zero_sd_rad: float, torsion: MeasuredTorsion | None
 ) -> OutOfPlaneSettings | None:
     """Return what leads the needle out of the plane; None if the protocol decides by the plane alone.
 
-    `torsion_sd_rad` is that of the measured lag of the bevel, None if it was not measured; where the lag is compensated
-    it takes the place of the protocol's.
+    `torsion` is the measured lag of the bevel, None if it was not measured; where the lag is compensated its standard
+    deviation takes the place of the protocol's.
     """
     unseen = protocol.out_of_plane
     if unseen is None:
         return None
     lag_sd_rad = math.radians(unseen.lag_sd_deg)
-    if torsion_sd_rad is not None and protocol.policy.turning == "compensated":
-        lag_sd_rad = torsion_sd_rad
+    if torsion is not None and protocol.policy.turning == "compensated":
+        lag_sd_rad = torsion.sd_rad
     heading_sd_deg = unseen.heading_sd_deg_per_root_mm
     if heading_sd_deg is None:
         heading_sd_deg = protocol.estimator.process_sd_deg_per_root_mm

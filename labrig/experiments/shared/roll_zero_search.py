@@ -25,7 +25,7 @@ from labrig.runner.experiment import PlannedMove
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.plan import plan_insertion_moves, plan_roll_move
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import withdraw
+from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.roll_zero import fit_roll_zero
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
@@ -164,12 +164,8 @@ def _measure_stray_mm(
     if origin is None or origin.accepted:
         session.move("insertion", steps.length_mm, advance.speed_mm_s)
         picture = session.take_picture(RollZeroRole.NEEDLE)
-    speeds = {
-        "insertion": advance.withdraw_speed_mm_s,
-        "rotation": rig.rotation.max_speed / 2,
-        "linear": order.sheath.speed_mm_s,
-    }
-    withdraw(session, (AxisPositions(0.0, roll_rad, order.sheath.depth_mm),), speeds)
+    path = (AxisPositions(0.0, roll_rad, order.sheath.depth_mm),)
+    withdraw(session, path, find_speeds(rig, advance, order.sheath))
     if picture is None:
         reason = "" if origin is None else (origin.reason or "")
         raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")

@@ -18,7 +18,7 @@ from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, 
 from labrig.protocol.sections import Advance, Needle, RollZeroSteps, Sheath, TorsionSteps
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.session import Session, TakenPicture
-from labrig.runner.withdrawal import withdraw
+from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.torsion import BaseLimits, LagError, TorsionalLag, TurnAhead, choose_turn
 from labrig.steering.torsion_fit import TorsionBend, fit_torsion
@@ -104,7 +104,7 @@ def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
     session.progress(done_s, f"torsion, {number + 1} of {len(order.holes)}")
     session.ask(ShiftToHole(steps.specimen.name, place, place * steps.hole_spacing_mm))
     turn, end = probe.insert(depth_mm, direction)
-    withdraw(session, probe.path, probe.speeds)
+    withdraw(session, probe.path, find_speeds(session.rig, order.advance, order.sheath))
     made = TorsionHole(
         hole=place,
         depth_mm=depth_mm,
@@ -131,15 +131,6 @@ class _Probe:
     session: Session
     path: list[AxisPositions] = field(default_factory=list)
     base_rad: float = 0.0
-
-    @property
-    def speeds(self) -> dict[str, float]:
-        """Speeds of the withdrawal."""
-        return {
-            "insertion": self.order.advance.withdraw_speed_mm_s,
-            "rotation": self.session.rig.rotation.max_speed / 2,
-            "linear": self.order.sheath.speed_mm_s,
-        }
 
     def insert(self, depth_mm: float, direction: int) -> tuple[TakenPicture, TakenPicture]:
         """Insert to a depth, turn to 90 degrees in a direction, go on, and return the pictures at turn and end."""
@@ -192,5 +183,5 @@ class _Probe:
     @property
     def _limits(self) -> BaseLimits:
         """The limits of the base for the arcs, from which the turns to 90 degrees are within the axis' limits."""
-        low_rad, high_rad = self.session.rig.rotation.limits
-        return BaseLimits(low_rad - self.zero_rad + _QUARTER_RAD, high_rad - self.zero_rad - 3 * _QUARTER_RAD)
+        axis = BaseLimits.of_axis(self.session.rig.rotation.limits, self.zero_rad)
+        return BaseLimits(axis.low_rad + _QUARTER_RAD, axis.high_rad - 3 * _QUARTER_RAD)

@@ -1,0 +1,181 @@
+"""The next path of a needle on its way: from where a turn of the bevel would act, with as much clearance as there is.
+
+While the needle moves, the planner searches quickly only. If that finds nothing and the old path will not do, the
+needle halts, and the planner searches thoroughly.
+"""
+
+import math
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+
+from labrig.errors import InputError
+from labrig.needle.kinematics import FloatArray, path_frames
+from labrig.steering.approach import find_nearest_approach
+from labrig.steering.bending import PathStretch, Turn, advance_pose
+from labrig.steering.clearance import path_distances
+from labrig.steering.planner import Effort, Plan, improve_plan, make_plan, plan_path
+from labrig.steering.policy import SteeringSettings
+from labrig.steering.problem import PlanProblem, Surroundings
+from labrig.steering.state import HERE_MM, Occasion, SteeringState, find_acting_mm
+
+# An estimated radius counts within this factor of the given radius.
+_RADIUS_FACTOR = 1.5
+_NO_TURN = 1e-9
+_PLACES = 16
+# Share of the rest of a path that the needle can correct sideways later, with curvature to spare.
+_CORRECTED_SHARE = 0.05
+# Rounds of a thorough search in which a better path is sought than the first.
+_IMPROVING_ROUNDS = 6
+
+
+def replan(
+    state: SteeringState, occasion: Occasion, settings: SteeringSettings, leaves_mm: float = 0.0
+) -> SteeringState:
+    """Return the state with a new path, with the old path if it will do, or with the reason why there is none.
+
+    `leaves_mm` is the least length of an arc by which the needle leaves its old cut, 0 if it is not in one.
+    """
+    tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
+    staged = settings.staging == "staged"
+    stands = occasion in {"start", "recovery"} or state.sought is not None
+    try:
+        problem = pose_problem_ahead(state, settings)
+    except InputError as error:
+        return (
+            replace(tried, sought=occasion)
+            if staged and not stands
+            else replace(tried, refusal=error.message)
+        )
+    problem = replace(problem, leaves_mm=leaves_mm)
+    searches = staged and stands and occasion != "recovery"
+    plan = plan_with_clearance(problem, settings, "thorough" if searches else "quick")
+    if not plan.found:
+        if _is_still_good(state, settings):
+            return tried
+        if staged and not stands:
+            return replace(tried, sought=occasion)
+        if not staged:
+            plan = plan_with_clearance(problem, settings, "closer")
+    return _follow(tried, plan, problem, settings) if plan.found else replace(tried, refusal=plan.reason)
+
+
+def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tuple[float, float]:
+    """Return by how much the rest of the path would miss, and its smallest gap to an obstacle [mm]."""
+    around = Surroundings(pose_problem_ahead(state, settings))
+    psi = _psi_ahead(state, settings)
+    miss = path_frames(psi, around.problem.radius_mm).positions_mm[-1] - around.target_mm
+    if not len(around.centres_mm):
+        return float(np.linalg.norm(miss)), math.inf
+    apart = path_distances(psi, around.problem.radius_mm, around.centres_mm)
+    return float(np.linalg.norm(miss)), float((apart - around.needle_and_obstacle_mm).min())
+
+
+def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProblem:
+    """Return the rest of the problem, from where a turn of the bevel would act.
+
+    Raises
+    ------
+    InputError
+        When the tip would be inside an obstacle.
+    """
+    from_mm = find_acting_mm(state.insertion_mm, settings)
+    start = state.predict(from_mm, settings)
+    turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
+    along = np.asarray(settings.problem.start)[:3, 2]
+    return replace(
+        settings.problem,
+        start=advance_pose(start, (PathStretch(0.0, turned, bends=True),), 0.0),
+        radius_mm=_bounded_radius_mm(state, settings),
+        radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
+        cavity_mm=settings.estimator.cavity_mm if math.isfinite(settings.estimator.cavity_every_mm) else 0.0,
+        axis=(float(along[0]), float(along[1]), float(along[2])),
+        max_off_axis_rad=settings.policy.max_off_axis_rad,
+        max_length_mm=max((settings.problem.max_length_mm - from_mm) * (1.0 - state.tip.slip), HERE_MM),
+        covariance=state.tip.covariance,
+    )
+
+
+def plan_with_clearance(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> Plan:
+    """Return a path with as much of the required clearance as possible, or the last reason why there is none."""
+    least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
+    without_margin = replace(problem, covariance=None)
+    plan = _plan(problem, settings, effort)
+    for relaxed in (without_margin, replace(without_margin, clearance_mm=least_mm, axis=None)):
+        if plan.found:
+            break
+        plan = _plan(relaxed, settings, effort)
+    return plan
+
+
+def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
+    """Return the rest of the path (n, 2) from where a turn would act."""
+    from_mm = find_acting_mm(state.insertion_mm, settings)
+    acting_mm = [max(find_acting_mm(turn.at_mm, settings), from_mm) for turn in state.ahead]
+    lengths_mm = np.diff([from_mm, *acting_mm, max(state.end_mm, from_mm)])
+    rolls_rad = [0.0, *(turn.roll_rad for turn in state.ahead)]
+    arcs_mm = np.maximum(lengths_mm, 0.0) * (1.0 - state.tip.slip)
+    return np.column_stack((arcs_mm / _bounded_radius_mm(state, settings), rolls_rad))
+
+
+def _plan(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> Plan:
+    around = Surroundings(problem)
+    if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
+        weights = replace(problem.weights, target_error_per_mm=settings.policy.final_error_per_mm)
+        psi = find_nearest_approach(Surroundings(replace(problem, weights=weights)))
+        return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
+    plan = plan_path(problem, settings.method, effort)
+    if effort == "thorough" and plan.found and settings.method == "best":
+        plan = list(islice(improve_plan(problem, plan), _IMPROVING_ROUNDS))[-1]
+    return plan
+
+
+def _follow(
+    state: SteeringState, plan: Plan, problem: PlanProblem, settings: SteeringSettings
+) -> SteeringState:
+    """Return the state with a new path: where to turn the bevel, and where the path ends."""
+    from_mm = find_acting_mm(state.insertion_mm, settings)
+    ends_mm = from_mm + np.cumsum([0.0, *(arc.length_mm for arc in plan.arcs)]) / (1.0 - state.tip.slip)
+    turns = tuple(
+        Turn(
+            float(at_mm) - settings.policy.backlash_mm / 2 if at_mm > from_mm else state.insertion_mm,
+            arc.roll_rad,
+        )
+        for at_mm, arc in zip(ends_mm[:-1], plan.arcs, strict=True)
+        if abs(math.sin(arc.roll_rad / 2)) > _NO_TURN
+    )
+    return replace(
+        state,
+        plan=plan,
+        plan_start=np.asarray(problem.start),
+        plan_from_mm=from_mm,
+        ahead=turns,
+        end_mm=float(ends_mm[-1]) if plan.arcs else _find_nearest_mm(state, from_mm, settings),
+        replans=state.replans + 1,
+        followed_mm=state.insertion_mm,
+    )
+
+
+def _find_nearest_mm(state: SteeringState, to_mm: float, settings: SteeringSettings) -> float:
+    """Return the insertion length, before a turn made now would act, at which the tip is nearest to the target."""
+    places_mm = np.linspace(state.insertion_mm, to_mm, _PLACES)
+    tips = np.array([state.predict(float(at_mm), settings)[:3, 3] for at_mm in places_mm])
+    return float(places_mm[np.argmin(np.linalg.norm(tips - settings.problem.target_mm, axis=1))])
+
+
+def _is_still_good(state: SteeringState, settings: SteeringSettings) -> bool:
+    """Return whether the rest of the old path will do: it touches nothing, and its miss can be corrected later."""
+    if not state.plan.found:
+        return False
+    miss_mm, gap_mm = predict_miss_and_gap(state, settings)
+    recent = state.insertion_mm - state.followed_mm <= settings.policy.patience_mm
+    can_correct = miss_mm <= settings.problem.tolerance_mm + _CORRECTED_SHARE * max(state.left_mm, 0.0)
+    return (can_correct or recent) and gap_mm >= settings.policy.least_clearance_mm
+
+
+def _bounded_radius_mm(state: SteeringState, settings: SteeringSettings) -> float:
+    """Return the estimated radius, within bounds about the given radius."""
+    given_mm = settings.problem.radius_mm
+    least, most = 1 / (given_mm * _RADIUS_FACTOR), _RADIUS_FACTOR / given_mm
+    return 1.0 / min(max(state.tip.curvature, least), most)

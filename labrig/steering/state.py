@@ -1,0 +1,177 @@
+"""The state of an insertion, and how sightings and turns of the bevel change it: the estimating half of the step."""
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from labrig.needle.kinematics import FloatArray
+from labrig.steering.bending import Turn, advance_pose, shorten, split_into_stretches
+from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
+from labrig.steering.planner import Plan
+from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.recovery import PassedPlace, Stretch, find_cavities
+from labrig.steering.tip import TipObservation, TipState
+from labrig.steering.torsion import TurnAhead
+
+Occasion = Literal["start", "schedule", "deviation", "near", "recovery"]
+
+HERE_MM = 0.02
+"""Insertion lengths that differ by less count as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SteeringState:
+    """The state of the insertion.
+
+    Attributes
+    ----------
+    belief : TipBelief
+        Of the tip, at the last sighting.
+    insertion_mm : float
+        At the last sighting.
+    turns : tuple of Turn
+        Turns that were made and may not have acted yet, at the lengths where they act.
+    plan, plan_start, plan_from_mm
+        The path that the needle follows, the pose where it starts, and the insertion length there.
+    ahead : tuple of Turn
+        Turns still to be made, at the lengths where they are to be made.
+    end_mm : float
+        Insertion length at the end of the path.
+    replans : int
+        Paths that were found after the first.
+    followed_mm, planned_at_mm : float
+        Insertion lengths at which the present path was found, and at which the planner last ran.
+    why : str or None
+        The occasion to replan at this sighting; None if there was none.
+    refusal : str or None
+        Why the planner found no path at this sighting; None if it found one or did not run.
+    run_to_mm : float
+        Of the last command.
+    sought : str or None
+        The occasion on which a quick search found no path: the needle halts, and the planner then searches thoroughly.
+    moving_from : (float, array)
+        Insertion length and position at which the tip was last known to move.
+    passed : tuple of PassedPlace
+        In order of depth, the start first.
+    turned_at_mm : tuple of float
+        Insertion lengths at which the bevel was turned on the way to the present place.
+    left_cut_mm : float
+        Insertion length at which a withdrawn needle last left its old cut; infinite if it never was withdrawn.
+    cavities : tuple of (float, float)
+        Stretches, in insertion length, on which the tip did not bend before it was withdrawn.
+    retreats : int
+        How often the needle has recovered.
+    """
+
+    belief: TipBelief
+    insertion_mm: float
+    turns: tuple[Turn, ...]
+    plan: Plan
+    plan_start: FloatArray
+    plan_from_mm: float
+    ahead: tuple[Turn, ...]
+    end_mm: float
+    replans: int
+    followed_mm: float
+    planned_at_mm: float
+    why: Occasion | None
+    refusal: str | None
+    run_to_mm: float
+    moving_from: tuple[float, FloatArray]
+    passed: tuple[PassedPlace, ...]
+    sought: Occasion | None = None
+    turned_at_mm: tuple[float, ...] = ()
+    left_cut_mm: float = math.inf
+    cavities: tuple[Stretch, ...] = ()
+    retreats: int = 0
+
+    @property
+    def tip(self) -> TipState:
+        """The tip at the last sighting."""
+        return self.belief.tip
+
+    @property
+    def left_mm(self) -> float:
+        """Length of the rest of the path."""
+        return self.end_mm - self.insertion_mm
+
+    @property
+    def known_cavities(self) -> tuple[Stretch, ...]:
+        """Stretches on which the tip did not bend: before it was withdrawn, and since."""
+        return tuple(sorted((*self.cavities, *find_cavities(self.passed))))
+
+    def predict(self, insertion_mm: float, settings: SteeringSettings) -> FloatArray:
+        """Return the tip's pose (4, 4) at an insertion length ahead if no further turn is made before it."""
+        straight_mm = settings.policy.closing_mm / 2
+        along = split_into_stretches(self.insertion_mm, insertion_mm, self.turns, straight_mm)
+        return advance_pose(self.tip.pose, shorten(along, self.tip.slip), self.tip.curvature)
+
+    def list_turns(self, roll_rad: float) -> list[TurnAhead]:
+        """Return the turn that is made here and the planned ones, each with the length inserted until the next."""
+        at_mm = [self.insertion_mm, *(turn.at_mm for turn in self.ahead), self.end_mm]
+        rolls_rad = (roll_rad, *(turn.roll_rad for turn in self.ahead))
+        return [
+            TurnAhead(roll, max(0.0, to_mm - from_mm))
+            for roll, (from_mm, to_mm) in zip(rolls_rad, pairwise(at_mm), strict=True)
+        ]
+
+
+def begin_steering(settings: SteeringSettings) -> SteeringState:
+    """Return the state at the start, without a plan."""
+    belief = start_belief(settings.problem.start, settings.estimator)
+    return SteeringState(
+        belief=belief, insertion_mm=0.0, turns=(), plan=Plan(found=False, reason=None), plan_start=belief.tip.pose,
+        plan_from_mm=0.0, ahead=(), end_mm=0.0, replans=-1, followed_mm=0.0, planned_at_mm=0.0, why=None, refusal=None,
+        run_to_mm=0.0, moving_from=(0.0, belief.tip.position_mm), passed=(PassedPlace(0.0, belief, ()),),
+    )  # fmt: skip
+
+
+def take_in_sighting(
+    state: SteeringState, sighting: TipSighting, settings: SteeringSettings
+) -> SteeringState:
+    """Return the state with the tip advanced to a sighting, stretch by stretch, and updated with it.
+
+    Reanalysis of a record uses it with the recorded turns.
+    """
+    straight_mm = settings.policy.closing_mm / 2
+    along = split_into_stretches(state.insertion_mm, sighting.insertion_mm, state.turns, straight_mm)
+    steps = [TipObservation(None, part.length_mm, part.roll_rad, part.bends) for part in along]
+    last = steps.pop() if steps else TipObservation(None, 0.0)
+    belief = state.belief
+    for step in steps:
+        belief = advance_belief(belief, step, settings.estimator)
+    belief = step_belief(belief, replace(last, position_mm=sighting.position_mm), settings.estimator)
+    moving_from, seen_mm = state.moving_from, sighting.position_mm
+    if settings.estimator.robust and not belief.tip.accepted:
+        seen_mm = None
+    if seen_mm is not None and np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2:
+        moving_from = sighting.insertion_mm, seen_mm
+    turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
+    passed = state.passed
+    if belief.tip.accepted:
+        passed = (*passed, PassedPlace(sighting.insertion_mm, belief, turns))
+    return replace(
+        state,
+        belief=belief,
+        insertion_mm=sighting.insertion_mm,
+        turns=turns,
+        why=None,
+        refusal=None,
+        moving_from=moving_from,
+        passed=passed,
+    )
+
+
+def turn_bevel(state: SteeringState, roll_rad: float, settings: SteeringSettings) -> SteeringState:
+    """Return the state after a turn of the bevel at the present insertion length."""
+    turns = (*state.turns, Turn(find_acting_mm(state.insertion_mm, settings), roll_rad))
+    return replace(state, turns=turns, turned_at_mm=(*state.turned_at_mm, state.insertion_mm))
+
+
+def find_acting_mm(made_at_mm: float, settings: SteeringSettings) -> float:
+    """Return the insertion length at which a turn of the bevel made at a length acts."""
+    policy = settings.policy
+    return max(made_at_mm + policy.backlash_mm / 2, policy.closing_mm / 2)

@@ -16,8 +16,8 @@ space too.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
 
 from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
@@ -26,17 +26,16 @@ from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
 from labrig.experiments.insertion.aim import Aim, find_aim_problems, locate_obstacles, make_aim
+from labrig.experiments.insertion.bevel import Bevel
 from labrig.experiments.insertion.ending import (
     Ending,
     SeenEnd,
     TracedPath,
     bound_error,
     find_depth,
-    list_turns,
     measure_end,
 )
 from labrig.experiments.insertion.events import (
-    BevelTurn,
     InsertionRole,
     InsertionSheath,
     InsertionStart,
@@ -59,20 +58,18 @@ from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw, withdraw_partly
-from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, budget_out_of_plane
+from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
 from labrig.steering.step import retreat_steering, start_steering, step_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
-from labrig.steering.torsion import BaseLimits, centre_bevel, plan_turn
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture
 
 _HOLD_S = 1.0
 _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
-_SAME_RAD = 0.01
 _UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
 
 
@@ -148,7 +145,7 @@ def _insert_once(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
         )
     rig.needle.mark_in_tissue(session.recorder.run_name)
-    insertion.centre_bevel()
+    insertion.bevel.centre()
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     insertion.path.append(collect_axis_positions(rig.read_states()))
     picture = session.take_picture(InsertionRole.SCENE, trial)
@@ -221,67 +218,18 @@ class _Insertion:
     trial: int
     settings: SteeringSettings
     path: list[AxisPositions] = field(default_factory=list)
-    rolled: list[RolledStretch] = field(default_factory=list)
-    turns: list[BevelTurn] = field(default_factory=list)
-    centred: int = 0
-    turned: int = 0
-    bevel_rad: float = 0.0
     run_to_mm: float = 0.0
 
-    def centre_bevel(self) -> None:
-        """Turn the bevel to the roll zero while the needle is in the sheath."""
-        rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
-        if self.protocol.policy.turning == "compensated":
-            from_rad = self.session.rig.read_states()["rotation"].position - zero_rad
-            turn = centre_bevel(from_rad, self.roll_zero.lag, self._base_limits)
-            self.turned = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
-            self.centred = self.turned
-            if turn.overshoot_rad:
-                self.session.move("rotation", zero_rad + turn.farthest_rad, rotation.max_speed / 2)
-        self.session.move("rotation", zero_rad, rotation.max_speed / 2)
+    @cached_property
+    def bevel(self) -> Bevel:
+        """Its bevel."""
+        return Bevel(self.protocol, self.session, self.roll_zero, self.trial)
 
     def turn_bevel(self, roll_rad: float, state: SteeringState) -> None:
-        """Turn the bevel while the needle stands still, in the direction that the protocol's `turning` leads to."""
-        if roll_rad == 0.0:
-            return
-        rotation, zero_rad = self.session.rig.rotation, self.roll_zero.zero_rad
-        rolled = self._list_rolled(state.insertion_mm)
-        turn = plan_turn(
-            rolled,
-            self.bevel_rad,
-            state.list_turns(roll_rad),
-            self.roll_zero.lag,
-            self._base_limits,
-            turning=self.protocol.policy.turning,
-            radius_mm=self.settings.problem.radius_mm,
-        )
-        event = BevelTurn(
-            trial=self.trial,
-            depth_mm=self.path[-1].insertion_mm,
-            from_rad=zero_rad + self.bevel_rad,
-            to_rad=zero_rad + turn.to_rad,
-            overshoot_rad=turn.overshoot_rad,
-        )
-        self.session.record(event)
-        self.turns.append(event)
-        self.rolled, self.turned, self.bevel_rad = rolled, turn.direction, turn.to_rad
-        speed = rotation.nearest_speed(rotation.max_speed)
-        if turn.overshoot_rad:
-            self.session.move("rotation", zero_rad + turn.farthest_rad, speed)
-            self.session.rig.wait(rotation.lag_s)
-        self.session.move("rotation", zero_rad + turn.to_rad, speed)
-        self.session.rig.wait(rotation.lag_s)
-        self.path.append(collect_axis_positions(self.session.rig.read_states()))
-
-    def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
-        """Return the stretches between turns of the bevel, the present one included."""
-        since_mm = sum(stretch.length_mm for stretch in self.rolled)
-        return [*self.rolled, RolledStretch(max(0.0, to_mm - since_mm), self.bevel_rad, self.turned)]
-
-    @property
-    def _base_limits(self) -> BaseLimits:
-        """The limits of the rotation axis, from the roll zero."""
-        return BaseLimits.of_axis(self.session.rig.rotation.limits, self.roll_zero.zero_rad)
+        """Turn the bevel, if by anything."""
+        if roll_rad != 0.0:
+            self.bevel.turn(roll_rad, state, self.path[-1].insertion_mm)
+            self.path.append(collect_axis_positions(self.session.rig.read_states()))
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
         """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
@@ -316,26 +264,13 @@ class _Insertion:
             cause=command.detail,
         )
         session.record(event)
-        self.turns = list(list_turns((*self.turns, event)))
         withdraw_partly(session, self.path, to_mm, self._withdrawal_speeds)
         self.path.append(collect_axis_positions(session.rig.read_states()))
-        self._forget_beyond(leave_mm, state.insertion_mm)
+        self.bevel.follow_retreat(event)
         self.run_to_mm = to_mm
         state, command = session.compute(partial(retreat_steering, state, leave_mm, self.settings))
         self._record_plan(state, None)
         return state, command
-
-    def _forget_beyond(self, leave_mm: float, from_mm: float) -> None:
-        """Keep the stretches between turns up to a length only; the bevel has been turned back to there."""
-        kept, since_mm, turned_rad = list[RolledStretch](), 0.0, self.bevel_rad
-        for stretch in self._list_rolled(from_mm):
-            if since_mm >= leave_mm:
-                break
-            kept.append(replace(stretch, length_mm=min(stretch.length_mm, leave_mm - since_mm)))
-            since_mm += stretch.length_mm
-        self.rolled, self.bevel_rad = kept, kept[-1].roll_rad
-        if self.bevel_rad != turned_rad:
-            self.turned = 1 if self.bevel_rad > turned_rad else -1
 
     def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
         """Find the tip in a picture, near where the last state predicts it."""
@@ -343,7 +278,7 @@ class _Insertion:
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         expected = state.predict(inserted_mm, self.settings)
         return self.session.compute(
-            partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel_rad)
+            partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel.base_rad)
         )
 
     def find_sheath(self, picture: TakenPicture) -> TrialOrigin | None:
@@ -421,7 +356,7 @@ class _Insertion:
                 final_frame=final.frame,
                 depth_mm=state.insertion_mm,
                 replans=state.replans,
-                centred=self.centred,
+                centred=self.bevel.centred,
             )
         )
         return ending
@@ -434,7 +369,9 @@ class _Insertion:
         unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion)
         if unseen is None:
             return Ending("reached", stop, command.detail)
-        path = TracedPath(tuple(self.turns), self.roll_zero.zero_rad, state.insertion_mm, self.centred)
+        path = TracedPath(
+            tuple(self.bevel.turns), self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred
+        )
         problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
@@ -498,7 +435,7 @@ class _Insertion:
                 frame=picture.frame,
                 depth_mm=inserted_mm,
                 step_mm=inserted_mm - before.insertion_mm,
-                bevel_rad=self.bevel_rad,
+                bevel_rad=self.bevel.base_rad,
                 accepted=fix.accepted,
                 reason=fix.reason,
                 tip_px=fix.tip_px,

@@ -1,11 +1,13 @@
 """A rehearsal as two people have it: a labrig that serves the rig, another that runs, a hand and a keyboard."""
 
+import fcntl
 import os
 import re
 import shutil
 import socket
 import subprocess
 import sys
+import termios
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -68,8 +70,22 @@ class ServingRig:
                 assert self.does(found.expand(line)) == f"done: {found.expand(line)}"
         return "yes"
 
-    def run(self, *arguments: object, answer: Callable[[str], str], patience_s: float = PATIENCE_S) -> Ended:
-        """Run a labrig in a terminal of its own; `answer` returns what is typed at each question."""
+    def run(
+        self,
+        *arguments: object,
+        answer: Callable[[str], str],
+        patience_s: float = PATIENCE_S,
+        press: Callable[[str], str] = lambda _shown: "",
+    ) -> Ended:
+        """Run a labrig in a terminal of its own.
+
+        Parameters
+        ----------
+        answer : callable
+            Returns what is typed at each question.
+        press : callable
+            Is given all that the terminal has shown whenever it shows more; returns the keys that are pressed then.
+        """
         keyboard, screen = os.openpty()
         command = [sys.executable, "-m", "labrig", *map(str, arguments)]
         with subprocess.Popen(
@@ -79,19 +95,26 @@ class ServingRig:
             stdout=screen,
             stderr=screen,
             env={**os.environ, "COLUMNS": "300"},
+            start_new_session=True,
+            preexec_fn=_take_terminal,  # noqa: PLW1509 - no other thread holds a lock here
         ) as running:
             os.close(screen)
             watchdog = threading.Timer(patience_s, running.kill)
             watchdog.start()
             try:
-                shown = _converse(keyboard, answer)
+                shown = _converse(keyboard, answer, press)
             finally:
                 watchdog.cancel()
                 os.close(keyboard)
             return Ended(running.wait(PATIENCE_S), shown)
 
 
-def _converse(keyboard: int, answer: Callable[[str], str]) -> str:
+def _take_terminal() -> None:
+    """Make standard input the terminal that controls this process, so that its Ctrl+C is a signal."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+def _converse(keyboard: int, answer: Callable[[str], str], press: Callable[[str], str]) -> str:
     """Answer each question of a terminal until it closes; return everything that it showed."""
     shown, answered = "", 0
     while True:
@@ -100,6 +123,7 @@ def _converse(keyboard: int, answer: Callable[[str], str]) -> str:
         except OSError:  # the last program at the terminal has ended
             return _ESCAPES.sub("", shown)
         shown += data.decode("utf-8", "replace")
+        os.write(keyboard, press(_ESCAPES.sub("", shown)).encode())
         questions = _QUESTION.findall(_ESCAPES.sub("", shown))
         for question in questions[answered:]:
             os.write(keyboard, f"{answer(' '.join(question.split()))}\n".encode())

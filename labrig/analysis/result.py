@@ -23,6 +23,7 @@ from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, read_file
 from labrig.protocol.model import Model
+from labrig.record.decisions import Decisions
 from labrig.record.json_lines import encode_document
 from labrig.record.provenance import leave_out_personal
 from labrig.record.reader import Run
@@ -63,10 +64,30 @@ def require_part(part: type[ResultPart]) -> AfterValidator:
     return AfterValidator(check)
 
 
+class LeftOut(Model):
+    """How many trials a person had left out: skipped before they started, marked as bad, or made again."""
+
+    skipped: int = 0
+    marked_bad: int = 0
+    repeated: int = 0
+
+    @classmethod
+    def of(cls, decisions: Decisions) -> Self:
+        """Count the trials that these decisions leave out; one that is bad and was made again counts as bad."""
+        bad = decisions.bad.keys()
+        return cls(
+            skipped=len(decisions.skipped), marked_bad=len(bad), repeated=len(decisions.repeated - bad)
+        )
+
+
+NOTHING_LEFT_OUT = LeftOut()
+
+
 class Result(Model):
     """The members of every result: its parent, settings, inputs and provenance.
 
-    `damage` lists what was missing from the record or changed when the result was made, `where: what` each.
+    `left_out` counts the trials that are not evaluated because a person decided so. `damage` lists what was missing
+    from the record or changed when the result was made, `where: what` each.
     """
 
     schema_version: Literal[1] = 1
@@ -77,6 +98,7 @@ class Result(Model):
     inputs: dict[str, str]
     provenance: dict[str, Any]
     damage: tuple[str, ...] = ()
+    left_out: LeftOut = NOTHING_LEFT_OUT
 
     @property
     def tables(self) -> Mapping[str, Rows]:
@@ -88,7 +110,8 @@ class Result(Model):
 class Stamp:
     """What is known of a result before anything is measured: parent, time, inputs and provenance.
 
-    `damage` is the damage of the record that shows before pictures are read: where, what.
+    `damage` is the damage of the record that shows before pictures are read: where, what. `left_out` counts the trials
+    that a person had left out.
     """
 
     parent: int | None
@@ -97,6 +120,7 @@ class Stamp:
     inputs: Mapping[str, str]
     provenance: Mapping[str, Any]
     damage: Mapping[str, str]
+    left_out: LeftOut = NOTHING_LEFT_OUT
 
     def fields(self, settings: Mapping[str, Any], pictures: Mapping[str, str] = _NONE) -> dict[str, Any]:
         """Return the members that every result has.

@@ -20,7 +20,9 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "run.run",
         "Run a protocol: move, record, measure and write the report. A design moves nothing.",
     ),
-    "resume": ("run.resume", "Continue a sweep after a crash or a stop; finished insertions are kept."),
+    "resume": ("run.resume", "Continue a run after a crash or a stop; finished insertions are kept."),
+    "pause": ("pause.pause", "Pause a run that is made in another terminal, at its next safe point."),
+    "continue": ("pause.continue_", "Continue a run that is paused."),
     "replay": (
         "replay.replay",
         "Repeat a run's procedure with its recorded camera, drives, clock and operator.",

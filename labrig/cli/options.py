@@ -100,6 +100,10 @@ SetOption = Annotated[
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
 ]
+NoPauseOption = Annotated[
+    bool, typer.Option("--no-pause", help="Stop at the first Ctrl+C instead of pausing at a safe point.")
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Ring no bell when somebody is waited for.")]
 SeedOption = Annotated[
     int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)
 ]

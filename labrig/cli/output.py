@@ -22,7 +22,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document in
 
 # Characters that move the cursor, change colours, rename the window or turn the direction of writing, and the halves
 # of characters in names that are not UTF-8. Tabs and line ends stay.
-_CONTROLS = re.compile(
+CONTROLS = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 
@@ -34,7 +34,7 @@ def escape_controls(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def print_line(text: str) -> None:
@@ -48,7 +48,7 @@ def print_json(document: object) -> None:
         text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     except ValueError:  # a sum or ratio of values that a record holds, each of them finite
         text = json.dumps(_make_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo(_CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+    typer.echo(CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def _make_finite(value: object) -> object:
@@ -104,6 +104,14 @@ def say(text: str) -> None:
     stream = SafeStandardError()
     stream.write(f"{escape_controls(text)}\n")
     stream.flush()
+
+
+def ring_bell() -> None:
+    """Ring the bell of the terminal of standard error, if it is one."""
+    stream = SafeStandardError()
+    if stream.isatty():
+        stream.write("\a")
+        stream.flush()
 
 
 def say_wrapped(text: str, indent: int = 2) -> None:

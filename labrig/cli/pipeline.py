@@ -10,6 +10,7 @@ from labrig.cli.analyze import analyze
 from labrig.cli.finished_run import FinishedRun
 from labrig.cli.needle_report import add_closing_failure, report_needle
 from labrig.cli.output import say
+from labrig.cli.pausing import UNPAUSED, Attention, take_requests
 from labrig.cli.progress import Reporter, progress
 from labrig.cli.rigs import open_rig_for_person
 from labrig.cli.signals import Interruption
@@ -38,12 +39,16 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.plan import estimate_disk_bytes
+from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 
 
 @dataclass(frozen=True)
 class RunOrder:
-    """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line."""
+    """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line.
+
+    `attention` says whether the person at the terminal may pause it.
+    """
 
     experiment: Experiment
     protocol: ExperimentProtocol
@@ -52,6 +57,7 @@ class RunOrder:
     run_name: str | None
     command_line: tuple[str, ...]
     sources: Sources
+    attention: Attention = UNPAUSED
 
 
 def perform(order: RunOrder) -> FinishedRun:
@@ -128,45 +134,67 @@ def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
 
-        def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
+        def begin(rig: Rig, reporter: Reporter) -> Session:
             open_record = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
-            session = begin_session(rig, open_record, reporter)
-            return session.recorder.path, conduct(experiment, protocol, session)
+            return begin_session(rig, open_record, reporter, plan.workload)
 
-        return record_on_rig(experiment, protocol, order.rig, plan.work, order.command_line, act)
+        job = RigJob(experiment, protocol, order.rig, plan.work, order.command_line, order.attention)
+        return record_on_rig(job, begin, partial(conduct, experiment, protocol))
     clock = SystemClock()
     recorder = _open_record(order, plan, changes, clock, {})
     return FinishedRun(recorder.path, conduct_without_rig(experiment, recorder, clock))
 
 
+@dataclass(frozen=True)
+class RigJob:
+    """What is recorded on a rig: an experiment and its protocol, the rig, the end of its progress, and the command."""
+
+    experiment: Experiment
+    protocol: ExperimentProtocol
+    rig: RigDescription
+    work: float
+    command_line: tuple[str, ...]
+    attention: Attention = UNPAUSED
+
+
 def record_on_rig(
-    experiment: Experiment,
-    protocol: ExperimentProtocol,
-    description: RigDescription,
-    work: float,
-    command_line: tuple[str, ...],
-    act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
+    job: RigJob, begin: Callable[[Rig, Reporter], Session], conduct_on: Callable[[Session], Outcome]
 ) -> FinishedRun:
-    """Open a rig without power, let `act` record a run on it, and close it; signals stop the axes first."""
-    doing = " ".join(("labrig", *command_line[1:]))
+    """Open a rig without power, begin a record, conduct a run on it, and close the rig; signals stop the axes first.
+
+    Parameters
+    ----------
+    job : RigJob
+        What is recorded.
+    begin : callable
+        Opens the record.
+    conduct_on : callable
+        Makes the run, which may be paused meanwhile.
+    """
+    protocol = job.protocol
+    doing = " ".join(("labrig", *job.command_line[1:]))
     opening = Opening(max_current_ma=protocol.current_limits_ma, power=False)
     ended: FinishedRun | None = None
     try:
         with (
-            open_rig_for_person(description, doing, seed=protocol.seed, opening=opening) as (
-                rig,
-                interrupted,
-            ),
-            progress(protocol.experiment, work) as reporter,
+            open_rig_for_person(
+                job.rig, doing, seed=protocol.seed, opening=opening, attention=job.attention
+            ) as (rig, interrupted),
+            progress(protocol.experiment, job.work) as reporter,
         ):
-            path, outcome = act(rig, reporter)
-            can_resume = experiment.can_resume and not isinstance(outcome.error, BugError)
+            session = begin(rig, reporter)
+            path = session.recorder.path
+            with take_requests(interrupted, path) as requests:
+                session.dialogue.requests = requests
+                outcome = conduct_on(session)
+            is_over = isinstance(outcome.error, BugError | TargetMissedError)
+            can_resume = job.experiment.can_resume and not is_over
             ended = FinishedRun(path, outcome, report_needle(rig, path), can_resume=can_resume)
     except MachineError as failure:
         if ended is None:
             raise
         return replace(ended, outcome=add_closing_failure(ended.outcome, failure))
-    return replace(ended, signal_name=interrupted())
+    return replace(ended, signal_name=interrupted.insist())
 
 
 def _open_record(

@@ -1,4 +1,4 @@
-"""Continues a sweep after a crash, a power cut or a stop, on the same rig and with the same protocol."""
+"""Continues a run after a crash, a power cut or a stop, on the same rig and with the same protocol."""
 
 import shlex
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,8 @@ from typing import Any
 
 from labrig.cli.finished_run import FinishedRun, print_finished
 from labrig.cli.output import say
-from labrig.cli.pipeline import finish, record_on_rig
+from labrig.cli.pausing import UNPAUSED, Attention
+from labrig.cli.pipeline import RigJob, finish, record_on_rig
 from labrig.cli.progress import Reporter
 from labrig.cli.sources import Sources, read_sources
 from labrig.devices.clocks import SystemClock
@@ -25,13 +26,14 @@ from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
-from labrig.record.events import RunStop
+from labrig.record.events import INCOMPLETE, RunStop, TrialStart, TrialStop
 from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment
 from labrig.runner.plan import estimate_disk_bytes
+from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
 
@@ -40,15 +42,25 @@ _NOT_THE_RIG = ("faults",)
 
 
 def resume_and_print(
-    path: Path, protocol: Path | None, rig: Path | None, command_line: tuple[str, ...], *, as_json: bool
+    path: Path,
+    protocol: Path | None,
+    rig: Path | None,
+    command_line: tuple[str, ...],
+    *,
+    attention: Attention,
+    as_json: bool,
 ) -> int:
     """Continue a run, and print how it ended. Raises as `resume_run`."""
-    finished = resume_run(path, protocol, rig, command_line)
+    finished = resume_run(path, protocol, rig, command_line, attention)
     return print_finished(finished, find_run_experiment(open_run(path)), as_json)
 
 
 def resume_run(
-    path: Path, protocol: Path | None, rig: Path | None, command_line: tuple[str, ...]
+    path: Path,
+    protocol: Path | None,
+    rig: Path | None,
+    command_line: tuple[str, ...],
+    attention: Attention = UNPAUSED,
 ) -> FinishedRun:
     """Make the remaining insertions of a run, measure it and write its report.
 
@@ -84,21 +96,29 @@ def resume_run(
     remainder = experiment.resume(recorded, run)
     if not remainder.left:
         return finish(_close_without_rig(path, command_line), command_line)
-    say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left")
+    say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left{_name_broken(run)}")
     plan = experiment.plan(recorded, description)
     share = remainder.left / plan.trials
     least_free_mb = description.recording.least_free_mb
     require_free_bytes(path, int(share * estimate_disk_bytes(plan, description) + 1e6 * least_free_mb))
 
-    def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
-        session = begin_session(
-            rig, partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe()), reporter
-        )
-        return session.recorder.path, conduct_remainder(experiment, remainder, session)
+    def begin(rig: Rig, reporter: Reporter) -> Session:
+        reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
+        return begin_session(rig, reopen, reporter, plan.workload)
 
-    return finish(
-        record_on_rig(experiment, recorded, description, plan.work, command_line, act), command_line
-    )
+    job = RigJob(experiment, recorded, description, plan.work, command_line, attention)
+    ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, remainder))
+    return finish(ended, command_line)
+
+
+def _name_broken(run: Run) -> str:
+    """Return which insertion is broken, as the end of a sentence; empty if none is."""
+    broken = [
+        trial.start.trial
+        for trial in run.read_trials(TrialStart, TrialStop)
+        if trial.exit_status == INCOMPLETE
+    ]
+    return "".join(f"; trial {trial} was interrupted and is made again" for trial in broken)
 
 
 def _reopen_record(

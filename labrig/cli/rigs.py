@@ -7,6 +7,7 @@ from pathlib import Path
 
 from labrig.cli.options import find_rig_file, restore_rig_prefix
 from labrig.cli.output import say, say_wrapped
+from labrig.cli.pausing import UNPAUSED, Attention
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.rig import Opening, Rig, open_rig
@@ -24,7 +25,12 @@ def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
 
 @contextmanager
 def open_rig_for_person(
-    description: RigDescription, doing: str, *, seed: int = 0, opening: Opening | None = None
+    description: RigDescription,
+    doing: str,
+    *,
+    seed: int = 0,
+    opening: Opening | None = None,
+    attention: Attention = UNPAUSED,
 ) -> Iterator[tuple[Rig, SignalNote]]:
     """Open a rig for the person at the terminal, who is asked the questions; a signal stops the axes first.
 
@@ -36,6 +42,8 @@ def open_rig_for_person(
         Seed of every random draw of a simulated world.
     opening : Opening or None
         What of the rig to open, and how; None: all of it.
+    attention : Attention
+        Whether a person may pause what is done, and is called by the bell; by default the first Ctrl+C stops.
 
     Yields
     ------
@@ -48,12 +56,13 @@ def open_rig_for_person(
         As `open_rig`; nothing has moved.
     """
     with (
-        note_signals() as interrupted,
+        note_signals(attention.may_pause) as interrupted,
         open_rig(
             description,
             seed=seed,
-            person=TerminalOperator(interrupted, sys.stdin),
+            person=TerminalOperator(interrupted, sys.stdin, rings=attention.rings),
             interrupted=interrupted,
+            insisted=interrupted.insist,
             doing=doing,
             opening=opening or Opening(),
             alert=say_wrapped,

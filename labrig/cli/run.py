@@ -9,6 +9,8 @@ import typer
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
     LocalRunArgument,
+    NoPauseOption,
+    QuietOption,
     RigOption,
     RunsDirOption,
     SeedOption,
@@ -35,10 +37,13 @@ def run(
     seed: SeedOption = None,
     settings: SetOption = None,
     yes: YesOption = False,
+    no_pause: NoPauseOption = False,
+    quiet: QuietOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     from labrig.cli.finished_run import print_finished
+    from labrig.cli.pausing import Attention
     from labrig.cli.pipeline import RunOrder, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
@@ -51,7 +56,8 @@ def run(
     experiment = find_experiment(loaded.experiment)
     command_line = tuple(map(mask_passwords, sys.argv))
     sources = sources.with_rig_file(loaded)
-    order = RunOrder(experiment, loaded, description, runs_dir, run_name, command_line, sources)
+    attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
+    order = RunOrder(experiment, loaded, description, runs_dir, run_name, command_line, sources, attention)
     return print_finished(perform(order), experiment, as_json)
 
 
@@ -62,9 +68,13 @@ def resume(
         typer.Option(metavar="FILE", help="Protocol file, if it has moved since.", show_default=False),
     ] = None,
     rig: RigOption = None,
+    no_pause: NoPauseOption = False,
+    quiet: QuietOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
+    from labrig.cli.pausing import Attention
     from labrig.cli.resume_run import resume_and_print
 
-    return resume_and_print(run_path, protocol, rig, tuple(sys.argv), as_json=as_json)
+    attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
+    return resume_and_print(run_path, protocol, rig, tuple(sys.argv), attention=attention, as_json=as_json)

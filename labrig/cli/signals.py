@@ -2,7 +2,8 @@
 
 A shell starts background jobs with INT ignored, and `nohup` ignores HUP. Both are handled here all the same, because a
 needle may be in tissue. While a rig is open, a signal is only noted: the rig checks for it between bus transactions,
-stops the axes and raises `InterruptedRunError` itself.
+stops the axes and raises `InterruptedRunError` itself. While a run is made at a terminal, the first INT is noted as a
+request to pause, and stops only if no safe point can come: at a question, or while a device keeps labrig waiting.
 """
 
 import signal
@@ -23,18 +24,55 @@ class Interruption(BaseException):
 
 
 class SignalNote:
-    """Holds the name of the signal that arrived, if any."""
+    """Holds the name of the signal that arrived, if any.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    may_pause : callable
+        Whether INT, where nothing was asked for before, is now a request to pause.
+
+    Attributes
+    ----------
+    asks_for_pause : bool
+        Whether INT has asked for a pause that has not begun.
+    """
+
+    def __init__(self, may_pause: Callable[[], bool] = lambda: False) -> None:
         self._name: str | None = None
+        self._may_pause = may_pause
+        self._is_pausing = False
+        self.asks_for_pause = False
 
     def __call__(self) -> str | None:
-        """Return the name of the signal, or None."""
+        """Return the name of the signal that stops, or None."""
         return self._name
+
+    def insist(self) -> str | None:
+        """Return the name of the signal, also of one that asked for a pause; that one stops from now on."""
+        if self.asks_for_pause:
+            self._name = self._name or signal.SIGINT.name
+        return self._name
+
+    def meet_pause(self) -> None:
+        """Note that the pause has begun: the next INT is a new request."""
+        self.asks_for_pause = False
 
     def take(self, number: int, _frame: FrameType | None) -> None:
         """Note a signal, as a signal handler."""
-        self._name = signal.Signals(number).name
+        asks = number == signal.SIGINT and self._name is None and not self.asks_for_pause
+        if asks and self._is_pausing and self._may_pause():
+            self.asks_for_pause = True
+        else:
+            self._name = signal.Signals(number).name
+
+    @contextmanager
+    def pausing(self, *, enabled: bool) -> Iterator[None]:
+        """Let INT ask for a pause during the block, or let it stop; outside of any block it stops."""
+        before, self._is_pausing = self._is_pausing, enabled
+        try:
+            yield
+        finally:
+            self._is_pausing = before
 
 
 def raise_until_exit() -> None:
@@ -57,9 +95,9 @@ def raise_on_signals() -> Iterator[None]:
 
 
 @contextmanager
-def note_signals() -> Iterator[SignalNote]:
+def note_signals(may_pause: Callable[[], bool] = lambda: False) -> Iterator[SignalNote]:
     """Note signals instead of raising while a rig is open; ask the note again after the block."""
-    note = SignalNote()
+    note = SignalNote(may_pause)
     with _install_handler(note.take):
         yield note
 

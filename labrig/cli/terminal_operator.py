@@ -1,32 +1,75 @@
 """Asks the person at the rig, at the terminal."""
 
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import TextIO, TypeVar
 
-from labrig.cli.output import say_wrapped
+from labrig.cli.output import CONTROLS, ring_bell, say_wrapped
 from labrig.cli.progress import hold_bar
 from labrig.cli.signals import SignalNote
-from labrig.devices.operator import Answer, OperatorRequest, PickTarget, ReadScale
+from labrig.devices.clocks import SystemClock
+from labrig.devices.operator import (
+    NO_OFFER,
+    Answer,
+    Choice,
+    Offer,
+    OperatorRequest,
+    Paused,
+    PickTarget,
+    ReadScale,
+)
 from labrig.errors import InterruptedRunError, SafetyStopError
 from labrig.posix import discard_typed, is_in_background, read_typed, wait_for_input
 
 _T = TypeVar("_T")
 
+_KEYS: Mapping[Choice, tuple[str, str]] = {
+    Choice.PAUSE: ("p", "pause"),
+    Choice.REPEAT: ("r", "repeat the last one"),
+    Choice.SKIP: ("s", "skip this one"),
+    Choice.MARK_BAD: ("b", "mark bad"),
+    Choice.NOTE: ("t", "note"),
+    Choice.UNDO: ("u", "undo"),
+}
+"""The key of each choice, and what a person reads beside it."""
+
+_TEXTS: Mapping[Choice, str] = {Choice.MARK_BAD: "why is it bad", Choice.NOTE: "note"}
+"""The choices that need a text, and how it is asked for."""
+
+_SEQUENCES = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)?|.)?")
+"""Escape sequences, such as those of arrow keys or of a pasted text."""
+
+_LONGEST_TEXT = 2000
+_LOOK_S = 0.05
+
 
 class TerminalOperator:
     """Prints what is to be done and waits for the answer; the axes hold still meanwhile.
 
-    What was typed before a question was shown answers nothing.
+    What was typed before a question was shown answers nothing. Each answer is a line, so that a key that is hit by
+    accident moves nothing.
+
+    Parameters
+    ----------
+    interrupted : SignalNote
+        Notes signals; during a question each of them stops.
+    terminal : TextIO
+        Where the person types.
+    rings : bool
+        Whether the bell of the terminal rings at each question.
     """
 
-    def __init__(self, interrupted: SignalNote, terminal: TextIO) -> None:
+    def __init__(self, interrupted: SignalNote, terminal: TextIO, *, rings: bool = False) -> None:
         self._interrupted = interrupted
         self._terminal = terminal
+        self._rings = rings
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Ask until the answer is understood.
+
+        A pause without a terminal waits for `meanwhile` to end it.
 
         Raises
         ------
@@ -35,45 +78,80 @@ class TerminalOperator:
         InterruptedRunError
             When a signal arrives during the prompt.
         """
+        with self._interrupted.pausing(enabled=False):
+            nobody = self._find_nobody(request)
+            if nobody is not None and isinstance(request, Paused):
+                self._wait(meanwhile)
+            if nobody is not None:
+                raise nobody
+            if self._rings:
+                ring_bell()
+            with hold_bar():
+                return self._ask(request, meanwhile, offer)
+
+    def _find_nobody(self, request: OperatorRequest) -> SafetyStopError | None:
+        """Return why nobody can answer; None if somebody can."""
         if not self._terminal.isatty():
-            raise SafetyStopError(
+            return SafetyStopError(
                 f"nobody is there to answer: {request.text}",
                 "run labrig in a terminal; --yes never answers on a real rig",
             )
         if is_in_background(self._terminal):
-            raise SafetyStopError(
+            return SafetyStopError(
                 f"nobody can answer a labrig in the background of its terminal: {request.text}",
                 "run it in the foreground",
             )
-        wanted, read_answer = _choose_reader(request)
-        with hold_bar():
-            return self._ask(request, meanwhile, wanted, read_answer)
+        return None
 
-    def _ask(
-        self,
-        request: OperatorRequest,
-        meanwhile: Callable[[], None],
-        wanted: str,
-        read_answer: Callable[[str], Answer | None],
-    ) -> Answer:
+    def _wait(self, meanwhile: Callable[[], None]) -> None:
+        """Wait until `meanwhile` or a signal ends it."""
+        clock = SystemClock()
+        while self._interrupted() is None:
+            clock.sleep(_LOOK_S)
+            meanwhile()
+        raise InterruptedRunError(f"interrupted by {self._interrupted()}")
+
+    def _ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer) -> Answer:
         """Ask until the answer is understood or no; say what is wanted if it is neither."""
-        remark = ""
+        wanted, read_answer = _choose_reader(request)
+        keys = "".join(f", {' '.join(_KEYS[choice])}" for choice in offer.choices)
+        remark, lead = "", f"\n{offer.status}\n" if offer.status else "\n"
         while True:
-            say_wrapped(f"\n>> {request.text}", 3)
+            say_wrapped(f"{lead}>> {request.text}", 3)
             self._use_terminal(discard_typed)
-            say_wrapped(f"   {remark}{wanted}, or no to stop: ", 3)
-            typed = self._read_line(meanwhile).strip().lower()
+            say_wrapped(f"   {remark}{wanted}{keys}, or no to stop: ", 3)
+            line = _clean(self._read_line(meanwhile))
+            typed = line.lower()
             if typed in {"n", "no"}:
                 return Answer(confirmed=False, note=typed)
             if (answer := read_answer(typed)) is not None:
                 return answer
-            remark = f"{typed!r} is not understood: " if typed else ""
+            if (chosen := self._read_choice(line, offer, meanwhile)) is not None:
+                return chosen
+            remark, lead = _explain(typed, offer), "\n"
+
+    def _read_choice(self, line: str, offer: Offer, meanwhile: Callable[[], None]) -> Answer | None:
+        """Return what was chosen instead of an answer, with its text; None if nothing was, or the text is empty."""
+        key, _, text = line.partition(" ")
+        choice = next((choice for choice in offer.choices if key.lower() == _KEYS[choice][0]), None)
+        if choice is None or (text and choice not in _TEXTS):
+            return None
+        if choice in _TEXTS:
+            if not text.strip():
+                say_wrapped(f"   {_TEXTS[choice]}: ", 3)
+                text = _clean(self._read_line(meanwhile))
+            if len(text) > _LONGEST_TEXT:
+                say_wrapped(f"   only its first {_LONGEST_TEXT} characters are kept", 3)
+                text = text[:_LONGEST_TEXT]
+            if not text.strip():
+                return None
+        return Answer(confirmed=False, note=text.strip(), choice=choice)
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line; check for signals and look after the rig twenty times a second."""
         typed = b""
         while not typed.endswith((b"\n", b"\r")):
-            if not wait_for_input(self._terminal, 0.05):
+            if not wait_for_input(self._terminal, _LOOK_S):
                 meanwhile()
                 if self._interrupted() is not None:
                     raise InterruptedRunError(f"interrupted by {self._interrupted()}")
@@ -99,6 +177,8 @@ class TerminalOperator:
 def _choose_reader(request: OperatorRequest) -> tuple[str, Callable[[str], Answer | None]]:
     """Return what the answer to a request looks like, and what reads it."""
     match request:
+        case Paused():
+            return "c to continue", _read_continuation
         case ReadScale():
             return "a number such as 12.5", _read_number
         case PickTarget():
@@ -109,6 +189,10 @@ def _choose_reader(request: OperatorRequest) -> tuple[str, Callable[[str], Answe
 
 def _read_consent(typed: str) -> Answer | None:
     return Answer(confirmed=True, note=typed) if typed in {"y", "yes"} else None
+
+
+def _read_continuation(typed: str) -> Answer | None:
+    return Answer(confirmed=True, note=typed) if typed in {"c", "continue", "y", "yes"} else None
 
 
 def _read_number(typed: str) -> Answer | None:
@@ -127,3 +211,20 @@ def _read_finite(words: list[str]) -> list[float]:
         numbers = [float(word) for word in words]
         return numbers if all(map(math.isfinite, numbers)) else []
     return []
+
+
+def _clean(line: str) -> str:
+    """Return a typed line without escape sequences and control characters."""
+    return CONTROLS.sub("", _SEQUENCES.sub("", line).replace("\t", " ")).strip()
+
+
+def _explain(typed: str, offer: Offer) -> str:
+    """Return what is wrong with a line that is no answer; nothing about an empty one."""
+    for choice, (key, words) in _KEYS.items():
+        if typed.partition(" ")[0] == key and choice not in offer.choices:
+            return f"{words} is not possible now: "
+    return f"{_shorten(typed)!r} is not understood: " if typed else ""
+
+
+def _shorten(typed: str) -> str:
+    return typed if len(typed) <= 40 else f"{typed[:40]}..."

@@ -6,15 +6,20 @@ reads its `sentence`. An experiment of another package derives its own requests 
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import ClassVar, Protocol
 
 
 @dataclass(frozen=True)
 class OperatorRequest:
-    """Something that a person is asked to do or to confirm; `sentence` names its fields in braces."""
+    """Something that a person is asked to do or to confirm; `sentence` names its fields in braces.
+
+    `by_hand` marks what a yes only says to be done: asking for it once more changes nothing that labrig keeps.
+    """
 
     sentence: ClassVar[str]
+    by_hand: ClassVar[bool] = False
 
     @property
     def text(self) -> str:
@@ -26,6 +31,7 @@ class OperatorRequest:
 class MountNeedle(OperatorRequest):
     """Mount the needle in the clamp."""
 
+    by_hand = True
     sentence = "Mount needle {needle_id} in the clamp."
 
     needle_id: str
@@ -46,6 +52,7 @@ class ConfirmAxesAtZero(OperatorRequest):
 class PlaceSpecimen(OperatorRequest):
     """Put a specimen into the frame."""
 
+    by_hand = True
     sentence = "Place specimen {name} ({gelatin_percent:g} % gelatin) in the frame."
 
     name: str
@@ -55,6 +62,8 @@ class PlaceSpecimen(OperatorRequest):
 @dataclass(frozen=True)
 class ShiftToHole(OperatorRequest):
     """Shift the specimen so that a hole stands before the sheath; people count holes from one."""
+
+    by_hand = True
 
     specimen: str
     hole: int
@@ -91,6 +100,7 @@ class HoldBoard(OperatorRequest):
 class LayGraphPaper(OperatorRequest):
     """Lay graph paper into the steering plane."""
 
+    by_hand = True
     sentence = (
         "Lay the graph paper ({pitch_mm:g} mm pitch) flat in the steering plane, its lines along the "
         "insertion."
@@ -106,6 +116,8 @@ class PlacePhantom(OperatorRequest):
     obstacles : pixel (u, v) of the centre of each obstacle, and its radius [mm]. The camera is calibrated for pixels;
     coordinates of a frame would also have the error of how the graph paper was laid.
     """
+
+    by_hand = True
 
     name: str
     gelatin_percent: float
@@ -156,6 +168,7 @@ class ConfirmStopped(OperatorRequest):
 class ClearBench(OperatorRequest):
     """Take something away."""
 
+    by_hand = True
     sentence = "Take away {what}."
 
     what: str
@@ -285,6 +298,15 @@ class ConfirmWithdrawal(OperatorRequest):
         )
 
 
+@dataclass(frozen=True)
+class Paused(OperatorRequest):
+    """The run is paused until the operator continues it."""
+
+    sentence = "Paused {point}. The axes hold their positions and are supervised."
+
+    point: str
+
+
 def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
     """Return the fields of a request for a record; files of the run are relative to its folder."""
     return {
@@ -293,21 +315,49 @@ def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
     }
 
 
+class Choice(StrEnum):
+    """What a person may choose instead of an answer."""
+
+    PAUSE = "pause"
+    REPEAT = "repeat"
+    SKIP = "skip"
+    MARK_BAD = "mark_bad"
+    NOTE = "note"
+    UNDO = "undo"
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What a person may choose instead of an answer, and a line that says where the run is."""
+
+    choices: tuple[Choice, ...] = ()
+    status: str = ""
+
+
+NO_OFFER = Offer()
+"""There is nothing to choose."""
+
+
 @dataclass(frozen=True)
 class Answer:
-    """Answer of the operator: done or refused, a note for the record, and a requested reading or pixel."""
+    """Answer of the operator: done or refused, a note for the record, and a requested reading or pixel.
+
+    With a `choice` nothing was answered; `note` then is the text of a note, or why a trial is bad.
+    """
 
     confirmed: bool
     note: str = ""
     reading: float | None = None
     pixel: tuple[float, float] | None = None
+    choice: Choice | None = None
 
 
 class Operator(Protocol):
     """A person, or a substitute, who does what the rig cannot do by itself."""
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
-        """Ask, wait until it is done or refused, and return the answer.
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
+        """Ask, wait until it is done or refused or something on offer was chosen, and return the answer.
 
-        While it waits, it calls `meanwhile` at least ten times a second, which sends the heartbeats.
+        While it waits, it calls `meanwhile` at least ten times a second, which sends the heartbeats. An operator that
+        is no person chooses nothing.
         """

@@ -23,7 +23,14 @@ from labrig.devices.load_guard import LoadGuard
 from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_location import AxisLocation, NeedleLocation
 from labrig.devices.needle_state import NeedleState, RigState
-from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
+from labrig.devices.operator import (
+    NO_OFFER,
+    Answer,
+    ConfirmFaultReset,
+    Offer,
+    Operator,
+    OperatorRequest,
+)
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.position_supervision import (
     AxisBounds,
@@ -167,6 +174,9 @@ class Rig:
         Answers if the hardware has no operator of its own.
     interrupted : callable
         Called between two bus transactions; returns a signal that has arrived.
+    insisted : callable or None
+        The same while a device keeps labrig waiting: a signal that only asks for a pause stops then, since no safe
+        point may come. By default `interrupted`.
     stop_requests : StopRequests or None
         Requests of another labrig to stop.
     opening : Opening
@@ -195,6 +205,7 @@ class Rig:
         source: PictureSource | None,
         person: Operator,
         interrupted: Interrupted,
+        insisted: Interrupted | None = None,
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
         needle: NeedleState | None = None,
@@ -207,10 +218,12 @@ class Rig:
         self._guards = guards
         self.clock = hardware.clock
         self.operator = hardware.operator or person
+        self._person = person
         self.needs_person = hardware.operator is None
         self.state_period_s = 1 / description.recording.state_rate_hz
         self._hardware = hardware
         self._interrupted = interrupted
+        self._insisted = insisted or interrupted
         self._stop_requests = stop_requests
         self.needle = needle or NeedleState(description.state_path, do=self.do_aside)
         self._motions = MotionLog(description.state_path, hardware.clock.utc, doing, self.do_aside)
@@ -418,7 +431,7 @@ class Rig:
         DriveError, BusError
         """
         before_s = self._read_s
-        frame = self.camera.capture(self._make_meanwhile())
+        frame = self.camera.capture(self._make_meanwhile(self._insisted))
         states = self.read_states()
         self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
         return frame.between(before_s, self._read_s), states
@@ -452,9 +465,9 @@ class Rig:
 
         Raises `InterruptedRunError`, `BusError`, `DriveError`.
         """
-        self._supervise(requests=True)
+        self._supervise(requests=self._interrupted)
 
-    def _supervise(self, *, requests: bool) -> None:
+    def _supervise(self, *, requests: Interrupted | None) -> None:
         self._check(requests=requests)
         self._heartbeat.beat()
         if not self._is_watching:
@@ -482,15 +495,16 @@ class Rig:
         """
         return self._hardware.disk_worker.do(call, self._make_meanwhile())
 
-    def _make_meanwhile(self) -> Callable[[], None]:
+    def _make_meanwhile(self, interrupted: Interrupted | None = None) -> Callable[[], None]:
         """Return what is to be called again and again while something is done aside that begins now."""
+        interrupted = interrupted or self._interrupted
         if self._is_ending:
             return self._hold
         prompt_s = self.clock.now_s() + _PROMPT_S
 
         def supervise() -> None:
             try:
-                self._supervise(requests=self.clock.now_s() > prompt_s)
+                self._supervise(requests=interrupted if self.clock.now_s() > prompt_s else None)
             except (InterruptedRunError, MachineError) as error:
                 self._stop_because_of(error)
 
@@ -499,20 +513,46 @@ class Rig:
     def _hold(self) -> None:
         """Supervise axes that stand still and are not going to move; if anything is wrong, the beat ends."""
         try:
-            self._supervise(requests=False)
+            self._supervise(requests=None)
         except MachineError:
             self._heartbeat.silence()
 
-    def ask(self, request: OperatorRequest) -> Answer:
+    def ask(
+        self,
+        request: OperatorRequest,
+        offer: Offer = NO_OFFER,
+        *,
+        also: Callable[[], None] = lambda: None,
+        of_person: bool = False,
+    ) -> Answer:
         """Let the operator do something; meanwhile the axes hold still and are supervised.
+
+        Parameters
+        ----------
+        request : OperatorRequest
+            What is asked.
+        offer : Offer
+            What a person may choose instead; an operator that is no person is offered nothing.
+        also : callable
+            Called together with the supervision.
+        of_person : bool
+            Whether a person is asked even where another operator answers, as on a simulated rig.
 
         Raises
         ------
         InterruptedRunError, SafetyStopError, BusError, DriveError
             The axes have been stopped.
         """
+
+        def meanwhile() -> None:
+            self.supervise()
+            also()
+
         try:
-            return self.operator.ask(request, self.supervise)
+            if of_person or self.needs_person:
+                operator = self._person if of_person else self.operator
+                return operator.ask(request, meanwhile, offer)
+            return self.operator.ask(request, meanwhile)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
 
@@ -530,12 +570,12 @@ class Rig:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return self._link.network.take_frames()
 
-    def _check(self, *, requests: bool) -> None:
+    def _check(self, *, requests: Interrupted | None) -> None:
         self._require_awake()
         if self._link.trouble is not None:
             raise self._link.trouble
-        if requests:
-            self._check_requests()
+        if requests is not None:
+            self._check_requests(requests)
         watch = self._watch if self._is_watching else None
         if watch is not None:
             watch.require_no_command()
@@ -544,9 +584,9 @@ class Rig:
         if watch is not None:
             watch.require_operational()
 
-    def _check_requests(self) -> None:
+    def _check_requests(self, interrupted: Interrupted) -> None:
         """Raise what a signal, or another labrig, asks for."""
-        signal_name = self._interrupted()
+        signal_name = interrupted()
         if signal_name is not None:
             raise InterruptedRunError(f"interrupted by {signal_name}")
         if self._stop_requests is not None and self._stop_requests.poll():
@@ -953,6 +993,7 @@ def open_rig(
     seed: int,
     person: Operator,
     interrupted: Interrupted,
+    insisted: Interrupted | None = None,
     doing: str = "labrig",
     opening: Opening = WHOLE,
     alert: Callable[[str], None] = lambda _text: None,
@@ -969,6 +1010,8 @@ def open_rig(
         Answers on a bench; a simulated rig answers by itself.
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
+    insisted : callable or None
+        The same while a device keeps labrig waiting, see `Rig`.
     doing : str
         What the rig is used for; another labrig that wants the rig shows it.
     opening : Opening
@@ -1002,6 +1045,7 @@ def open_rig(
             source=source,
             person=person,
             interrupted=interrupted,
+            insisted=insisted,
             stop_requests=stop_requests,
             opening=opening,
             doing=doing,

@@ -27,9 +27,11 @@ class ExperimentDeclaration:
     plan : str
         `plan(protocol, rig) -> RunPlan`.
     procedure : str or None
-        `run(protocol, session) -> None`; None for an experiment that moves no rig.
+        `run(protocol, session) -> None`; None for an experiment that moves no rig. A run can be paused at each question
+        and at the end of each trial; see `Session.reach_safe_point` and `Session.attempt` for more.
     analyze : str
-        `analyze(run, protocol, request) -> Findings`, or a generator that asks for pictures to be measured.
+        `analyze(run, protocol, request) -> Findings`, or a generator that asks for pictures to be measured. It leaves
+        out each trial that has `left_out`.
     page : str
         `page(run, protocol, result) -> Page`.
     summary : str

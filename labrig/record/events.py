@@ -35,7 +35,15 @@ from typing import ClassVar, Generic, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from labrig.errors import Fault, RecordError
-from labrig.record.layout import EVENT_LINES, FRAME_LINES, RUN_STOP, TRIAL_START, TRIAL_STOP, TRUTH_LINES
+from labrig.record.layout import (
+    EVENT_LINES,
+    FRAME_LINES,
+    RUN_STOP,
+    SKIP,
+    TRIAL_START,
+    TRIAL_STOP,
+    TRUTH_LINES,
+)
 
 INCOMPLETE = "incomplete"
 """`exit_status` of a trial without a stop."""
@@ -92,9 +100,10 @@ class RunStop(Event):
 
 
 class TrialStart(Event):
-    """A trial starts."""
+    """A trial starts; a person reads its `noun`."""
 
     kind: ClassVar[str] = TRIAL_START
+    noun: ClassVar[str] = "trial"
 
     trial: int
 
@@ -109,7 +118,10 @@ class TrialStop(Event):
 
 
 class OperatorQuestion(Event):
-    """A request to the operator, by class and fields, and the answer: yes or no, a note, a reading or a pixel."""
+    """A request to the operator, by class and fields, and the answer: yes or no, a note, a reading or a pixel.
+
+    `choice` is what the operator did instead of answering; `answer` then is the text of a note or a reason.
+    """
 
     kind: ClassVar[str] = "operator"
 
@@ -119,6 +131,7 @@ class OperatorQuestion(Event):
     answer: str
     reading: float | None = None
     pixel: tuple[float, float] | None = None
+    choice: str | None = None
 
 
 class Move(Event):
@@ -163,6 +176,70 @@ class WithdrawalStop(Event):
     kind: ClassVar[str] = "withdrawal_stop"
 
 
+class Pause(Event):
+    """A person has paused the run: at which safe point (a word), during which trial, and by what.
+
+    The axes hold until the `Continue` that follows, or until the run ends.
+    """
+
+    kind: ClassVar[str] = "pause"
+
+    point: str
+    by: str
+    trial: int | None = None
+
+
+class Continue(Event):
+    """The pause is over; a person has ended it by this."""
+
+    kind: ClassVar[str] = "continue"
+
+    by: str
+
+
+class Skip(Event):
+    """A person has left out a trial that had not started; `repeats` is the trial that it would have repeated."""
+
+    kind: ClassVar[str] = SKIP
+
+    trial: int
+    repeats: int | None = None
+
+
+class Repeat(Event):
+    """A person has had a trial that had ended made again; the later trial takes its place."""
+
+    kind: ClassVar[str] = "repeat"
+
+    trial: int
+
+
+class MarkBad(Event):
+    """A person has marked a trial as bad, and why: it is not evaluated."""
+
+    kind: ClassVar[str] = "mark_bad"
+
+    trial: int
+    reason: str
+
+
+class Note(Event):
+    """A person has written a note during a trial; None between two trials."""
+
+    kind: ClassVar[str] = "note"
+
+    text: str
+    trial: int | None = None
+
+
+class Undo(Event):
+    """A person has taken back what came last: the kind of that event, `operator` for the answer to a question."""
+
+    kind: ClassVar[str] = "undo"
+
+    undone: str
+
+
 class PictureRole(StrEnum):
     """What a picture was taken for; an experiment derives its own roles."""
 
@@ -199,10 +276,14 @@ _Stop = TypeVar("_Stop", bound=TrialStop)
 
 @dataclass(frozen=True)
 class RecordedTrial(Generic[_Start, _Stop]):
-    """The start and stop of a recorded trial; `stop` is None if it has none."""
+    """The start and stop of a recorded trial; `stop` is None if it has none.
+
+    `left_out` is why a person had it left out of the evaluation; empty if it is to be evaluated.
+    """
 
     start: _Start
     stop: _Stop | None
+    left_out: str = ""
 
     @property
     def exit_status(self) -> str:

@@ -26,6 +26,7 @@ FRAME_LINES = "frames.jsonl"
 STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
 TRIAL_START, TRIAL_STOP, RUN_STOP = "trial_start", "trial_stop", "run_stop"
+SKIP = "skip"
 TRUTH_LINES = "truth.jsonl"
 ALWAYS_PRESENT = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 CAN_LOG = "can.log"
@@ -33,6 +34,7 @@ NOTES = "notes.jsonl"
 CAN_SUMS = "can.sums.jsonl"
 LOCK = ".lock"
 RESERVE = ".reserve"
+CONTROL = ".control"
 TORN = "torn"
 
 # ext4, XFS and most others allow 255 bytes; the rest is for the suffix of a temporary name.
@@ -53,6 +55,11 @@ def is_picture_file(name: str) -> bool:
 def run_lock(run: Path) -> Path:
     """Return the lock file that the writer of a run holds."""
     return run / LOCK
+
+
+def run_control(run: Path) -> Path:
+    """Return the socket at which a run takes requests while it is made. Raises `RecordError` if it is a link."""
+    return inside(run, CONTROL)
 
 
 def session_diff(number: int) -> str:

@@ -5,6 +5,7 @@ import math
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
 from itertools import chain
@@ -28,10 +29,13 @@ from labrig.record.check import (
     find_picture_problems,
     leave_out_named,
 )
+from labrig.record.decisions import READ, Decisions, PastPause, fold_decisions, list_pauses
 from labrig.record.digest import hash_file
 from labrig.record.events import (
+    Continue,
     Event,
     FrameLine,
+    Pause,
     RecordedTrial,
     TrialStart,
     TrialStop,
@@ -240,8 +244,25 @@ class Run:
         return tuple(parse_events(self.path, self.lines("events"), models))
 
     def read_trials(self, start: type[_Start], stop: type[_Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
-        """Return the trials; the last start of a repeated trial counts. Raises as `read_events`."""
-        return join_trials(parse_events(self.path, self.lines("events"), (start, stop)))
+        """Return the trials, also those that a person had left out; the last start of a repeated trial counts.
+
+        Raises as `read_events`.
+        """
+        trials: tuple[RecordedTrial[_Start, _Stop], ...] = join_trials(
+            parse_events(self.path, self.lines("events"), (start, stop))
+        )
+        left_out = self.decisions.explain_left_out
+        return tuple(replace(trial, left_out=left_out(trial.start.trial)) for trial in trials)
+
+    @cached_property
+    def decisions(self) -> Decisions:
+        """What a person skipped, repeated, marked as bad and noted during the run. Raises as `read_events`."""
+        return fold_decisions(self.read_events(*READ))
+
+    @property
+    def pauses(self) -> tuple[PastPause, ...]:
+        """The pauses of the run. Raises as `read_events`."""
+        return list_pauses(self.read_events(Pause, Continue))
 
     def read_truth(self, model: type[_Truth]) -> Mapping[int, _Truth]:
         """Return what a simulated world drew, by trial; none of a real rig. Raises as `read_events`."""

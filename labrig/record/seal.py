@@ -20,6 +20,7 @@ from labrig.record.layout import (
     CALIBRATION,
     CHAIN,
     CLOSING,
+    CONTROL,
     COPY_HINT,
     FRAMES,
     LOCK,
@@ -36,7 +37,7 @@ from labrig.record.manifest import read_document, recorded_sha256
 
 _RESULT = re.compile(rf"{ANALYSIS}/(\d+)/result\.json")
 _MADE_AGAIN = frozenset({REPORT, VIEW})
-_OWN_HIDDEN = frozenset({LOCK, RESERVE, CLOSING, f".{NOTES}.lock"})
+_OWN_HIDDEN = frozenset({LOCK, RESERVE, CONTROL, CLOSING, f".{NOTES}.lock"})
 _REPAIR = "labrig runs check --repair"
 _NO_PART = "nothing lists it: it is no part of the record and is not used"
 

@@ -9,6 +9,7 @@ from labrig.record.layout import (
     EVENT_LINES,
     FRAME_LINES,
     RAW_PICTURES,
+    SKIP,
     TRIAL_START,
     TRIAL_STOP,
     TRUTH_LINES,
@@ -84,11 +85,12 @@ def find_trial_problems(events: Lines) -> Iterator[Problem]:
 def find_reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
     """Yield events whose picture is missing or of another trial, and pictures and truths of trials that never began.
 
-    A picture may be taken for the next trial, and the run end before that begins. Any event may name a picture without
-    a trial: a search for the roll zero numbers its holes as trials. Only the final picture must belong to its trial.
+    A picture may be taken for the next trial, and the run end, or a person skip it, before that begins. Any event may
+    name a picture without a trial: a search for the roll zero numbers its holes as trials. Only the final picture must
+    belong to its trial.
     """
     trial_of = {str(line.get("frame")): _read_trial(line) for _, line in frames}
-    begun = {_read_trial(event) for _, event in events if event.get("kind") == TRIAL_START}
+    begun = {_read_trial(event) for _, event in events if event.get("kind") in {TRIAL_START, SKIP}}
     for number, event in events:
         for key in ("frame", "final_frame"):
             if (frame := event.get(key)) is not None:

@@ -13,6 +13,7 @@ from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run
 from labrig.record.seal import find_root
+from labrig.report.decisions import list_decisions
 from labrig.report.formatting import UNKNOWN, Rows, format_time, format_value
 from labrig.text import format_count
 
@@ -23,8 +24,9 @@ _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed"
 class Heading:
     """Title, status and facts of a run; `verdict` summarises the page in a sentence or two.
 
-    `annotations` are tags, verdict and notes, each with a heading; `problems` are the faults of the record now (place,
-    message, hint), `damage` further faults when it was measured.
+    `annotations` are tags, verdict and notes, each with a heading; `decisions` are what a person did during the run,
+    each with its time; `problems` are the faults of the record now (place, message, hint), `damage` further faults when
+    it was measured.
     """
 
     eyebrow: str
@@ -38,6 +40,7 @@ class Heading:
     facts: tuple[tuple[str, str], ...]
     notes: str
     annotations: tuple[tuple[str, str], ...]
+    decisions: tuple[tuple[str, str], ...]
     written: str
     problems: tuple[tuple[str, str, str], ...]
     damage: tuple[str, ...]
@@ -88,6 +91,7 @@ def make_heading(
         facts=tuple((term, value) for term, value in _list_facts(run, facts) if value != UNKNOWN),
         notes=str(run.protocol.get("notes") or "").strip(),
         annotations=_list_annotations(run),
+        decisions=list_decisions(run),
         written=f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
         problems=problems,
         damage=tuple(fault for fault in measured if fault not in known),
@@ -158,13 +162,15 @@ def _warn_of_needle(run: Run, status: str) -> tuple[str, ...]:
 
 
 def _list_next_steps(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
-    """Return the commands that withdraw a needle that may be in tissue, and that resume a sweep."""
+    """Return the commands that withdraw a needle that may be in tissue, and that resume a run."""
     steps, place = [], shlex.quote(run.shown_path)
     if not _is_simulated(run) and _warn_of_needle(run, status):
         withdraw = Markup("<code>labrig devices withdraw --rig FILE --run {}</code>").format(place)
         steps.append(Markup("Take it out along its path: {}.").format(withdraw))
-    if status != "success" and can_resume:
-        steps.append(Markup("Go on with the sweep: <code>labrig resume {}</code>.").format(place))
+    planned = run.manifest.get("trials_planned")
+    remain = not isinstance(planned, int) or _count_ended_trials(run) < planned
+    if status != "success" and can_resume and remain:
+        steps.append(Markup("Go on with the run: <code>labrig resume {}</code>.").format(place))
     return tuple(steps)
 
 
@@ -178,8 +184,8 @@ def _read_trials(run: Run) -> tuple[RecordedTrial[TrialStart, TrialStop], ...]:
 
 
 def format_trials_done(run: Run) -> str:
-    """Return the number of successful trials and the number planned."""
-    done = sum(trial.exit_status == "success" for trial in _read_trials(run))
+    """Return the number of successful trials that are evaluated and the number planned."""
+    done = sum(trial.exit_status == "success" and not trial.left_out for trial in _read_trials(run))
     return f"{done} of {format_value(run.manifest.get('trials_planned'))}"
 
 

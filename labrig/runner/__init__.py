@@ -10,6 +10,11 @@ signal stopped it) or failed (a device or the computer failed). The axes stop in
 continues an interrupted run. Draws of a simulated world come from seed and purpose, so the remainder is what it would
 have been. An experiment that moves nothing is recorded by `conduct_without_rig`.
 
+A person may pause a run at its safe points: before and after each question, and at the end of each trial, without any
+code of the experiment; further ones are named by `Session.reach_safe_point`. A procedure that makes its trials through
+`Session.attempt` lets a person skip one or have one made again. What is decided is an event, so that `Decisions`, a
+fold of the events, is the same while the run is made, when it is resumed, and when it is evaluated.
+
 The record is written by a worker, and long computations are made by one (`Session.compute`), while the thread of the
 procedure supervises the rig (`supervised_record`).
 

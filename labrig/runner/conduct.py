@@ -42,6 +42,7 @@ def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Sessi
 
 def conduct_remainder(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
     """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record."""
+    session.dialogue.decisions = remainder.decisions
     return _conduct(session, RunResume(experiment=experiment.name), lambda: remainder.run(session))
 
 

@@ -1,7 +1,7 @@
 """The interface of experiments to the rest of labrig."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from labrig.analysis.experiment import MeasuredExperiment
@@ -11,10 +11,12 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.plugins import Plugin
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import View
 from labrig.runner.session import Session
+from labrig.runner.time_left import Workload
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class RunPlan:
         Rig time without that of the operator [s].
     pictures, operator_steps : int
         Pictures that are taken, and requests that the operator answers.
+    questions : mapping of str to int
+        Those requests by the name of their class, from which the time that is left is learned; may be left out.
     problems : tuple of Problem
         Reasons against the run: moves beyond a limit, pictures that cannot be measured, a target out of view.
     refusal : Problem or None
@@ -57,9 +61,15 @@ class RunPlan:
     duration_s: float = 0.0
     pictures: int = 0
     operator_steps: int = 0
+    questions: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
+
+    @property
+    def workload(self) -> Workload:
+        """What the run takes of rig and operator."""
+        return Workload(self.duration_s, self.operator_steps, self.questions, self.trials)
 
     @property
     def work(self) -> float:
@@ -69,11 +79,15 @@ class RunPlan:
 
 @dataclass(frozen=True)
 class Remainder:
-    """The rest of an interrupted run: how many trials are kept, how many are left, and the call that makes those."""
+    """The rest of an interrupted run: how many trials are kept, how many are left, and the call that makes those.
+
+    `decisions` are those of its person so far; the session that makes the rest begins with them.
+    """
 
     kept: int
     left: int
     run: Callable[[Session], None]
+    decisions: Decisions = NO_DECISIONS
 
 
 @dataclass(frozen=True)
@@ -122,7 +136,7 @@ class Experiment(MeasuredExperiment):
 
     def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
         """Return the rest of an interrupted run. Raises `InputError` when there is no room for it."""
-        return cast("Remainder", self.part("resume")(protocol, run))
+        return replace(cast("Remainder", self.part("resume")(protocol, run)), decisions=run.decisions)
 
     def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
         """Return the page of a run; without a result, the facts of its protocol."""

@@ -18,11 +18,13 @@ from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.record.events import Event, RunStop, TrialStart
+from labrig.record.events import Event, Pause, RunStop, TrialStart
 from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
 from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
+from labrig.runner.dialogue import Dialogue
 from labrig.runner.experiment import Experiment
+from labrig.runner.pausing import NoRequests
 from labrig.runner.session import Progress, Session
 
 _STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}
@@ -125,7 +127,8 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
         with open_replayed(replayed.rig, recording, comparison, opening) as (rig, hardware):
             rig.describe()  # reads the state of the devices, as when the record was begun
             journal = ReplayedJournal(replayed.run, recording, comparison)
-            _conduct(replayed, recording, Session(rig, journal, progress))
+            dialogue = Dialogue(requests=RecordedRequests(journal))
+            _conduct(replayed, recording, Session(rig, journal, progress, dialogue))
             _require_nothing_left(hardware, journal, comparison)
     except ReplayDiffersError:
         found.first_difference = comparison.found
@@ -218,6 +221,10 @@ class ReplayedJournal:
         """Return whether the same CAN frames passed at the same times as in the record."""
         return _convert_to_microseconds(self._can) == _convert_to_microseconds(self._recording.can_frames)
 
+    def peek_event(self) -> Mapping[str, Any]:
+        """Return the next event of the record; an empty line at its end."""
+        return self._expected["events"][0] if self._expected["events"] else {}
+
     def find_next_line(self, besides: str | None = None) -> tuple[str, str] | None:
         """Return the stream and the text of the next line of the record, an event of kind `besides` left out."""
         for stream, lines in self._expected.items():
@@ -241,6 +248,24 @@ class ReplayedJournal:
                     what, f"{name}{recorded.get(key)!r}", f"{name}{plain.get(key)!r}"
                 )
         self._comparison.count_same(f"{what}s" if what != "truth" else what)
+
+
+class RecordedRequests(NoRequests):
+    """Asks for a pause at the safe points where the record has one.
+
+    Parameters
+    ----------
+    journal : ReplayedJournal
+        Knows the next event of the record.
+    """
+
+    def __init__(self, journal: ReplayedJournal) -> None:
+        self._journal = journal
+
+    def find(self, point: str) -> str | None:
+        """Return by what the record was paused, if its next event is a pause at this point."""
+        line = self._journal.peek_event()
+        return str(line.get("by")) if line.get("kind") == Pause.kind and line.get("point") == point else None
 
 
 def _convert_to_microseconds(

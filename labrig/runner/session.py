@@ -1,18 +1,39 @@
-"""What every procedure works with: it asks the operator, moves axes, takes pictures and records events."""
+"""What every procedure works with: it asks the operator, moves axes, takes pictures and records events.
+
+It also carries what a person may do in between (`dialogue`): a pause flows one way, from a request (Ctrl+C, a key at a
+question, `labrig pause`) to the next safe point, to an event of the record, to the evaluation and the report.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 from labrig.devices.axis import AxisReadback
-from labrig.devices.operator import Answer, OperatorRequest, request_details
+from labrig.devices.operator import Answer, Choice, OperatorRequest, Paused, request_details
 from labrig.devices.rig import Rig
 from labrig.errors import SafetyStopError
-from labrig.record.events import Event, Move, MoveDone, OperatorQuestion, PictureRole
+from labrig.record.decisions import RESCHEDULING
+from labrig.record.events import (
+    Continue,
+    Event,
+    MarkBad,
+    Move,
+    MoveDone,
+    Note,
+    OperatorQuestion,
+    Pause,
+    PictureRole,
+    Repeat,
+    Skip,
+    TrialStop,
+    Undo,
+)
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
+from labrig.runner.dialogue import Attempt, Dialogue
+from labrig.runner.pausing import AFTER_ANSWER, AT_QUESTION, BEFORE_QUESTION, TRIAL_END
 from labrig.vision.picture import Picture
 
 
@@ -38,18 +59,167 @@ class TakenPicture:
     positions: AxisPositions
 
 
+class _OtherTrialError(Exception):
+    """A person has chosen that another trial is made than the one that was about to start."""
+
+
+class _ContinuedError(Exception):
+    """A pause is ended from elsewhere, by what its message says."""
+
+
+_POINTS = {
+    BEFORE_QUESTION: "before the next question",
+    AFTER_ANSWER: "after the answer",
+    AT_QUESTION: "at the question",
+}
+"""How a person reads where a pause has begun."""
+
+
 @dataclass(frozen=True)
 class Session:
-    """The opened rig, the record of this run, and the receiver of progress."""
+    """The opened rig, the record of this run, the receiver of progress, and what its person may do."""
 
     rig: Rig
     recorder: RecordSink
     progress: Progress
+    dialogue: Dialogue = field(default_factory=Dialogue)
 
     def record(self, event: Event) -> None:
-        """Append an event, stamped with the rig time."""
+        """Append an event, stamped with the rig time. The end of a trial is a safe point."""
         self.recorder.can_frames(self.rig.take_can_frames())
         self.recorder.record_event(event, self.rig.clock.now_s())
+        ends_trial = isinstance(event, TrialStop) and event.trial == self.dialogue.trial
+        self.dialogue.note_event(event)
+        if ends_trial:
+            self.reach_safe_point(TRIAL_END)
+
+    # Pauses, and what a person chooses
+
+    def attempt(
+        self,
+        trial: int,
+        make: Callable[[], _T],
+        *,
+        repeats: int | None = None,
+        can_repeat: Callable[[int], bool] | None = None,
+    ) -> _T | None:
+        """Make a trial that a person may still skip, or put off to have the one before it made again.
+
+        Afterwards `dialogue.decisions` says what has been decided; the caller makes what remains.
+
+        Parameters
+        ----------
+        trial : int
+            Its number.
+        make : callable
+            Makes it, from the questions before it to its stop.
+        repeats : int or None
+            The trial whose place it takes.
+        can_repeat : callable
+            Whether there is room to make a trial of this number again; by default always.
+
+        Returns
+        -------
+        What `make` returns; None if a person chose otherwise before the trial started.
+        """
+        attempt = Attempt(trial, repeats) if can_repeat is None else Attempt(trial, repeats, can_repeat)
+        self.dialogue.begin_attempt(attempt)
+        try:
+            return make()
+        except _OtherTrialError:
+            return None
+        finally:
+            self.dialogue.end_attempt()
+
+    def reach_safe_point(self, point: str, *, in_tissue: bool = False) -> bool:
+        """Pause here if that is asked for, until a person continues; return whether the run was paused.
+
+        Parameters
+        ----------
+        point : str
+            A word for the record. Between two safe points of the same word something has to be recorded, so that a
+            replay pauses at the same one.
+        in_tissue : bool
+            Whether axes may be moving: they are stopped, and hold. The caller starts its move again.
+
+        Raises
+        ------
+        SafetyStopError
+            When the person ends the run instead.
+        InterruptedRunError, BusError, DriveError
+            The axes have been stopped.
+        """
+        by = self.dialogue.requests.find(point)
+        if by is None:
+            return False
+        self._pause(point, by, in_tissue=in_tissue)
+        return True
+
+    def _pause(self, point: str, by: str, *, in_tissue: bool = False) -> None:
+        """Hold until a person continues, who may decide things meanwhile. Raises as `reach_safe_point` does."""
+        dialogue, started_s = self.dialogue, self.rig.clock.now_s()
+        self.record(Pause(point=point, by=by, trial=dialogue.trial))
+        if in_tissue:
+            self.rig.stop()
+        dialogue.requests.begin()
+        request, reschedules = (
+            Paused(_POINTS.get(point) or dialogue.describe_point(ended=point == TRIAL_END)),
+            False,
+        )
+        while (answer := self._ask_once(request, paused=True)).choice is not None:
+            reschedules = self._decide(answer, paused=True) or reschedules
+        dialogue.note_pause(self.rig.clock.now_s() - started_s)
+        if not answer.confirmed:
+            raise SafetyStopError("the operator ended the run during a pause", "labrig resume continues it")
+        self.record(Continue(by=answer.note))
+        dialogue.requests.end()
+        if reschedules and dialogue.can_leave:
+            raise _OtherTrialError
+
+    def _decide(self, answer: Answer, *, paused: bool) -> bool:
+        """Record what was chosen instead of an answer; return whether other trials remain now."""
+        dialogue, attempt = self.dialogue, self.dialogue.attempt
+        if answer.choice not in dialogue.list_choices(paused=paused):
+            return False
+        match answer.choice:
+            case Choice.PAUSE:
+                self._pause(AT_QUESTION, "prompt")
+            case Choice.NOTE:
+                self.record(Note(text=answer.note, trial=dialogue.trial))
+            case Choice.UNDO:
+                return self._undo()
+            case Choice.MARK_BAD if dialogue.marked_trial is not None:
+                self.record(MarkBad(trial=dialogue.marked_trial, reason=answer.note))
+            case Choice.REPEAT if dialogue.finished is not None:
+                self.record(Repeat(trial=dialogue.finished))
+                return True
+            case Choice.SKIP if attempt is not None:
+                self.record(Skip(trial=attempt.trial, repeats=attempt.repeats))
+                return True
+        return False
+
+    def _undo(self) -> bool:
+        """Take back what came last: a decision, or the answer to a question, which is asked once more."""
+        last = self.dialogue.last_undoable
+        if isinstance(last, OperatorRequest):
+            self.record(Undo(undone=OperatorQuestion.kind))
+            self._ask_operator(last)
+            return False
+        assert last is not None
+        self.record(Undo(undone=last.kind))
+        return isinstance(last, RESCHEDULING)
+
+    def _look_for_requests(self) -> None:
+        """Tell who has asked for a pause when it will begin."""
+        self.dialogue.requests.announce(self.dialogue.describe_next_point())
+
+    def _look_for_continuation(self) -> None:
+        """End a pause that is to end."""
+        by = self.dialogue.requests.find_continuation()
+        if by is not None:
+            raise _ContinuedError(by)
+
+    # Questions
 
     def ask(self, request: OperatorRequest) -> Answer:
         """Ask the operator to do and confirm something, and return the answer; the axes hold still meanwhile.
@@ -71,7 +241,27 @@ class Session:
         return self._ask_operator(request).confirmed
 
     def _ask_operator(self, request: OperatorRequest) -> Answer:
-        answer = self.rig.ask(request)
+        """Ask, and do what is chosen instead, until there is an answer. Before and after it is a safe point."""
+        self.reach_safe_point(BEFORE_QUESTION)
+        while (answer := self._ask_once(request)).choice is not None:
+            if self._decide(answer, paused=False) and self.dialogue.can_leave:
+                raise _OtherTrialError
+        if answer.confirmed:
+            self.reach_safe_point(AFTER_ANSWER)
+        return answer
+
+    def _ask_once(self, request: OperatorRequest, *, paused: bool = False) -> Answer:
+        """Ask once and record it; an answer counts for the time that answers take."""
+        offer, started_s = self.dialogue.make_offer(paused=paused), self.rig.clock.now_s()
+        try:
+            answer = self.rig.ask(
+                request,
+                offer,
+                also=self._look_for_continuation if paused else self._look_for_requests,
+                of_person=paused,
+            )
+        except _ContinuedError as by:
+            answer = Answer(confirmed=True, note=str(by))
         self.record(
             OperatorQuestion(
                 request=type(request).__name__,
@@ -80,8 +270,11 @@ class Session:
                 answer=answer.note,
                 reading=answer.reading,
                 pixel=answer.pixel,
+                choice=answer.choice,
             )
         )
+        if not paused and answer.choice is None:
+            self.dialogue.note_answer(request, self.rig.clock.now_s() - started_s)
         return answer
 
     def take_picture(self, role: PictureRole, trial: int | None = None) -> TakenPicture:
@@ -162,6 +355,7 @@ class Session:
             All axes have been stopped.
         """
         self.rig.wait(self.rig.state_period_s)
+        self._look_for_requests()
         states = self.rig.read_states()
         self._record_states(states)
         return states

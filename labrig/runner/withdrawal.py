@@ -12,7 +12,12 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
+from labrig.devices.operator import (
+    ConfirmNeedleOut,
+    ConfirmStance,
+    ConfirmWithdrawal,
+    WithdrawNeedle,
+)
 from labrig.devices.rig import Rig
 from labrig.protocol.sections import Sheath
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
@@ -188,6 +193,24 @@ def withdraw_partly(
     for move in plan_partial_moves((*path, collect_axis_positions(rig.read_states())), to_mm):
         axis = rig.axis(move.axis)
         session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
+
+
+def take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
+    """Withdraw a needle that this run left in tissue, if the operator agrees; otherwise ask whether it is out.
+
+    It can only be withdrawn along its path if every drive has kept its reference; otherwise its position is unknown.
+    """
+    rig = session.rig
+    if rig.state.needle_in_tissue is False:
+        return
+    of_this_run = rig.state.since_run == session.recorder.run_name
+    if path and of_this_run and all(axis.referenced for axis in rig.axes):
+        deepest_mm = max(positions.insertion_mm for positions in path)
+        if session.offer(WithdrawNeedle(session.recorder.run_name, deepest_mm)):
+            withdraw(session, path)
+            return
+    session.ask(ConfirmNeedleOut(rig.state.doubt))
+    rig.needle.mark_out()
 
 
 def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:

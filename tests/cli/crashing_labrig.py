@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from labrig.devices.operator import Answer, OperatorRequest
+from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.rig import Opening, open_rig
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -22,7 +22,7 @@ SWEEP = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 class Willing:
     """Says yes to everything."""
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Answer."""
         return Answer(confirmed=True)
 

@@ -9,6 +9,8 @@ import pytest
 
 COMMANDS = (
     "run",
+    "pause",
+    "continue",
     "check",
     "reanalyze",
     "import",

@@ -2,12 +2,14 @@
 
 import io
 import os
+import signal
 import subprocess
 import sys
 import termios
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import TextIO
@@ -17,7 +19,16 @@ import pytest
 from labrig.cli.progress import progress
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
-from labrig.devices.operator import Answer, OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
+from labrig.devices.operator import (
+    Answer,
+    Choice,
+    Offer,
+    OperatorRequest,
+    Paused,
+    PickTarget,
+    PlaceSpecimen,
+    ReadScale,
+)
 from labrig.errors import InterruptedRunError, SafetyStopError
 
 REQUEST = PlaceSpecimen("gel 10 %", 10)
@@ -235,3 +246,87 @@ def test_the_bar_stands_still_while_somebody_is_asked(
     assert b"no to stop" in shown[5]
     assert set(shown[5:]) == {shown[5]}
     assert b"75 %" in read()[len(shown[5]) :]
+
+
+OFFERED = Offer(tuple(Choice), "hole 3 of 18, gel 2 of 4, about 52 minutes of yours and 34 of the rig's left")
+
+
+@pytest.mark.parametrize(
+    ("typed", "choice", "text"),
+    [
+        (("p\n",), Choice.PAUSE, ""),
+        (("R\n",), Choice.REPEAT, ""),
+        (("s\n",), Choice.SKIP, ""),
+        (("u\n",), Choice.UNDO, ""),
+        (("b the picture is blurred\n",), Choice.MARK_BAD, "the picture is blurred"),
+        (("t\n", "Bubbles at 3 mm\n"), Choice.NOTE, "Bubbles at 3 mm"),
+        (("t\n", "\n", "t x\n"), Choice.NOTE, "x"),
+        (("t a\x1b[2J\x1b]0;owned\x07b\x1b[31mc\u202e\n",), Choice.NOTE, "abc"),
+    ],
+)
+def test_each_choice_has_a_key(
+    typed: tuple[str, ...], choice: Choice, text: str, terminal: Terminal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A letter chooses; a note and a reason are typed behind it or when asked for, without escape sequences."""
+    operator = TerminalOperator(SignalNote(), terminal.stream)
+    answer = operator.ask(REQUEST, Typist(terminal, list(typed)), OFFERED)
+    assert (answer.confirmed, answer.choice, answer.note) == (False, choice, text)
+    assert (
+        "hole 3 of 18, gel 2 of 4, about 52 minutes of yours and 34 of the rig's left\n>> "
+        in capsys.readouterr().err
+    )
+
+
+def test_what_is_not_on_offer_is_told_and_asked_again(
+    terminal: Terminal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A key that chooses nothing now confirms nothing."""
+    offer = Offer((Choice.NOTE,))
+    answer = TerminalOperator(SignalNote(), terminal.stream).ask(
+        REQUEST, Typist(terminal, ["s\n", "y\n"]), offer
+    )
+    assert (answer.confirmed, answer.choice) == (True, None)
+    assert "skip this one is not possible now: yes, t note, or no to stop" in capsys.readouterr().err
+
+
+def test_a_question_fits_a_terminal_of_40_columns(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Status, question and keys are wrapped between words, without colour; the bell rings once."""
+    with _screen(monkeypatch, tmp_path / "screen") as read:
+        monkeypatch.setenv("COLUMNS", "40")
+        operator = TerminalOperator(SignalNote(), terminal.stream, rings=True)
+        assert operator.ask(REQUEST, Typist(terminal, ["x\n", "y\n"]), OFFERED).confirmed
+    shown = read().decode()
+    assert shown.count("\a") == 1
+    assert "\x1b" not in shown
+    assert max(map(len, shown.replace("\a", "").splitlines())) <= 40
+
+
+def test_a_pause_is_continued_by_a_key_or_ended(terminal: Terminal) -> None:
+    """c continues, no ends the run."""
+    assert terminal.ask(Paused("after this insertion"), "c\n").confirmed
+    assert not terminal.ask(Paused("after this insertion"), "no\n").confirmed
+
+
+def test_the_first_ctrl_c_pauses_and_the_second_stops() -> None:
+    """Only INT does, where a run is made at a terminal; at a question, or while a device does not answer, it stops."""
+    note = SignalNote(lambda: True)
+    with note.pausing(enabled=True):
+        note.take(signal.SIGINT, None)
+        assert (note(), note.asks_for_pause) == (None, True)
+        note.meet_pause()
+        with note.pausing(enabled=False):
+            pass
+        note.take(signal.SIGINT, None)
+        assert (note(), note.insist(), note()) == (None, "SIGINT", "SIGINT")
+    for number, enabled, may_pause in ((15, True, True), (1, True, True), (2, False, True), (2, True, False)):
+        stopping = SignalNote(partial(bool, may_pause))
+        with stopping.pausing(enabled=enabled):
+            stopping.take(number, None)
+        assert stopping() == signal.Signals(number).name
+    twice = SignalNote(lambda: True)
+    with twice.pausing(enabled=True):
+        twice.take(signal.SIGINT, None)
+        twice.take(signal.SIGINT, None)
+    assert twice() == "SIGINT"

@@ -12,7 +12,7 @@ from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.hardware import Hardware
-from labrig.devices.operator import Answer, OperatorRequest
+from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
@@ -54,7 +54,7 @@ class Person:
     yes: bool = True
     asked: list[OperatorRequest] = field(default_factory=list)
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Answer."""
         self.asked.append(request)
         return Answer(self.yes)
@@ -66,7 +66,7 @@ class Waiting:
 
     clock: Clock
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Let the rig be supervised for ever."""
         while True:
             self.clock.sleep(0.05)

@@ -9,7 +9,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.axis import AxisReadback
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.epos2.driver import Epos2
-from labrig.devices.operator import Answer, ClearBench, OperatorRequest
+from labrig.devices.operator import NO_OFFER, Answer, ClearBench, Offer, OperatorRequest
 from labrig.errors import (
     BusError,
     BusOffError,
@@ -161,7 +161,7 @@ class Absent:
 
     opened: OpenedRig
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Never answer."""
         while True:
             self.opened.hardware.clock.sleep(0.1)

@@ -227,7 +227,7 @@ def test_a_run_that_stopped_within_an_insertion_warns_of_the_needle(
     assert "The needle may still be in tissue: the run stopped within trial 3." in head
     assert "insertion axis stood at 30.00 mm" in head
     assert "linear axis, which carries the sheath, at 15.00 mm" in head
-    assert "Go on with the sweep: labrig resume" in head
+    assert "Go on with the run: labrig resume" in head
 
 
 def test_a_run_that_stopped_between_insertions_warns_of_no_needle(folder: Path) -> None:

@@ -23,7 +23,15 @@ from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_location import NeedleLocation
-from labrig.devices.operator import Answer, Operator, OperatorRequest, PlaceSpecimen, ShiftToHole
+from labrig.devices.operator import (
+    NO_OFFER,
+    Answer,
+    Offer,
+    Operator,
+    OperatorRequest,
+    PlaceSpecimen,
+    ShiftToHole,
+)
 from labrig.devices.rig import WHOLE, Opening, Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
@@ -459,7 +467,7 @@ class _Slow:
     cell: Cell
     operator: Operator
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Answer, after a while in which the rig looks after its axes."""
         if self.cell.phase is Phase.ASKING and isinstance(request, ShiftToHole):
             self.cell.strike()

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from labrig.devices.operator import Answer, Operator, OperatorRequest
+from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
 from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
@@ -52,7 +52,7 @@ class Watched:
     declines: type[object] | tuple[type[object], ...] | None = None
     asked: list[OperatorRequest] = field(default_factory=list)
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Answer."""
         self.asked.append(request)
         if self.declines is not None and isinstance(request, self.declines):

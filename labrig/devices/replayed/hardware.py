@@ -7,7 +7,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.operator import Answer, OperatorRequest, request_details
+from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest, request_details
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
 from labrig.devices.replayed.comparison import Comparison
@@ -116,7 +116,12 @@ class ReplayedOperator:
         self._run = recording.run
         self._comparison = comparison
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
+    def ask(
+        self,
+        request: OperatorRequest,
+        meanwhile: Callable[[], None],  # noqa: ARG002 - never waits
+        offer: Offer = NO_OFFER,  # noqa: ARG002 - what was chosen is recorded
+    ) -> Answer:
         """Compare a question, let the time pass that its answer took, and return the answer."""
         self._comparison.require_ongoing()
         now = f"{type(request).__name__}: {request.text}"

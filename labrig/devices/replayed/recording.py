@@ -11,7 +11,7 @@ from typing import Any
 
 from labrig.devices.camera import Exposure
 from labrig.devices.needle_state import NEW, RigState, parse_current_limits, parse_roll_zero
-from labrig.devices.operator import Answer
+from labrig.devices.operator import Answer, Choice
 from labrig.errors import RecordError
 from labrig.record.can_log import CanFrame
 from labrig.record.events import OperatorQuestion, RunStop, TrialStart
@@ -199,6 +199,7 @@ def _read_question(event: Mapping[str, Any], t0_s: float) -> Question:
         note=str(event["answer"]),
         reading=event.get("reading"),
         pixel=None if pixel is None else (pixel[0], pixel[1]),
+        choice=None if event.get("choice") is None else Choice(event["choice"]),
     )
     return Question(str(event["request"]), event["details"], answer, event["t_s"] - t0_s)
 

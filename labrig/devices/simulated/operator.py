@@ -4,12 +4,14 @@ import math
 from collections.abc import Callable, Mapping
 
 from labrig.devices.operator import (
+    NO_OFFER,
     Answer,
     ClearBench,
     ConfirmPlan,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
+    Offer,
     OperatorRequest,
     PickTarget,
     PlacePhantom,
@@ -38,7 +40,12 @@ class SimulatedOperator:
         self._world = world
         self._true_positions = true_positions
 
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
+    def ask(
+        self,
+        request: OperatorRequest,
+        meanwhile: Callable[[], None],  # noqa: ARG002 - never waits
+        offer: Offer = NO_OFFER,  # noqa: ARG002 - chooses nothing
+    ) -> Answer:
         """Do what is asked.
 
         Raises

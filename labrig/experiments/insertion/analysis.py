@@ -61,6 +61,7 @@ from labrig.experiments.insertion.settings import (
     restore_settings,
     with_observation_sd,
 )
+from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
 from labrig.steering.out_of_plane import budget_out_of_plane
 from labrig.steering.planner import Plan, sample_path
@@ -191,7 +192,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
 
 
 def _read_trials(run: Run) -> list[_Events]:
-    """Return the recorded events of each insertion."""
+    """Return the recorded events of each insertion that was neither made again nor left out by a person."""
     trials = run.read_trials(InsertionStart, InsertionStop)
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
     plans = run.read_events(PathSought)
@@ -207,6 +208,7 @@ def _read_trials(run: Run) -> list[_Events]:
             true.get(trial.start.trial),
         )
         for trial in trials
+        if not trial.left_out and trial.exit_status != INTERRUPTED
     ]
 
 
@@ -496,7 +498,7 @@ def _measure_end(
     stop: InsertionStop | None, source: _Source, roll_sd_rad: float
 ) -> tuple[ShaftTip | None, str | None]:
     """Measure the shaft in the final picture; without a measurement, return the reason."""
-    if stop is None:
+    if stop is None or stop.final_frame is None:
         return None, "there is no final picture"
     if source.sentinel is not None and not source.sentinel.accepted:
         return None, source.sentinel.reason

@@ -36,7 +36,10 @@ class RecordedTorsion(_Part):
 
 
 class InsertionStart(SpecimenTrialStart):
-    """An insertion begins: its target, its obstacles, and the roll zero and torsion in use."""
+    """An insertion begins: its target, its obstacles, and the roll zero and torsion in use.
+
+    `repeats` is the trial that it replaces, interrupted or made again by a person.
+    """
 
     target_mm: _Point
     tolerance_mm: float
@@ -46,18 +49,20 @@ class InsertionStart(SpecimenTrialStart):
     roll_zero_rad: float
     roll_zero_sd_rad: float
     torsion: RecordedTorsion | None = None
+    repeats: int | None = None
 
 
 class InsertionStop(TrialStop):
     """An insertion has ended: its outcome, by which stop, why, and at which depth.
 
-    `centred` is the direction in which the bevel was turned to the roll zero before: 1, -1, or 0 if it is not known.
+    One that was interrupted has no last picture. `centred` is the direction in which the bevel was turned to the roll
+    zero before: 1, -1, or 0 if it is not known.
     """
 
     outcome: str
     stop: str | None
     cause: str
-    final_frame: int
+    final_frame: int | None
     depth_mm: float
     replans: int
     centred: int = 0

@@ -15,7 +15,7 @@ space too.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 
@@ -50,10 +50,12 @@ from labrig.experiments.insertion.events import (
 )
 from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.schedule import BegunTrial, PlannedTrial, find_next_trial
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, with_start
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
+from labrig.record.decisions import Decisions
 from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
@@ -67,6 +69,9 @@ from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture
 
+IN_TISSUE = "in_tissue"
+"""The safe point between two steps on the way to the target, as the record names it: the axes stop, and hold."""
+
 _HOLD_S = 1.0
 _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
@@ -74,7 +79,29 @@ _UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
 
 
 def run(protocol: InsertionProtocol, session: Session) -> None:
-    """Make every repetition.
+    """Make every repetition. Raises as `make_insertions`."""
+    make_insertions(protocol, session)
+
+
+@dataclass(frozen=True)
+class MadeTrial:
+    """An insertion that has started, and how it ended; None if it was interrupted."""
+
+    begun: BegunTrial
+    ending: Ending | None
+
+
+def make_insertions(protocol: InsertionProtocol, session: Session, earlier: Sequence[MadeTrial] = ()) -> None:
+    """Make the insertions that remain; a person may skip one or have one made again.
+
+    Parameters
+    ----------
+    protocol : InsertionProtocol
+        The run.
+    session : Session
+        The session.
+    earlier : sequence of MadeTrial
+        The insertions of earlier sessions.
 
     Raises
     ------
@@ -86,17 +113,44 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
     view = session.compute(partial(load_tip_view, session.rig.description))
     before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     roll_zero = _obtain_roll_zero(protocol, session)
-    missed: list[Ending] = []
-    for trial in range(protocol.repetitions):
-        ending = _insert_once(protocol, session, view, roll_zero, trial)
-        missed += [] if ending.reached else [ending]
+    made = _make_remaining(
+        protocol, session, earlier, partial(_insert_once, protocol, session, view, roll_zero)
+    )
     after = photograph_grid(protocol.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, protocol.sentinel, view.plane, session)
+    _require_reached([trial for trial in made if not _is_left_out(trial, session.dialogue.decisions)])
+
+
+def _make_remaining(
+    protocol: InsertionProtocol,
+    session: Session,
+    earlier: Sequence[MadeTrial],
+    insert: Callable[[PlannedTrial], Ending],
+) -> list[MadeTrial]:
+    """Make one insertion after another, and return them all."""
+    made, dialogue = list(earlier), session.dialogue
+    while planned := find_next_trial(
+        protocol.repetitions, [trial.begun for trial in made], dialogue.decisions
+    ):
+        dialogue.place = f"insertion {planned.repetition + 1} of {protocol.repetitions}"
+        ending = session.attempt(planned.trial, partial(insert, planned), repeats=planned.repeats)
+        if ending is not None:
+            made.append(MadeTrial(BegunTrial(planned), ending))
+    return made
+
+
+def _is_left_out(trial: MadeTrial, decisions: Decisions) -> bool:
+    return trial.ending is None or bool(decisions.explain_left_out(trial.begun.planned.trial))
+
+
+def _require_reached(made: Sequence[MadeTrial]) -> None:
+    """Raise `TargetMissedError` if an insertion did not reach the target."""
+    endings = [trial.ending for trial in made if trial.ending is not None]
+    missed = [ending for ending in endings if not ending.reached]
     if missed:
         worst = min(missed, key=lambda ending: ending.reached is None)
-        made = protocol.repetitions
         raise TargetMissedError(
-            f"{made - len(missed)} of {made} insertions reached the target; {worst.stop}: {worst.cause}",
+            f"{len(made) - len(missed)} of {len(made)} insertions reached the target; {worst.stop}: {worst.cause}",
             worst.hint or "the report shows where the needle left its path",
             reason=worst.reason,
         )
@@ -128,18 +182,24 @@ def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:
 
 
 def _insert_once(
-    protocol: InsertionProtocol, session: Session, view: TipView, roll_zero: RollZero, trial: int
+    protocol: InsertionProtocol,
+    session: Session,
+    view: TipView,
+    roll_zero: RollZero,
+    planned: PlannedTrial,
 ) -> Ending:
     """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return how it ended."""
-    rig, sheath = session.rig, protocol.sheath
+    rig, sheath, trial = session.rig, protocol.sheath, planned.trial
     session.progress(
-        _estimate_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}"
+        _estimate_done_s(protocol, planned.repetition, 0.0),
+        f"insertion {planned.repetition + 1} of {protocol.repetitions}",
     )
     aim = _find_aim(protocol, session, view, trial)
     settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = session.compute(partial(start_steering, settings))
-    insertion = _Insertion(protocol, session, view, roll_zero, trial, settings)
+    insertion = _Insertion(protocol, session, view, roll_zero, planned, settings)
     insertion.record_start(aim, state)
+    session.dialogue.next_point = "at the next question"
     if command.stop is not None:
         raise TargetMissedError(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
@@ -163,7 +223,11 @@ def _steer(
     insertion: "_Insertion", state: SteeringState, command: SteeringCommand
 ) -> tuple[SteeringState, SteeringCommand]:
     """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
+    dialogue = insertion.session.dialogue
+    dialogue.next_point = "now, axes hold"
     while command.stop is None:
+        if insertion.session.reach_safe_point(IN_TISSUE, in_tissue=True):
+            insertion.run_to_mm = 0.0  # the move ended where the needle was stopped
         if command.withdraw_to_mm is not None and command.leave_mm is not None:
             state, command = insertion.retreat(state, command, command.withdraw_to_mm, command.leave_mm)
             continue
@@ -177,6 +241,7 @@ def _steer(
             partial(step_steering, state, sighting, insertion.settings)
         )
         insertion.record_sighting(picture, seen, before, state)
+    dialogue.next_point = ""
     return state, command
 
 
@@ -187,7 +252,7 @@ def _find_aim(protocol: InsertionProtocol, session: Session, view: TipView, tria
         (view.compute_pixel(obstacle.position_mm), obstacle.radius_mm)
         for obstacle in locate_obstacles(protocol, view.plane)
     )
-    name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
+    name = specimen.name if protocol.repetitions == 1 and trial == 0 else f"{specimen.name} {trial + 1}"
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
     picked_px = None
     if protocol.target.ask:
@@ -215,10 +280,15 @@ class _Insertion:
     session: Session
     view: TipView
     roll_zero: RollZero
-    trial: int
+    planned: PlannedTrial
     settings: SteeringSettings
     path: list[AxisPositions] = field(default_factory=list)
     run_to_mm: float = 0.0
+
+    @property
+    def trial(self) -> int:
+        """The number of the trial."""
+        return self.planned.trial
 
     @cached_property
     def bevel(self) -> Bevel:
@@ -252,7 +322,7 @@ class _Insertion:
         """Withdraw the needle part of the way, and return how it goes on from where it is to leave its old cut."""
         session, attempt = self.session, state.retreats + 1
         session.progress(
-            _estimate_done_s(self.protocol, self.trial, to_mm),
+            _estimate_done_s(self.protocol, self.planned.repetition, to_mm),
             f"{command.detail}: withdrawing the needle to {to_mm:.0f} mm to go on elsewhere, time {attempt}",
         )
         event = NeedleRetreat(
@@ -341,7 +411,8 @@ class _Insertion:
         for line in session.rig.truth():
             session.recorder.truth(trial=self.trial, **line)
         session.progress(
-            _estimate_done_s(protocol, self.trial, state.insertion_mm), f"{ending.stop}: {ending.cause}"
+            _estimate_done_s(protocol, self.planned.repetition, state.insertion_mm),
+            f"{ending.stop}: {ending.cause}",
         )
         if command.stop in _UNSURE:
             session.ask(ConfirmStopped(command.detail))
@@ -416,6 +487,7 @@ class _Insertion:
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
                 torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
+                repeats=self.planned.repeats,
             )
         )
         self._record_plan(state, None)
@@ -462,7 +534,8 @@ class _Insertion:
         if state.why is not None:
             self._record_plan(state, picture.frame)
         self.session.progress(
-            _estimate_done_s(self.protocol, self.trial, inserted_mm), f"inserted {inserted_mm:.0f} mm"
+            _estimate_done_s(self.protocol, self.planned.repetition, inserted_mm),
+            f"inserted {inserted_mm:.0f} mm",
         )
 
     def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:

@@ -159,9 +159,9 @@ def _find_damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) ->
 
 
 def _list_trials(run: Run) -> list[SpecimenTrialStart]:
-    # An interrupted trial was repeated as another trial.
+    # An interrupted trial was repeated as another trial, as was one that a person had made again.
     recorded = run.read_trials(SpecimenTrialStart, TrialStop)
-    return [trial.start for trial in recorded if trial.exit_status != INTERRUPTED]
+    return [trial.start for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
 
 
 def _list_pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Picture]:

@@ -1,5 +1,7 @@
 """Events and picture roles of runs that insert a needle: the gel of each trial, and what its pictures show."""
 
+from typing import ClassVar
+
 from labrig.record.events import PictureRole, TrialStart, TruthLine
 
 
@@ -14,6 +16,8 @@ class NeedleRole(PictureRole):
 
 class SpecimenTrialStart(TrialStart):
     """An insertion begins: its block of gel, its entry point, and its needle."""
+
+    noun: ClassVar[str] = "insertion"
 
     specimen: str
     gelatin_percent: float

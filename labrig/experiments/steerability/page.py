@@ -48,8 +48,9 @@ def _list_repetitions(run: Run) -> Iterator[str]:
     for again in starts.values():
         if again.repeats is not None:
             lost = starts[again.repeats]
+            why = "made again" if lost.trial in run.decisions.repeated else "interrupted and repeated"
             yield (
-                f"trial {lost.trial} was interrupted and repeated as trial {again.trial}, "
+                f"trial {lost.trial} was {why} as trial {again.trial}, "
                 f"{again.hole_position_mm:g} mm from the first entry point instead of {lost.hole_position_mm:g} mm"
             )
 

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.axis import AxisReadback
@@ -10,7 +12,13 @@ from labrig.devices.rig_file import RigDescription
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.steerability.events import SweepRole, SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import PlannedTrial, list_planned_trials
+from labrig.experiments.steerability.schedule import (
+    BegunTrial,
+    PlannedTrial,
+    can_repeat,
+    list_planned_trials,
+    list_remaining_trials,
+)
 from labrig.protocol.sections import Specimen
 from labrig.runner.experiment import PlannedMove, RunPlan, total_duration_s
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
@@ -18,6 +26,7 @@ from labrig.runner.plan import (
     PICTURES_A_TRIAL_BESIDE_ADVANCE,
     count_sentinel_work,
     find_rig_problems,
+    list_sentinel_questions,
     plan_insertion_moves,
     plan_roll_move,
 )
@@ -35,13 +44,20 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
     insertion, moves = protocol.insertion, list_trial_moves(protocol)
     trials = len(protocol.specimens) * protocol.insertions_per_specimen
     advance = math.ceil(insertion.length_mm / insertion.frame_every_mm) - 1
-    pictures, operator_steps = count_sentinel_work(protocol.sentinel)
+    pictures, _ = count_sentinel_work(protocol.sentinel)
+    questions = {
+        MountNeedle.__name__: 1,
+        PlaceSpecimen.__name__: len(protocol.specimens),
+        ShiftToHole.__name__: trials,
+        **list_sentinel_questions(protocol.sentinel),
+    }
     turn = plan_roll_move(rig, "insertion.bevel_roll_rad", insertion.bevel_roll_rad)
     return RunPlan(
         trials=trials,
         duration_s=trials * total_duration_s(moves),
         pictures=trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE) + pictures,
-        operator_steps=1 + len(protocol.specimens) + trials + operator_steps,
+        operator_steps=sum(questions.values()),
+        questions=questions,
         problems=find_rig_problems(protocol, rig, (turn, *moves)),
     )
 
@@ -53,7 +69,7 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
     """
     confirm_needle_out(session)
     mount_and_reference(protocol, session)
-    make_insertions(protocol, list_planned_trials(protocol), session)
+    make_insertions(protocol, session)
 
 
 def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> None:
@@ -64,39 +80,98 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
     session.move("rotation", protocol.insertion.bevel_roll_rad, session.rig.rotation.max_speed / 2)
 
 
-def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> None:
-    """Make the insertions in order; each specimen is placed before its first one."""
+def make_insertions(
+    protocol: SteerabilityProtocol, session: Session, begun: Sequence[BegunTrial] = ()
+) -> None:
+    """Make the insertions that remain, in order; each specimen is placed before its first one.
+
+    What remains is told anew after each: a person may skip an insertion or have one made again.
+
+    Parameters
+    ----------
+    protocol : SteerabilityProtocol
+        The sweep.
+    session : Session
+        The session.
+    begun : sequence of BegunTrial
+        The insertions of earlier sessions.
+    """
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
-    placed: Specimen | None = None
-    behind = len(list_planned_trials(protocol)) - len(trials)
-    for done, trial in enumerate(trials, start=max(behind, 0)):
-        if trial.specimen != placed:
-            session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
-            placed = trial.specimen
-        _insert_once(protocol, trial, done, session)
+    sweep = _Sweep(protocol, session, list(begun))
+    while remaining := sweep.list_remaining():
+        sweep.make(remaining)
     photograph_grid(protocol.sentinel, GridRole.AFTER, session)
 
 
-def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:
+@dataclass
+class _Sweep:
+    """A sweep in progress: its insertions so far, and the specimen in the frame."""
+
+    protocol: SteerabilityProtocol
+    session: Session
+    begun: list[BegunTrial]
+    placed: Specimen | None = None
+
+    def list_remaining(self) -> tuple[PlannedTrial, ...]:
+        """Return the insertions that remain."""
+        return list_remaining_trials(self.protocol, self.begun, self.session.dialogue.decisions)
+
+    def make(self, remaining: Sequence[PlannedTrial]) -> None:
+        """Make the first of the remaining insertions, unless the person chooses otherwise before it starts."""
+        trial = remaining[0]
+        self.session.dialogue.place = self._describe_place(trial)
+        done = max(len(list_planned_trials(self.protocol)) - len(remaining), 0)
+        self.session.attempt(
+            trial.trial,
+            partial(self._place_and_insert, trial, done),
+            repeats=trial.repeats,
+            can_repeat=self._can_repeat,
+        )
+
+    def _place_and_insert(self, trial: PlannedTrial, done: int) -> None:
+        session, specimen = self.session, trial.specimen
+        if specimen != self.placed:
+            session.ask(PlaceSpecimen(specimen.name, specimen.gelatin_percent))
+            self.placed = specimen
+        session.progress(
+            done * total_duration_s(list_trial_moves(self.protocol)),
+            f"{specimen.name}, insertion {trial.hole + 1} of {self.protocol.insertions_per_specimen}",
+        )
+        session.ask(ShiftToHole(specimen.name, trial.hole, trial.hole_position_mm))
+        start = _make_start(self.protocol, trial)
+        # An insertion that does not come to its end ends the run.
+        self.begun.append(BegunTrial(start, SweepTrialStop(trial=trial.trial, exit_status="success")))
+        _insert_once(self.protocol, trial, start, done, session)
+
+    def _can_repeat(self, trial: int) -> bool:
+        return can_repeat(self.protocol, self.begun, self.session.dialogue.decisions, trial)
+
+    def _describe_place(self, trial: PlannedTrial) -> str:
+        specimens = self.protocol.specimens
+        gel = f"gel {specimens.index(trial.specimen) + 1} of {len(specimens)}"
+        return f"hole {trial.hole + 1} of {self.protocol.insertions_per_specimen}, {gel}"
+
+
+def _make_start(protocol: SteerabilityProtocol, planned: PlannedTrial) -> SweepTrialStart:
+    return SweepTrialStart(
+        trial=planned.trial,
+        specimen=planned.specimen.name,
+        gelatin_percent=planned.specimen.gelatin_percent,
+        hole=planned.hole,
+        hole_position_mm=planned.hole_position_mm,
+        needle_id=protocol.needle.needle_id,
+        repeats=planned.repeats,
+    )
+
+
+def _insert_once(
+    protocol: SteerabilityProtocol, planned: PlannedTrial, start: SweepTrialStart, done: int, session: Session
+) -> None:
     """Sheath in, needle in with a picture every few mm, final picture, needle out along its path, sheath out."""
     total_s = total_duration_s(list_trial_moves(protocol))
     insertion, sheath = protocol.insertion, protocol.sheath
     specimen, trial = planned.specimen, planned.trial
-    session.progress(
-        done * total_s, f"{specimen.name}, insertion {planned.hole + 1} of {protocol.insertions_per_specimen}"
-    )
-    session.ask(ShiftToHole(specimen.name, planned.hole, planned.hole_position_mm))
-    session.record(
-        SweepTrialStart(
-            trial=trial,
-            specimen=specimen.name,
-            gelatin_percent=specimen.gelatin_percent,
-            hole=planned.hole,
-            hole_position_mm=planned.hole_position_mm,
-            needle_id=protocol.needle.needle_id,
-            repeats=planned.repeats,
-        )
-    )
+    session.record(start)
     session.take_picture(SweepRole.HOLE, trial)
     session.rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)

@@ -7,7 +7,6 @@ from functools import partial
 
 import pandas as pd
 
-from labrig.devices.operator import ConfirmNeedleOut, WithdrawNeedle
 from labrig.devices.past_insertion import PastInsertion
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
@@ -18,7 +17,7 @@ from labrig.record.reader import Run
 from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import Remainder
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import read_needle_path, withdraw
+from labrig.runner.withdrawal import read_needle_path, take_needle_out
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
     insertions = tuple(_list_insertions(run.states, [trial.start for trial in begun]))
     past = Past(begun, insertions, read_needle_path(run))
     kept = sum(trial.exit_status == "success" for trial in begun)
-    left = list_remaining_trials(protocol, begun)
+    left = list_remaining_trials(protocol, begun, run.decisions)
     return Remainder(kept, len(left), partial(_continue_sweep, protocol, past))
 
 
@@ -77,29 +76,10 @@ def _continue_sweep(protocol: SteerabilityProtocol, past: Past, session: Session
 
     Nothing is homed or referenced before the needle is known to be out.
     """
-    left = list_remaining_trials(protocol, past.begun)
     for trial in past.begun:
         if trial.stop is None:
             session.record(TrialStop(trial=trial.start.trial, exit_status=INTERRUPTED))
-    _take_needle_out(session, past.needle_path)
+    take_needle_out(session, past.needle_path)
     mount_and_reference(protocol, session)
     session.rig.recall(past.insertions)
-    make_insertions(protocol, left, session)
-
-
-def _take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
-    """Withdraw a needle that this run left in tissue, if the operator agrees; otherwise ask whether it is out.
-
-    It can only be withdrawn along its path if every drive has kept its reference; otherwise its position is unknown.
-    """
-    rig = session.rig
-    if rig.state.needle_in_tissue is False:
-        return
-    of_this_run = rig.state.since_run == session.recorder.run_name
-    if path and of_this_run and all(axis.referenced for axis in rig.axes):
-        deepest_mm = max(positions.insertion_mm for positions in path)
-        if session.offer(WithdrawNeedle(session.recorder.run_name, deepest_mm)):
-            withdraw(session, path)
-            return
-    session.ask(ConfirmNeedleOut(rig.state.doubt))
-    rig.needle.mark_out()
+    make_insertions(protocol, session, past.begun)

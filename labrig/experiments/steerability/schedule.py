@@ -8,7 +8,8 @@ from labrig.errors import InputError
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Specimen
-from labrig.record.events import RecordedTrial
+from labrig.record.decisions import NO_DECISIONS, Decisions
+from labrig.record.events import RecordedTrial, Repeat
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class PlannedTrial:
     hole_position_mm : float
         Its distance from the first entry point.
     repeats : int or None
-        The interrupted trial that it replaces.
+        The trial that it replaces: one that was interrupted, or that a person has made again.
     """
 
     trial: int
@@ -51,11 +52,12 @@ def list_planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, .
 
 
 def list_remaining_trials(
-    protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]
+    protocol: SteerabilityProtocol, begun: Sequence[BegunTrial], decisions: Decisions = NO_DECISIONS
 ) -> tuple[PlannedTrial, ...]:
-    """Return the rest of a sweep: trials not yet begun, and each interrupted trial at another entry point.
+    """Return the rest of a sweep: trials not yet begun, and each trial that is made again at another entry point.
 
-    An interrupted trial is repeated beyond the last hole of its block if the block has room for the arc, otherwise
+    Trials that a person has skipped are left out. A trial that was interrupted, or that a person has made again, is
+    repeated beyond the last hole of its block if the block has room for the arc, otherwise
     halfway between two holes. Trials not yet begun keep number, hole and place.
 
     Raises
@@ -63,24 +65,38 @@ def list_remaining_trials(
     InputError
         When a block has no room for another entry point.
     """
-    numbers = {trial.start.trial for trial in begun}
+    numbers = {trial.start.trial for trial in begun} | {skip.trial for skip in decisions.skipped}
     left = [trial for trial in list_planned_trials(protocol) if trial.trial not in numbers]
-    left += _plan_repeats(protocol, begun)
+    left += _plan_repeats(protocol, begun, decisions)
     order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
     return tuple(sorted(left, key=lambda trial: (order[trial.specimen.name], trial.hole_position_mm)))
 
 
-def _plan_repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
+def can_repeat(
+    protocol: SteerabilityProtocol, begun: Sequence[BegunTrial], decisions: Decisions, trial: int
+) -> bool:
+    """Return whether the block of a trial has room for another entry point in which to make it again."""
+    try:
+        list_remaining_trials(protocol, begun, decisions.add(Repeat(trial=trial)))
+    except InputError:
+        return False
+    return True
+
+
+def _plan_repeats(
+    protocol: SteerabilityProtocol, begun: Sequence[BegunTrial], decisions: Decisions
+) -> Iterator[PlannedTrial]:
     starts = [trial.start for trial in begun]
-    repeated = {start.repeats for start in starts}
+    repeated = {start.repeats for start in starts} | {skip.repeats for skip in decisions.skipped}
     specimens = {specimen.name: specimen for specimen in protocol.specimens}
     planned = list_planned_trials(protocol)
     used = [(trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in planned]
     used += [
         (start.specimen, start.hole, start.hole_position_mm) for start in starts if start.repeats is not None
     ]
-    number = max([len(planned) - 1, *(start.trial for start in starts)]) + 1
-    for lost in [trial.start for trial in begun if trial.exit_status != "success"]:
+    skipped = (skip.trial for skip in decisions.skipped)
+    number = max([len(planned) - 1, *(start.trial for start in starts), *skipped]) + 1
+    for lost in [trial.start for trial in begun if _is_made_again(trial, decisions)]:
         if lost.trial in repeated:
             continue
         holes = [hole for name, hole, _ in used if name == lost.specimen]
@@ -90,6 +106,10 @@ def _plan_repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -
         used.append((lost.specimen, again.hole, place_mm))
         number += 1
         yield again
+
+
+def _is_made_again(trial: BegunTrial, decisions: Decisions) -> bool:
+    return trial.exit_status != "success" or trial.start.trial in decisions.repeated
 
 
 def _find_free_place_mm(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from labrig.devices.needle_state import RollZero, Torsion
-from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget
+from labrig.devices.operator import ConfirmPlan, ConfirmStopped, Paused, PickTarget
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
@@ -20,10 +20,22 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.dialogue import Dialogue
+from labrig.runner.pausing import NoRequests
+from labrig.runner.replay import replay_run
 from labrig.runner.session import Progress, Session
-from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
+FROM_THE_BEGINNING = (
+    "target.position_mm=[0,-3,25]",
+    "obstacles=[]",
+    "roll_zero.rolls=4",
+    "roll_zero.length_mm=12",
+    "insertion.frame_every_mm=3",
+    "sheath.speed_mm_s=15",
+)
+"""A short insertion that first finds the roll zero; a record that begins so can be replayed."""
 EVEN = (
     "world.disturbances.heading_deg_per_root_mm=0",
     "world.disturbances.curvature_fraction=0",
@@ -64,6 +76,23 @@ def conduct_telling(opened: RunBench, protocol: ExperimentProtocol, then: Progre
     session = Session(opened.opened.rig, opened.recorder, then)
     outcome = conduct(find_experiment(protocol.experiment), protocol, session)
     return outcome, open_run(opened.recorder.path)
+
+
+class Asks(NoRequests):
+    """Asks once for a pause in tissue, when a number of steps has been made."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+        self.told: list[str] = []
+
+    def find(self, point: str) -> str | None:
+        """Ask."""
+        self.steps -= point == "in_tissue"
+        return "Ctrl+C" if self.steps == 0 and point == "in_tissue" else None
+
+    def announce(self, when: str) -> None:
+        """Remember when the pause will begin."""
+        self.told.append(when)
 
 
 def events(run: Run, kind: str) -> list[dict[str, Any]]:
@@ -402,3 +431,30 @@ def test_a_needle_that_missed_is_withdrawn_part_of_the_way_and_goes_on_elsewhere
     assert "0.8 mm are allowed" in retreat["cause"]
     turn = next(event for event in events(run, "flip") if event["t_s"] > retreat["t_s"])
     assert turn["depth_mm"] == pytest.approx(retreat["to_mm"], abs=0.1)
+
+
+def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(tmp_path: Path) -> None:
+    """The axes stop at the next step, nothing is withdrawn, the needle goes on, and the replay is identical."""
+    asks = Asks(4)
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, FROM_THE_BEGINNING)
+    with bench(tmp_path, protocol, EVEN) as opened:
+        rig = opened.opened.rig
+        session = Session(rig, opened.recorder, Told(), Dialogue(asks))
+        outcome = conduct(find_experiment("insertion"), protocol, session)
+    run = open_run(opened.recorder.path)
+    assert (outcome.exit_status, [type(request) for request in opened.opened.person.asked]) == (
+        "success",
+        [Paused],
+    )
+    (pause,), looks = events(run, "pause"), events(run, "observation")
+    assert (pause["point"], pause["trial"]) == ("in_tissue", 0)
+    (goes_on,) = events(run, "continue")
+    moves = [move["t_s"] for move in events(run, "move") if move["axis"] == "insertion"]
+    assert min(t_s for t_s in moves if t_s > pause["t_s"]) >= goes_on["t_s"]
+    stood = run.states[run.states["t_s"] > goes_on["t_s"]].iloc[0]["insertion_mm"]
+    passed = [look["depth_mm"] for look in looks if look["t_s"] <= pause["t_s"]]
+    assert 0.0 <= stood - passed[-1] < 1.0
+    assert looks[len(passed)]["depth_mm"] > stood
+    assert "now, axes hold" in asks.told
+    assert truth(run)["true_target_error_mm"] < 1.0
+    assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical

@@ -14,7 +14,7 @@ from labrig_example.repeatability.result import RepeatabilityResult, Visit
 
 
 def analyze(run: Run, protocol: RepeatabilityProtocol, request: AnalysisRequest) -> Findings:
-    """Find the marker in the picture of each finished visit, and the spread of its positions.
+    """Find the marker in the picture of each visit that is to be evaluated, and the spread of its positions.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def analyze(run: Run, protocol: RepeatabilityProtocol, request: AnalysisRequest)
     visits = tuple(
         _find_marker(run, trial.start.trial, trial.stop.final_frame, settings.threshold)
         for trial in run.read_trials(VisitStart, VisitStop)
-        if trial.stop is not None
+        if trial.stop is not None and not trial.left_out
     )
     places = [
         (visit.u_px, visit.v_px) for visit in visits if visit.u_px is not None and visit.v_px is not None

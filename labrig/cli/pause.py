@@ -1,0 +1,26 @@
+"""`labrig pause` and `labrig continue`: ask the labrig that makes a run, from another terminal."""
+
+from pathlib import Path
+
+from labrig.cli.options import LocalRunArgument
+from labrig.cli.output import AsJson, print_json, print_line
+from labrig.runner.run_control import Order, ask_run
+
+
+def pause(run_path: LocalRunArgument, as_json: AsJson = False) -> int:
+    """Exit with 0 when the run is going to pause, or is paused; say at which safe point."""
+    return _ask(run_path, "pause", as_json=as_json)
+
+
+def continue_(run_path: LocalRunArgument, as_json: AsJson = False) -> int:
+    """Exit with 0 when the run continues; a question at its terminal is not answered by this."""
+    return _ask(run_path, "continue", as_json=as_json)
+
+
+def _ask(run: Path, order: Order, *, as_json: bool) -> int:
+    answer = ask_run(run, order)
+    if as_json:
+        print_json({"run": str(run), "answer": answer})
+    else:
+        print_line(answer)
+    return 0

@@ -1,0 +1,111 @@
+"""Pauses of a run that is made at this terminal: by Ctrl+C, and by `labrig pause` in another one."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from labrig.cli.output import say, say_wrapped
+from labrig.cli.signals import SignalNote
+from labrig.errors import DiskError
+from labrig.posix import is_in_background
+from labrig.runner.run_control import RunControl
+
+_BY_KEY, _BY_COMMAND = "Ctrl+C", "labrig pause"
+
+
+@dataclass(frozen=True)
+class Attention:
+    """How a run treats its person.
+
+    Attributes
+    ----------
+    pauses : bool
+        Whether the first Ctrl+C at a terminal pauses; otherwise it stops.
+    rings : bool
+        Whether the bell rings when a person is waited for.
+    """
+
+    pauses: bool = True
+    rings: bool = True
+
+    def may_pause(self) -> bool:
+        """Return whether Ctrl+C pauses now: somebody must be able to read that, and to continue the run."""
+        at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
+        return self.pauses and at_terminal and not is_in_background(sys.stdin)
+
+
+UNPAUSED = Attention(pauses=False, rings=False)
+"""The first Ctrl+C stops and no bell rings, as where no run is made."""
+
+
+class RunRequests:
+    """Requests to pause one run.
+
+    Parameters
+    ----------
+    note : SignalNote
+        Notes Ctrl+C.
+    control : RunControl or None
+        Takes the requests of other terminals; None if it could not be opened.
+    """
+
+    def __init__(self, note: SignalNote, control: RunControl | None) -> None:
+        self._note = note
+        self._control = control
+        self._announced = self._is_paused = False
+
+    def find(self, point: str) -> str | None:  # noqa: ARG002 - a request is met at any safe point
+        """Return by what a pause is asked for."""
+        if self._note.asks_for_pause:
+            return _BY_KEY
+        return _BY_COMMAND if self._control is not None and self._control.asks_for_pause else None
+
+    def announce(self, when: str) -> None:
+        """Say at the terminal, once for each request, when the pause will begin."""
+        if self._control is not None:
+            self._control.poll(when, paused=self._is_paused)
+        by = self.find("")
+        if by is None:
+            self._announced = False
+        elif not self._announced:
+            self._announced = True
+            again = "; Ctrl+C again stops now" if by == _BY_KEY else ""
+            say_wrapped(f"{by}: pausing {when}{again}")
+
+    def begin(self) -> None:
+        """Note that the pause has begun."""
+        self._is_paused, self._announced = True, False
+        self._note.meet_pause()
+        if self._control is not None:
+            self._control.meet()
+
+    def find_continuation(self) -> str | None:
+        """Return that `labrig continue` was called."""
+        if self._control is None:
+            return None
+        self._control.poll("", paused=True)
+        return "labrig continue" if self._control.asks_to_continue else None
+
+    def end(self) -> None:
+        """Note that the run continues."""
+        self._is_paused = False
+        if self._control is not None:
+            self._control.meet()
+
+
+@contextmanager
+def take_requests(note: SignalNote, run: Path) -> Iterator[RunRequests]:
+    """Take requests to pause a run during the block."""
+    try:
+        control: RunControl | None = RunControl(run)
+    except DiskError as error:
+        say(f"note: labrig pause cannot reach this run: {error.message}")
+        control = None
+    try:
+        with note.pausing(enabled=True):
+            yield RunRequests(note, control)
+    finally:
+        if control is not None:
+            control.close()

@@ -1,0 +1,190 @@
+"""What a session knows of its person: the trial in progress, decisions so far, and what may be chosen now."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from labrig.devices.operator import Choice, Offer, OperatorRequest
+from labrig.record.decisions import DECISIONS, Decisions
+from labrig.record.events import Event, Move, TrialStart, TrialStop, Undo
+from labrig.runner.pausing import NoRequests, PauseRequests
+from labrig.runner.time_left import (
+    Elapsed,
+    GivenAnswer,
+    Workload,
+    describe_time_left,
+    estimate_time_left,
+)
+
+
+def _always(_trial: int) -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A trial that is about to be made; `can_repeat` says whether there is room to make another trial again."""
+
+    trial: int
+    repeats: int | None = None
+    can_repeat: Callable[[int], bool] = _always
+
+
+@dataclass
+class Dialogue:
+    """Kept by a session from the events that it records.
+
+    Attributes
+    ----------
+    requests : PauseRequests
+        Requests to pause.
+    workload : Workload
+        The plan of the run, for the time that is left.
+    decisions : Decisions
+        Those that hold; a resumed run begins with those of its record.
+    trial : int or None
+        The trial in progress.
+    finished : int or None
+        The last trial that has ended in this session.
+    attempt : Attempt or None
+        The trial that is about to be made, or is being made.
+    place : str
+        Where the run is, such as `hole 3 of 18, gel 2 of 4`; empty for the number of the trial.
+    next_point : str
+        When a pause that is asked for now begins, as a person is told; empty for the end of the trial in progress.
+    """
+
+    requests: PauseRequests = field(default_factory=NoRequests)
+    workload: Workload = field(default_factory=Workload)
+    decisions: Decisions = field(default_factory=Decisions)
+    trial: int | None = None
+    finished: int | None = None
+    attempt: Attempt | None = None
+    place: str = ""
+    next_point: str = ""
+    _noun: str = "trial"
+    _ended: int = 0
+    _started: bool = False
+    _undoable: list[Event | OperatorRequest] = field(default_factory=list)
+    _answers: list[GivenAnswer] = field(default_factory=list)
+    _waited_s: float = 0.0
+    _done_s: float = 0.0
+    _first: Elapsed | None = None
+    _latest: Elapsed | None = None
+
+    # What happens
+
+    def note_event(self, event: Event) -> None:
+        """Take note of a recorded event."""
+        self.decisions = self.decisions.add(event)
+        match event:
+            case TrialStart():
+                self.trial, self._noun, self._started = event.trial, event.noun, True
+                self._undoable.clear()
+            case TrialStop():
+                self._ended += event.trial == self.trial
+                self.finished = event.trial if event.trial == self.trial else self.finished
+                self.trial, self.next_point = None, ""
+                self._undoable.clear()
+            case Move():
+                self._undoable.clear()
+            case Undo():
+                self._undoable.pop()
+            case _ if isinstance(event, DECISIONS):
+                self._undoable.append(event)
+
+    def note_answer(self, request: OperatorRequest, took_s: float) -> None:
+        """Take note of an answer; it can be undone if it only says that something was done by hand."""
+        self._answers.append(GivenAnswer(type(request).__name__, took_s))
+        self._waited_s += took_s
+        if request.by_hand:
+            self._undoable.append(request)
+        else:
+            self._undoable.clear()
+
+    def note_pause(self, took_s: float) -> None:
+        """Take note of how long a pause took."""
+        self._waited_s += took_s
+
+    def note_progress(self, done_s: float, now_s: float) -> None:
+        """Take note of how much of the plan is done at a rig time [s]."""
+        self._done_s = done_s
+        self._latest = Elapsed(done_s, now_s - self._waited_s)
+        self._first = self._first or self._latest
+
+    def begin_attempt(self, attempt: Attempt) -> None:
+        """Take note that a trial is about to be made."""
+        self.attempt, self._started = attempt, False
+
+    def end_attempt(self) -> None:
+        """Take note that it is over."""
+        self.attempt = None
+
+    # What may be done now
+
+    @property
+    def can_leave(self) -> bool:
+        """Whether the trial that is about to be made has not started, so that it can be left out."""
+        return self.attempt is not None and not self._started
+
+    @property
+    def marked_trial(self) -> int | None:
+        """The trial that a mark is for: the one in progress, else the last one."""
+        return self.finished if self.trial is None else self.trial
+
+    @property
+    def last_undoable(self) -> Event | OperatorRequest | None:
+        """What came last, if it can be taken back: nothing has moved since."""
+        return self._undoable[-1] if self._undoable else None
+
+    def list_choices(self, *, paused: bool) -> tuple[Choice, ...]:
+        """Return what may be chosen instead of an answer."""
+        return tuple(self._find_choices(paused=paused))
+
+    def _find_choices(self, *, paused: bool) -> Iterator[Choice]:
+        if not paused:
+            yield Choice.PAUSE
+        if self._can_repeat():
+            yield Choice.REPEAT
+        if self.can_leave and self.trial is None:
+            yield Choice.SKIP
+        if self.marked_trial is not None and self.marked_trial not in self.decisions.bad:
+            yield Choice.MARK_BAD
+        yield Choice.NOTE
+        last = self.last_undoable
+        if isinstance(last, Event) or (last is not None and not paused):
+            yield Choice.UNDO
+
+    def _can_repeat(self) -> bool:
+        trial, attempt = self.finished, self.attempt
+        if attempt is None or trial is None or self.trial is not None or trial in self.decisions.repeated:
+            return False
+        return attempt.can_repeat(trial)
+
+    def make_offer(self, *, paused: bool) -> Offer:
+        """Return what may be chosen, with the line that says where the run is."""
+        return Offer(self.list_choices(paused=paused), self.describe_status())
+
+    def describe_next_point(self) -> str:
+        """Return when a pause that is asked for now will begin."""
+        if self.trial is None:
+            return "at the next question"
+        return self.next_point or f"after this {self._noun}"
+
+    def describe_point(self, *, ended: bool) -> str:
+        """Return where a pause is that has begun at the end of a trial, or within it."""
+        return f"{'after' if ended else 'during'} this {self._noun}"
+
+    def describe_status(self) -> str:
+        """Return where the run is, and how much is left: `hole 3 of 18, gel 2 of 4, about 52 minutes of yours ...`."""
+        first, latest = self._first, self._latest
+        elapsed = Elapsed(0.0, 0.0)
+        if first is not None and latest is not None:
+            elapsed = Elapsed(latest.planned_s - first.planned_s, latest.rig_s - first.rig_s)
+        left = estimate_time_left(self.workload, self._done_s, elapsed, self._answers)
+        return ", ".join(filter(None, (self.place or self._count_trials(), describe_time_left(left))))
+
+    def _count_trials(self) -> str:
+        trials = self.workload.trials
+        if trials <= 1:
+            return ""
+        return f"trial {min(self._ended + 1, trials)} of {trials}"

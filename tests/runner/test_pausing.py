@@ -1,0 +1,179 @@
+"""A person pauses a run, skips, repeats, marks, notes and takes back: what happens, and what is recorded."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from labrig.devices.operator import (
+    NO_OFFER,
+    Answer,
+    Choice,
+    Offer,
+    Operator,
+    OperatorRequest,
+    Paused,
+    ShiftToHole,
+)
+from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
+from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
+from labrig.record.check import check_run
+from labrig.record.reader import Run, open_run
+from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.dialogue import Dialogue
+from labrig.runner.pausing import NoRequests
+from labrig.runner.replay import replay_run
+from labrig.runner.session import Session
+from tests.runner.sessions import Told, bench, sweep
+
+SHORT = (
+    "insertions_per_specimen=2",
+    "sheath.speed_mm_s=15",
+    "insertion.length_mm=5",
+    "insertion.speed_mm_s=5",
+    "insertion.withdraw_speed_mm_s=5",
+    "analysis.window_start_mm=0.5",
+    "analysis.window_end_mm=0.5",
+    "analysis.min_window_mm=2",
+)
+SPARSE = ("recording.state_rate_hz=2", "can.heartbeat={period_ms: 250, timeout_ms: 1250}")
+GO_ON = Answer(confirmed=True, note="c")
+
+
+def choose(choice: Choice, text: str = "") -> Answer:
+    """Return the answer of a person who chooses something instead."""
+    return Answer(confirmed=False, note=text, choice=choice)
+
+
+@dataclass
+class Asks(NoRequests):
+    """Asks for a pause at the first safe point of a kind, once."""
+
+    point: str
+    told: list[str] = field(default_factory=list)
+
+    def find(self, point: str) -> str | None:
+        """Ask once."""
+        if point != self.point:
+            return None
+        self.point = ""
+        return "Ctrl+C"
+
+    def announce(self, when: str) -> None:
+        """Remember when the pause will begin."""
+        self.told.append(when)
+
+
+@dataclass
+class Chooses:
+    """Gives these answers at pauses and at the questions of a kind; otherwise answers as the operator does."""
+
+    operator: Operator
+    at: type[OperatorRequest]
+    answers: list[Answer | None]
+    asked: list[str] = field(default_factory=list)
+    offers: list[Offer] = field(default_factory=list)
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
+        """Answer."""
+        self.asked.append(request.text)
+        self.offers.append(offer)
+        answer = self.answers.pop(0) if isinstance(request, self.at) and self.answers else None
+        return self.operator.ask(request, meanwhile) if answer is None else answer
+
+
+def make_run(
+    tmp_path: Path,
+    answers: Sequence[Answer | None],
+    *,
+    at: type[OperatorRequest] = Paused,
+    point: str = "",
+    overrides: Sequence[str] = (),
+) -> tuple[Outcome, Run, Chooses, Asks]:
+    """Make a sweep of three holes with a person who pauses at a point, and chooses at the questions of a kind."""
+    protocol = sweep(*SHORT, *overrides)
+    with bench(tmp_path, protocol, SPARSE) as opened:
+        rig, asks = opened.opened.rig, Asks(point)
+        person = Chooses(rig.operator, at, list(answers))
+        rig.operator = rig._person = person
+        session = Session(rig, opened.recorder, Told(), Dialogue(asks))
+        outcome = conduct(find_experiment(protocol.experiment), protocol, session)
+    return outcome, open_run(opened.recorder.path), person, asks
+
+
+def list_trials(run: Run) -> list[tuple[int, str]]:
+    """Return each trial that started, and why it is left out."""
+    trials = run.read_trials(SweepTrialStart, SweepTrialStop)
+    return [(trial.start.trial, trial.left_out) for trial in trials]
+
+
+def require_identical(run: Run) -> None:
+    """Require that a replay is the run to the last bit, and that the record is sound."""
+    found = replay_run(run, find_run_experiment(run), load_run_protocol(run), Told())
+    assert (found.first_difference, found.bit_exact) == (None, True)
+    assert check_run(run.path).damage == ()
+
+
+def test_a_pause_waits_for_the_end_of_the_insertion_and_loses_nothing(tmp_path: Path) -> None:
+    """It begins when the needle is out, the axes hold, a person is told, and every insertion is made."""
+    outcome, run, person, asks = make_run(tmp_path, [GO_ON], point="trial_end")
+    assert outcome.exit_status == "success"
+    kinds = [line["kind"] for line in run.lines("events")]
+    after = kinds.index("pause")
+    assert kinds[after - 1 : after + 3] == ["trial_stop", "pause", "operator", "continue"]
+    assert "Paused after this insertion. The axes hold their positions and are supervised." in person.asked
+    assert {"at the next question", "after this insertion"} == set(asks.told)
+    assert list_trials(run) == [(0, ""), (1, "")]
+    assert [pause.duration_s for pause in run.pauses] == [0.0]
+    require_identical(run)
+
+
+def test_a_pause_after_an_answer_begins_before_anything_moves(tmp_path: Path) -> None:
+    """A request that arrives during a question is met when it has been answered."""
+    outcome, run, _, _ = make_run(
+        tmp_path, [GO_ON], point="after_answer", overrides=["insertions_per_specimen=1"]
+    )
+    assert outcome.exit_status == "success"
+    assert [line["kind"] for line in run.lines("events")][1:5] == [
+        "operator",
+        "pause",
+        "operator",
+        "continue",
+    ]
+    require_identical(run)
+
+
+def test_a_run_that_is_ended_during_a_pause_is_aborted_and_can_be_resumed(tmp_path: Path) -> None:
+    """The insertions so far are kept, and the record says that the pause had no end."""
+    outcome, run, _, _ = make_run(tmp_path, [Answer(confirmed=False, note="no")], point="trial_end")
+    assert (outcome.exit_status, outcome.reason) == ("aborted", "the operator ended the run during a pause")
+    assert [pause.duration_s for pause in run.pauses] == [None]
+    remainder = find_run_experiment(run).resume(load_run_protocol(run), run)
+    assert (remainder.kept, remainder.left) == (1, 1)
+    require_identical(run)
+
+
+def test_what_a_person_chooses_is_done_recorded_and_replayed(tmp_path: Path) -> None:
+    """At hole 2 the first is marked and repeated, and a skip is taken back; hole 3 is skipped."""
+    answers = [
+        None,
+        choose(Choice.MARK_BAD, "blurred"),
+        choose(Choice.NOTE, "bubbles"),
+        choose(Choice.REPEAT),
+        choose(Choice.SKIP),
+        choose(Choice.UNDO),
+        None,
+        choose(Choice.SKIP),
+    ]
+    outcome, run, person, _ = make_run(
+        tmp_path, answers, at=ShiftToHole, overrides=["insertions_per_specimen=3"]
+    )
+    assert outcome.exit_status == "success"
+    assert list_trials(run) == [(0, "marked as bad: blurred"), (1, ""), (3, "")]
+    holes = [text for text in person.asked if text.startswith("Shift")]
+    assert [text.split(" hole ")[1][0] for text in holes] == [*"1222", "2", "3", "2", "3", "4"]
+    assert [(skip.trial, skip.repeats) for skip in run.decisions.skipped] == [(2, None)]
+    assert run.decisions.repeated == {0}
+    assert [note.text for note in run.decisions.notes] == ["bubbles"]
+    starts = run.read_events(SweepTrialStart)
+    assert [start.repeats for start in starts] == [None, None, 0]
+    require_identical(run)

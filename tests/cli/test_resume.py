@@ -157,12 +157,12 @@ def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> No
     assert "nothing of it can be kept" in done.err
 
 
-def test_an_insertion_that_cannot_be_continued_names_the_way_out(labrig: Labrig, tmp_path: Path) -> None:
+def test_a_needle_of_a_run_that_cannot_be_continued_has_a_way_out(labrig: Labrig, tmp_path: Path) -> None:
     """The refusal names the command that withdraws a real needle; a simulated rig has no needle left in its gel."""
-    protocol = dump_yaml(load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS))
+    protocol = dump_yaml(load_protocol(ROOT / "protocols" / "roll-zero.yaml", PROTOCOL_MODELS))
     for kind in ("real", "simulated"):
         manifest = {
-            "experiment": "insertion",
+            "experiment": "roll-zero",
             "started": "2026-03-02T09:30:00+00:00",
             "devices": {"kind": kind},
         }

@@ -48,8 +48,8 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
     """The list names the command that resumes, withdraws or closes a run, or the process that writes it."""
     for name, experiment, kind in (
         ("a sweep", "steerability", "real"),
-        ("needle", "insertion", "real"),
-        ("other", "insertion", "simulated"),
+        ("needle", "roll-zero", "real"),
+        ("other", "roll-zero", "simulated"),
     ):
         begin(tmp_path / "writing", name, experiment=experiment, devices={"kind": kind})
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)

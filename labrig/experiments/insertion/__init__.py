@@ -13,6 +13,7 @@ EXPERIMENT = ExperimentDeclaration(
     page="labrig.experiments.insertion.page:make_page",
     summary="labrig.experiments.insertion.summary:summarise",
     view="labrig.experiments.insertion.view:make_view",
+    resume="labrig.experiments.insertion.resumption:resume",
     compare="labrig.experiments.insertion.summary:compare",
     reanalysis_keys=("estimator", "planner", "policy", "out_of_plane"),
     puts_needle_in_tissue=True,

@@ -1,0 +1,77 @@
+"""An interrupted run of insertions goes on: what is kept, what is made again, and its replay."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.devices.operator import MountNeedle
+from labrig.errors import InputError
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.insertion.events import InsertionStart, InsertionStop
+from labrig.experiments.insertion.schedule import BegunTrial, PlannedTrial, find_next_trial
+from labrig.experiments.registry import find_experiment
+from labrig.protocol.load import load_protocol
+from labrig.record.check import check_run
+from labrig.record.decisions import NO_DECISIONS, fold_decisions
+from labrig.record.events import Repeat, Skip
+from labrig.record.reader import open_run
+from labrig.record.writer import Recorder
+from labrig.runner.conduct import conduct, conduct_remainder
+from labrig.runner.replay import replay_run
+from labrig.runner.session import Session
+from tests.experiments.insertion.test_procedure import EVEN, FROM_THE_BEGINNING
+from tests.runner.sessions import PROTOCOLS, Told, Watched, bench
+
+
+def test_what_remains_follows_from_what_was_made_and_decided() -> None:
+    """An interrupted insertion, or one that a person had made again, comes next under a new number, and only once."""
+    first = BegunTrial(PlannedTrial(0, 0))
+    assert find_next_trial(2, [], NO_DECISIONS) == PlannedTrial(0, 0)
+    assert find_next_trial(2, [first], NO_DECISIONS) == PlannedTrial(1, 1)
+    broken = [first, BegunTrial(PlannedTrial(1, 1), interrupted=True)]
+    assert find_next_trial(2, broken, NO_DECISIONS) == PlannedTrial(2, 1, repeats=1)
+    again = [*broken, BegunTrial(PlannedTrial(2, 1, repeats=1))]
+    assert find_next_trial(2, again, NO_DECISIONS) is None
+    repeated = fold_decisions([Repeat(trial=2)])
+    assert find_next_trial(2, again, repeated) == PlannedTrial(3, 1, repeats=2)
+    assert find_next_trial(2, again, repeated.add(Skip(trial=3, repeats=2))) is None
+    assert find_next_trial(2, [], fold_decisions([Skip(trial=0)])) == PlannedTrial(1, 1)
+
+
+def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None:
+    """The first insertion is kept, the second was stopped and is made again; both sessions replay."""
+    experiment = find_experiment("insertion")
+    protocol = load_protocol(
+        PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, (*FROM_THE_BEGINNING, "repetitions=2")
+    )
+    with bench(tmp_path, protocol, EVEN) as at:
+
+        def then(doing: str) -> None:
+            if doing.startswith("inserted 1") and open_run(at.recorder.path).trials.shape[0] == 2:
+                at.opened.signal.name = "TERM"
+
+        outcome = conduct(experiment, protocol, Session(at.opened.rig, at.recorder, Told(then)))
+    assert outcome.exit_status == "aborted"
+    run = open_run(at.recorder.path)
+    with bench(tmp_path / "again", protocol, EVEN) as again:
+        recorder = Recorder.reopen(run.path, "test")
+        devices = open_run(again.recorder.path).manifest["devices"]
+        recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
+        watched = again.opened.rig.operator = Watched(again.opened.rig.operator)
+        remainder = experiment.resume(protocol, run)
+        assert (remainder.kept, remainder.left) == (1, 1)
+        outcome = conduct_remainder(experiment, remainder, Session(again.opened.rig, recorder, Told()))
+    assert outcome.exit_status == "success"
+    assert sum(isinstance(request, MountNeedle) for request in watched.asked) == 1
+    run = open_run(run.path)
+    trials = run.read_trials(InsertionStart, InsertionStop)
+    assert [(trial.start.trial, trial.start.repeats, trial.exit_status) for trial in trials] == [
+        (0, None, "success"),
+        (1, None, "interrupted"),
+        (2, 1, "success"),
+    ]
+    assert check_run(run.path).damage == ()
+    found = replay_run(run, experiment, protocol, Told())
+    assert (found.first_difference, found.bit_exact) == (None, True)
+    with pytest.raises(InputError, match=r"every insertion of .* has been made"):
+        experiment.resume(protocol, run)

@@ -26,6 +26,7 @@ from tests.benchmarks import (
     intrinsics,
     load,
     opening,
+    pausing,
     planner,
     real_insertions,
     reanalyze,
@@ -80,6 +81,7 @@ TABLES = {
     "crash": crash.print_table,
     "rot": rot.print_table,
     "sweep": sweep.print_table,
+    "pausing": pausing.print_table,
     "rehearsal": rehearsal.print_table,
 }
 

@@ -37,12 +37,16 @@ from tests.devices.rigs import Person
 MOMENTS = 200
 _BATCH = 10
 _STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
+_SWEEP = "steerability"
 _STREAMS = ("states", "events", "frames")
 
 
 @dataclass(frozen=True)
 class Survived:
-    """The state of a run after a SIGKILL; of an experiment that cannot resume, the last two are None."""
+    """The state of a run after a SIGKILL; of other experiments than the sweep the last two are None.
+
+    A resumed sweep gives the radii of the unkilled one; a resumed insertion is made in another block.
+    """
 
     opened: bool
     nothing_lost: bool
@@ -128,7 +132,7 @@ def kill_runs(name: str, count: int, seed: int, folder: Path) -> Iterator[Surviv
 
 
 def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
-    """Open a killed run, compare it with an unkilled one, repair a copy of it, and resume it where that is possible."""
+    """Open a killed run, compare it with an unkilled one, repair a copy of it, and resume it if it is a sweep."""
     path = folder / RUN
     acknowledged = (
         Counter((folder / ACKNOWLEDGED).read_text().split())
@@ -142,7 +146,7 @@ def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
     theirs = {stream: unkilled.reference.lines(stream) for stream in _STREAMS}
     unchanged = all(lines[stream] == theirs[stream][: len(lines[stream])] for stream in _STREAMS)
     repaired = _is_repaired(Path(shutil.copytree(path, folder / "repaired")), lines)
-    if find_run_experiment(run).can_resume:
+    if unkilled.name == _SWEEP:
         return Survived(opened, nothing_lost, unchanged, repaired, *_is_resumed(path, unkilled))
     return Survived(opened, nothing_lost, unchanged, repaired, None, None)
 

@@ -45,6 +45,9 @@ WORKER_START_METHOD = "spawn" if sys.platform == "win32" else "fork"
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of linux/prctl.h."""
 
+_LESS_URGENT = 10
+"""By how much a process is nicer than one that moves axes."""
+
 _LOCKED_BYTE = 2**20
 """Offset of the locked byte, beyond any text: on Windows a locked byte cannot be read."""
 
@@ -376,6 +379,12 @@ def end_with_parent() -> None:
     # A killed parent ends none of its workers: they would wait for work forever.
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
+
+
+def lower_priority() -> None:
+    """Let other processes go before this one wherever both want the processor."""
+    if sys.platform != "win32":
+        os.nice(_LESS_URGENT)
 
 
 def count_usable_cores() -> int:

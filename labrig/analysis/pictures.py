@@ -149,12 +149,13 @@ def _call_one(other: Callable[[], Any]) -> list[Any]:
 def _measure_part(
     pictures: Sequence[RecordedPicture], plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
 ) -> list[Measured]:
-    return [_measure(picture, plane, settings, mask) for picture in pictures]
+    return [measure_picture(picture, plane, settings, mask) for picture in pictures]
 
 
-def _measure(
+def measure_picture(
     picture: RecordedPicture, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
 ) -> Measured:
+    """Return the measurement of a recorded picture, or why there is none."""
     try:
         image = picture.read()
         masked = None if mask is None else mask.find_masked(Path(picture.file).name, image)

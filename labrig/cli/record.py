@@ -22,10 +22,9 @@ from labrig.cli.options import (
     RunsDirOption,
     SheathDiameterOption,
 )
-from labrig.cli.output import AsJson, print_json, print_line, say
+from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.several_runs import add_damage, do_for_each_run
-from labrig.devices.clocks import SystemClock
-from labrig.errors import InputError, RecordError
+from labrig.errors import RecordError
 
 
 def report(
@@ -64,22 +63,13 @@ def view(
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be deleted and made again, and open it."""
-    from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
-    from labrig.experiments.registry import make_run_view
+    from labrig.cli.view_file import make_view_file
     from labrig.record.reader import open_run
-    from labrig.report.rerun_view import open_view, write_view
-    from labrig.report.view import NO_VIEW
+    from labrig.report.viewer import open_view
 
     run = open_run(run_path, read_pictures=True)
     note_unused(run.problems, run.damage)
-    folder = find_newest_result_folder(run)
-    try:
-        added = make_run_view(run)
-    except InputError as error:
-        say(f"note: {error.message}; the record is shown without what it adds")
-        added = NO_VIEW
-    path = write_view(run, NO_LINES if folder is None else load_centre_lines(folder), added)
-    run.seal_page(path, SystemClock().utc())
+    path = make_view_file(run)
     damage = report_damage(run.damage)
     if as_json:
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})

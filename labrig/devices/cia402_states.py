@@ -150,6 +150,21 @@ def decode_standard_state(statusword: int) -> DriveState:
     return STANDARD_STATUSWORDS.get(statusword & STANDARD_STATE_BITS, DriveState.UNKNOWN)
 
 
+_DOES = {
+    DriveState.QUICK_STOP_ACTIVE: "quick stop",
+    DriveState.FAULT_REACTION: "fault",
+    DriveState.FAULT: "fault",
+}
+
+
+def describe_statusword(statusword: int) -> str:
+    """Return what any CiA 402 drive does: `moving`, `holding`, `quick stop`, `fault` or `power off`."""
+    state = decode_standard_state(statusword)
+    if state is DriveState.OPERATION_ENABLED:
+        return "holding" if statusword & TARGET_REACHED else "moving"
+    return _DOES.get(state, "power off")
+
+
 def plan_controlword(
     statusword: int, goal: TargetState, decode: Callable[[int], DriveState] = decode_state
 ) -> NextStep:

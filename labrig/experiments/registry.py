@@ -79,3 +79,8 @@ def make_run_view(run: Run) -> View:
         When the result is damaged.
     """
     return find_run_experiment(run).view(run, load_run_result(run))
+
+
+def follow_run(run: Run) -> View:
+    """Return what is drawn of a run that is being made. Raises `InputError` as `find_run_experiment`."""
+    return find_run_experiment(run).view(run, None)

@@ -2,39 +2,45 @@
 
 Only neighbouring versions of the viewer read a rerun file, so this is a view and never a record. It has two time lines,
 `rig_time` [s] and `frame`. The pictures are JPEG; measured ones show the shaft, those of an insertion also obstacles,
-target, plan and path, with the curves of the estimate beside them.
+target, plan and path, with the curves of the estimate beside them. A live view is drawn by the same functions.
 """
 
-import shutil
-import subprocess
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.components import AbsoluteTimeRange
 
 from labrig.analysis.result import CentreLines
 from labrig.durable import disk_errors, require_free_bytes, sync_file, temporary_file
-from labrig.errors import MachineError
 from labrig.posix import sync_directory
+from labrig.record.following import RecordLines, list_lines
+from labrig.record.layout import TRIAL_START, VIEW
 from labrig.record.reader import Run
-from labrig.record.tables import add_axis_units
-from labrig.report.pictures import JpegSize, jpeg
+from labrig.report.record_drawing import (
+    CAMERA,
+    CURVES,
+    DRIVES,
+    EVENTS,
+    TIME,
+    DescribeStatus,
+    RecordDrawing,
+    draw_shaft,
+    set_time,
+)
 from labrig.report.view import View
 
-VIEW_FILE = "view.rrd"
-_TIME = "rig_time"
-_FRAME = "frame"
-_PICTURE = JpegSize(1920, 80)
-_SHAFT_COLOUR = (86, 180, 233)
-_AXES = ("insertion_mm", "rotation_rad", "linear_mm")
-_CURRENTS = ("insertion_current_ma", "rotation_current_ma", "linear_current_ma")
+_TITLE = "labrig"
+# The needle has left the sheath when it stands out this far [mm].
+_OUT_MM = 0.5
+_LIVE_WINDOW_S = 60.0
+# Moves and arrivals are in the log too; the viewer shows them when asked for all levels.
+_SHOWN_LEVELS = ("CRITICAL", "ERROR", "WARN", "INFO")
 
 
-def write_view(run: Run, lines: CentreLines, view: View) -> Path:
+def write_view(run: Run, lines: CentreLines, view: View, describe_status: DescribeStatus) -> Path:
     """Write `RUN/view.rrd`, replacing an older one, and return its path.
 
     Parameters
@@ -45,6 +51,8 @@ def write_view(run: Run, lines: CentreLines, view: View) -> Path:
         The measured shafts.
     view : View
         The additions of its experiment.
+    describe_status : callable
+        What a statusword says of a drive.
 
     Raises
     ------
@@ -53,108 +61,126 @@ def write_view(run: Run, lines: CentreLines, view: View) -> Path:
     DiskError
         When the file cannot be written, or does not fit on the disk.
     """
-    path = run.path / VIEW_FILE
+    path = run.path / VIEW
     # rerun does not report a full disk. JPEG needs less space than the lossless pictures.
     files = {run.path / picture.file for picture in run.pictures}
     require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
     with disk_errors(path), temporary_file(path) as unfinished:
         # Made here, because rerun does not report a folder that it cannot write either.
         unfinished.touch(exist_ok=False)
-        _fill(unfinished, run, lines, view)
+        _fill(unfinished, run, lines, view, describe_status)
         sync_file(unfinished)
         unfinished.replace(path)
         sync_directory(path.parent)
     return path
 
 
-def _fill(file: Path, run: Run, lines: CentreLines, view: View) -> None:
-    stream = rr.RecordingStream("labrig", recording_id=run.path.name)
-    stream.save(file, default_blueprint=_make_blueprint(view))
+def _fill(file: Path, run: Run, lines: CentreLines, view: View, describe_status: DescribeStatus) -> None:
+    recorded = list_lines(run)
+    stream = rr.RecordingStream(_TITLE, recording_id=run.path.name)
+    stream.save(file, default_blueprint=make_blueprint(view, _find_motion(recorded)))
     try:
-        _send_columns(stream, run.states, "/axes", _AXES)
-        _send_columns(stream, run.states, "/currents", _CURRENTS)
-        _send_events(stream, run)
-        _send_pictures(stream, run, lines)
-        view.send(stream, _TIME)
+        RecordDrawing(stream, view.words, describe_status).draw(recorded, recorded.pictures)
+        if lines.px:
+            for line in run.frame_lines:
+                set_time(stream, line.t_s)
+                draw_shaft(stream, [lines.px[line.frame]] if line.frame in lines.px else [])
+        view.follow(stream, TIME, recorded)
+        view.send(stream, TIME)
     finally:
         stream.disconnect()
 
 
-def open_view(path: Path) -> None:
-    """Open a view in the viewer, a separate process that listens only on this computer.
+def open_stream(run_name: str, url: str, view: View) -> rr.RecordingStream:
+    """Return a stream to a viewer that listens at a URL; it opens at the newest that has arrived."""
+    stream = rr.RecordingStream(_TITLE, recording_id=run_name)
+    stream.connect_grpc(url, default_blueprint=make_blueprint(view, None))
+    return stream
 
-    Raises
-    ------
-    MachineError
-        When the viewer is not installed.
+
+def make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blueprint:
+    """Return the layout of the viewer: the camera and the log beside the curves, a plot for each unit.
+
+    Parameters
+    ----------
+    view : View
+        What the experiment adds; it stands first.
+    motion_s : (float, float) or None
+        Begin and end of what is played over and over [rig time, s]; None to follow what arrives.
     """
-    viewer = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
-    if viewer is None:
-        raise MachineError(
-            "the rerun viewer is not installed", "install rerun-sdk, or copy view.rrd to where it is"
-        )
-    command = [viewer, "--new", "--bind", "127.0.0.1", str(path)]
-    subprocess.Popen(  # noqa: S603 - the viewer that was found, with a path that labrig made
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
+    whole = rr.TimeRange(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite())
+    overviews = [_make_plot(*plot, whole) for plot in view.overviews]
+    curves = [_make_plot(*plot, _make_window(motion_s)) for plot in (*view.curves, *CURVES)]
+    documents = [rrb.TextDocumentView(origin=origin, name=name) for origin, name in view.documents]
+    drives = rrb.StateTimelineView(
+        origin=DRIVES, name="Drives", time_view=rrb.TimeAxis(view_range=_make_window(motion_s))
     )
-
-
-def _make_blueprint(view: View) -> rrb.Blueprint:
-    """Return the layout of the viewer."""
-    curves = tuple(rrb.TimeSeriesView(origin=origin, name=name) for origin, name in view.curves)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial2DView(origin="/camera", name="Camera"),
             rrb.Vertical(
-                rrb.TimeSeriesView(origin="/axes", name="Axes (mm, rad)"),
-                rrb.TimeSeriesView(origin="/currents", name="Motor currents (mA)"),
-                *curves,
-                rrb.TextLogView(origin="/events", name="Events"),
-                row_shares=[3, 2, *(3 for _ in curves), 2],
+                rrb.Spatial2DView(origin=CAMERA, name="Camera"),
+                rrb.Horizontal(_make_log(), rrb.Vertical(*documents, drives), column_shares=[3, 2]),
+                row_shares=[5, 3],
             ),
+            rrb.Vertical(*overviews, *curves, row_shares=[*(5 for _ in overviews), *(3 for _ in curves)]),
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(timeline=_TIME, state="collapsed"),
+        _make_time_panel(motion_s),
+        collapse_panels=True,
     )
 
 
-def _send_columns(stream: rr.RecordingStream, states: pd.DataFrame, place: str, names: Sequence[str]) -> None:
-    """Send readings of the axes, a column for each; records of before have no currents."""
-    for name in names:
-        if name not in states or states[name].isna().all():
-            continue
-        times = rr.TimeColumn(_TIME, duration=states["t_s"].to_numpy(dtype=np.float64))
-        values = rr.Scalars.columns(scalars=states[name].to_numpy(dtype=np.float64))
-        stream.send_columns(f"{place}/{name}", [times], values)
+def _make_plot(origin: str, name: str, window: rr.TimeRange) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=rrb.TimeAxis(view_range=window))
 
 
-def _send_events(stream: rr.RecordingStream, run: Run) -> None:
-    for event in run.lines("events"):
-        stream.set_time(_TIME, duration=event["t_s"])
-        stream.log("/events", rr.TextLog(_format_event(add_axis_units(event))))
+def _make_window(motion_s: tuple[float, float] | None) -> rr.TimeRange:
+    """Return what plots show: the motion or, of a run that is being made, what was just before."""
+    if motion_s is None:
+        before = rr.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_WINDOW_S)
+        return rr.TimeRange(before, rr.TimeRangeBoundary.cursor_relative(seconds=0.0))
+    begin, end = (rr.TimeRangeBoundary.absolute(seconds=t_s) for t_s in motion_s)
+    return rr.TimeRange(begin, end)
 
 
-def _format_event(event: Mapping[str, object]) -> str:
-    fields = [
-        f"{key}={value}" for key, value in event.items() if key not in {"kind", "t_s"} and value is not None
-    ]
-    return f"{event['kind']}: {', '.join(fields)}" if fields else str(event["kind"])
+def _make_log() -> rrb.TextLogView:
+    """Return the view of the events: time, level and sentence."""
+    return rrb.TextLogView(
+        origin=EVENTS,
+        name="Events",
+        rows=rrb.TextLogRows(filter_by_log_level=list(_SHOWN_LEVELS)),
+        columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+    )
 
 
-def _send_pictures(stream: rr.RecordingStream, run: Run, lines: CentreLines) -> None:
-    for line in run.frame_lines:
-        frame = line.frame
-        stream.set_time(_TIME, duration=line.t_s)
-        stream.set_time(_FRAME, sequence=frame)
-        picture = rr.EncodedImage(contents=jpeg(run.read_frame(frame), _PICTURE), media_type="image/jpeg")
-        stream.log("/camera", picture)
-        if lines.px:
-            shaft = [lines.px[frame]] if frame in lines.px else []
-            # An empty strip ends the line of the previous picture.
-            stream.log(
-                "/camera/shaft", rr.LineStrips2D(shaft, colors=[_SHAFT_COLOUR] * len(shaft), radii=1.0)
-            )
+def _make_time_panel(motion_s: tuple[float, float] | None) -> rrb.TimePanel:
+    if motion_s is None:
+        return rrb.TimePanel(timeline=TIME, state="collapsed", play_state="following")
+    begin, end = (rr.TimeInt(seconds=t_s) for t_s in motion_s)
+    return rrb.TimePanel(
+        timeline=TIME,
+        state="collapsed",
+        play_state="playing",
+        loop_mode="selection",
+        time_selection=AbsoluteTimeRange(min=begin, max=end),
+    )
+
+
+def _find_motion(lines: RecordLines) -> tuple[float, float] | None:
+    """Return the rig time between which the needle is out of the sheath [s]; None if it never is.
+
+    Of a run with trials, those are meant, and not what was found out before.
+    """
+    starts_s = (_time_of(event) for event in lines.events if event["kind"] == TRIAL_START)
+    from_s = min(starts_s, default=0.0)
+    out_s = [_time_of(state) for state in lines.states if _is_out(state)]
+    out_s = [t_s for t_s in out_s if t_s >= from_s]
+    return (out_s[0], out_s[-1]) if len(out_s) > 1 else None
+
+
+def _is_out(state: Mapping[str, Any]) -> bool:
+    return (state.get("insertion_mm") or 0.0) > _OUT_MM
+
+
+def _time_of(line: Mapping[str, Any]) -> float:
+    return float(line["t_s"])

@@ -1,23 +1,61 @@
 """What an experiment adds to the rerun view of a run."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
+
+from labrig.record.events import FrameLine
+from labrig.record.following import RecordLines
 
 Send = Callable[[Any, str], None]
 """(recording stream of rerun, name of its time line)"""
+
+Follow = Callable[[Any, str, RecordLines], None]
+"""(recording stream of rerun, name of its time line, lines of the record that it has not seen yet)"""
+
+Words = Callable[[Mapping[str, Any]], str]
+"""Returns an event as a sentence."""
 
 
 def _send_nothing(_stream: Any, _timeline: str) -> None:
     """Add nothing."""
 
 
+def _follow_nothing(_stream: Any, _timeline: str, _lines: RecordLines) -> None:
+    """Add nothing."""
+
+
+def _is_never_needed(_line: FrameLine) -> bool:
+    """Let any picture be left out."""
+    return False
+
+
 @dataclass(frozen=True)
 class View:
-    """Curves beside the axes, each with its path and heading, and the call that sends them and all other drawings."""
+    """What is drawn beside the record.
+
+    Attributes
+    ----------
+    curves, overviews, documents : tuple of (str, str)
+        Plots of the last minute and of the whole run, and pages of text: each its path and its heading with the unit,
+        most important first.
+    send : callable
+        Sends at once all that a result adds.
+    follow : callable
+        Draws what lines of the record add, as they come; a view of a result has none.
+    needs : callable
+        Whether a picture is drawn however many wait, such as one from which a result is measured.
+    words : Mapping
+        The sentence of each kind of event that the experiment has.
+    """
 
     curves: tuple[tuple[str, str], ...] = ()
     send: Send = _send_nothing
+    follow: Follow = _follow_nothing
+    overviews: tuple[tuple[str, str], ...] = ()
+    documents: tuple[tuple[str, str], ...] = ()
+    needs: Callable[[FrameLine], bool] = _is_never_needed
+    words: Mapping[str, Words] = field(default_factory=dict)
 
 
 NO_VIEW = View()
@@ -26,4 +64,9 @@ NO_VIEW = View()
 
 def show_record_alone(_run: object, _result: object) -> View:
     """Add nothing to the view of a record."""
+    return NO_VIEW
+
+
+def follow_record_alone(_run: object) -> View:
+    """Add nothing to the view of a run that is being made, or was not measured."""
     return NO_VIEW

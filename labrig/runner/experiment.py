@@ -143,8 +143,8 @@ class Experiment(MeasuredExperiment):
         return cast("Page", self.part("page")(run, protocol, result))
 
     def view(self, run: Run, result: AnyResult | None) -> View:
-        """Return the additions to the rerun view of a run; nothing without a result."""
-        return View() if result is None else cast("View", self.part("view")(run, result))
+        """Return the additions to the rerun view of a run; without a result, what its record shows by itself."""
+        return cast("View", self.part("follow")(run) if result is None else self.part("view")(run, result))
 
     def summarise(self, result: Mapping[str, Any]) -> Summary:
         """Return the terminal summary of a result."""

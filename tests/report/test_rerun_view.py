@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
+from labrig.devices.cia402_states import describe_statusword
 from labrig.errors import RecordError
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
@@ -20,11 +21,11 @@ def _lines(page: WrittenPage) -> CentreLines:
 
 def test_the_view_is_made_with_and_without_a_result(page: WrittenPage, folder: Path) -> None:
     """A view holds the pictures either way, is replaced when made again, and leaves nothing half-written."""
-    with_lines = write_view(page.run, _lines(page), NO_VIEW)
+    with_lines = write_view(page.run, _lines(page), NO_VIEW, describe_statusword)
     assert with_lines == page.run.path / "view.rrd"
     assert with_lines.stat().st_size > 50_000
-    assert write_view(page.run, _lines(page), NO_VIEW) == with_lines
-    assert write_view(record_sweep(folder), NO_LINES, NO_VIEW).stat().st_size > 50_000
+    assert write_view(page.run, _lines(page), NO_VIEW, describe_statusword) == with_lines
+    assert write_view(record_sweep(folder), NO_LINES, NO_VIEW, describe_statusword).stat().st_size > 50_000
     assert list(page.run.path.glob(".view*")) == []
 
 
@@ -33,5 +34,5 @@ def test_a_damaged_picture_leaves_no_view(folder: Path) -> None:
     run = record_sweep(folder)
     (run.path / "frames" / "000000.png").write_bytes(b"no picture")
     with pytest.raises(RecordError, match=r"000000\.png"):
-        write_view(run, NO_LINES, NO_VIEW)
+        write_view(run, NO_LINES, NO_VIEW, describe_statusword)
     assert list(run.path.glob("*view.rrd*")) == []

@@ -14,6 +14,7 @@ EXPERIMENT = ExperimentDeclaration(
     summary="labrig.experiments.insertion.summary:summarise",
     view="labrig.experiments.insertion.view:make_view",
     resume="labrig.experiments.insertion.resumption:resume",
+    follow="labrig.experiments.insertion.view:follow",
     compare="labrig.experiments.insertion.summary:compare",
     reanalysis_keys=("estimator", "planner", "policy", "out_of_plane"),
     puts_needle_in_tissue=True,

@@ -47,6 +47,7 @@ from labrig.experiments.insertion.events import (
     TrueInsertion,
 )
 from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.recorded_plan import sample_plan
 from labrig.experiments.insertion.result import (
     InsertionCommand,
     InsertionPlan,
@@ -64,7 +65,6 @@ from labrig.experiments.insertion.settings import (
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
 from labrig.steering.out_of_plane import budget_out_of_plane
-from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
@@ -247,7 +247,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         missed_sightings=sum(not step.believed for step in steps),
         mean_nis=_average([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
-        plans=tuple(_describe_plan(event, settings) for event in events.plans),
+        plans=tuple(_describe_plan(event) for event in events.plans),
         as_recorded=[step.estimate_mm for step in steps] == recorded,
         commands=tuple(commands),
         retreats=sum(isinstance(event, NeedleRetreat) for event in events.way),
@@ -467,7 +467,7 @@ def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> f
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 
-def _describe_plan(event: PathSought, settings: SteeringSettings) -> InsertionPlan:
+def _describe_plan(event: PathSought) -> InsertionPlan:
     return InsertionPlan(
         depth_mm=event.depth_mm,
         t_s=event.t_s,
@@ -478,20 +478,8 @@ def _describe_plan(event: PathSought, settings: SteeringSettings) -> InsertionPl
         arcs=len(event.arcs) if event.found else 0,
         length_mm=event.length_mm,
         clearance_mm=event.clearance_mm,
-        path_mm=_thin_path(_sample_plan(event, settings)[:, 1:]),
+        path_mm=_thin_path(sample_plan(event)[:, 1:]),
     )
-
-
-def _sample_plan(event: PathSought, settings: SteeringSettings) -> FloatArray:
-    """Return the points (N, 3) of a recorded plan."""
-    bent = [arc for arc in event.arcs if arc.angle_rad > 0.0]
-    if not event.found or not bent:
-        return np.empty((0, 3))
-    start = np.eye(4)
-    start[:3, :3], start[:3, 3] = event.start.rotation, event.start.position_mm
-    radius_mm = bent[0].length_mm / bent[0].angle_rad
-    problem = replace(settings.problem, start=start, obstacles=(), radius_mm=radius_mm)
-    return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))
 
 
 def _measure_end(

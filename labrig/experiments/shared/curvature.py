@@ -27,7 +27,8 @@ from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
 _OF_THE_TRIAL = {"trial", "specimen", "gelatin_percent", "hole", "needle_id"}
-_MEASURED = (NeedleRole.ADVANCE, NeedleRole.FINAL, NeedleRole.IMPORTED)
+MEASURED_ROLES = (NeedleRole.ADVANCE, NeedleRole.FINAL, NeedleRole.IMPORTED)
+"""Of the pictures that are measured."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
     bare = [
-        _make_result(picture, measurement) for picture, measurement in zip(pictures, measured, strict=True)
+        describe_picture(picture.line, picture.trial, measurement)
+        for picture, measurement in zip(pictures, measured, strict=True)
     ]
     results = add_drift(refuse_by_origin(add_origins(bare, origins), origins), sentinel)
     finals = find_final_pictures(results)
@@ -169,7 +171,7 @@ def _list_pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Pict
     return [
         _Picture(line, None if line.trial is None else by_number.get(line.trial))
         for line in run.frame_lines
-        if line.role in _MEASURED
+        if line.role in MEASURED_ROLES
     ]
 
 
@@ -178,8 +180,8 @@ def _read_drawn_radii(run: Run) -> dict[int, float]:
     return {trial: line.radius_mm for trial, line in drawn.items() if line.radius_mm is not None}
 
 
-def _make_result(picture: _Picture, measured: Measured) -> PictureResult:
-    line, trial = picture.line, picture.trial
+def describe_picture(line: FrameLine, trial: SpecimenTrialStart | None, measured: Measured) -> PictureResult:
+    """Return the result of a measured picture of a trial, if it belongs to one."""
     place = {
         "frame": line.frame,
         "image": line.source or line.file,

@@ -11,7 +11,11 @@ from labrig.record.reader import Run
 
 def analyze(run: Run, protocol: SteerabilityProtocol, request: AnalysisRequest) -> Analysis[Findings]:
     """Measure every picture, as `analyze_curvature` does."""
-    order = CurvatureOrder(
+    return (yield from analyze_curvature(run, make_order(protocol), request))
+
+
+def make_order(protocol: SteerabilityProtocol) -> CurvatureOrder:
+    """Return how the pictures of a sweep are measured."""
+    return CurvatureOrder(
         protocol.pictured_needle, protocol.analysis, protocol.sheath, SweepRole.SHEATH, protocol.sentinel
     )
-    return (yield from analyze_curvature(run, order, request))

@@ -6,6 +6,7 @@ import pytest
 
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
+from labrig.devices.cia402_states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, make_run_view
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
@@ -80,8 +81,8 @@ def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion also holds paths, plans and curves of the estimate."""
     run = record_insertion()
     analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
-    assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW).read_bytes()
-    assert b"/estimate" in write_view(run, NO_LINES, make_run_view(run)).read_bytes()
+    assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW, describe_statusword).read_bytes()
+    assert b"/estimate" in write_view(run, NO_LINES, make_run_view(run), describe_statusword).read_bytes()
 
 
 def test_what_a_person_wrote_stays_text(html: str) -> None:

@@ -1,0 +1,38 @@
+"""Makes `RUN/view.rrd` of a run as it is."""
+
+from pathlib import Path
+
+from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
+from labrig.cli.output import say
+from labrig.devices.cia402_states import describe_statusword
+from labrig.devices.clocks import SystemClock
+from labrig.errors import InputError
+from labrig.experiments.registry import make_run_view
+from labrig.record.reader import Run
+from labrig.report.rerun_view import write_view
+from labrig.report.view import NO_VIEW, View
+
+
+def make_view_file(run: Run) -> Path:
+    """Write and seal the view of a run, and return its path.
+
+    Raises
+    ------
+    RecordError
+        When a picture or a result is missing or damaged.
+    DiskError
+        When it cannot be written.
+    """
+    folder = find_newest_result_folder(run)
+    lines = NO_LINES if folder is None else load_centre_lines(folder)
+    path = write_view(run, lines, _make_view(run), describe_statusword)
+    run.seal_page(path, SystemClock().utc())
+    return path
+
+
+def _make_view(run: Run) -> View:
+    try:
+        return make_run_view(run)
+    except InputError as error:
+        say(f"note: {error.message}; the record is shown without what it adds")
+        return NO_VIEW

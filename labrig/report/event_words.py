@@ -1,0 +1,140 @@
+"""Events of a run as sentences for the log of a viewer."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from labrig.record.layout import RUN_STOP, TRIAL_START, TRIAL_STOP
+from labrig.report.view import Words
+
+Level = Literal["ERROR", "WARN", "INFO", "DEBUG"]
+
+_UNITS = {
+    "mm": "mm", "s": "s", "rad": "rad", "deg": "°", "px": "px", "percent": "%", "mm_s": "mm/s", "rad_s": "rad/s",
+}  # fmt: skip
+_ENDED_WELL = frozenset({"success"})
+_DETAILS = frozenset({"move", "move_done", "observation"})
+"""Kinds that there are so many of that they hide the others."""
+_HIDDEN = frozenset({"kind", "t_s", "trial"})
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """A sentence about an event, and how much it matters."""
+
+    text: str
+    level: Level
+
+
+def describe_event(event: Mapping[str, Any], words: Mapping[str, Words]) -> LogEntry:
+    """Return the log entry of an event.
+
+    Parameters
+    ----------
+    event : Mapping
+        A line of events.jsonl.
+    words : Mapping
+        The sentences of an experiment's own kinds; a line that lacks what its sentence needs is written field by field.
+    """
+    kind = str(event.get("kind"))
+    say = {**_WORDS, **words}.get(kind, _list_fields)
+    try:
+        text = say(event)
+    except (KeyError, TypeError, ValueError):
+        text = _list_fields(event)
+    return LogEntry(text, _judge(kind, event))
+
+
+def _judge(kind: str, event: Mapping[str, Any]) -> Level:
+    if kind in {RUN_STOP, TRIAL_STOP}:
+        return "INFO" if event.get("exit_status") in _ENDED_WELL else "ERROR"
+    if event.get("accepted") is False or event.get("believed") is False or event.get("confirmed") is False:
+        return "WARN"
+    return "DEBUG" if kind in _DETAILS else "INFO"
+
+
+def _list_fields(event: Mapping[str, Any]) -> str:
+    """Return kind and fields of an event, each value with its unit."""
+    fields = [
+        f"{_split_unit(name)[0]} {_format(value, _split_unit(name)[1])}"
+        for name, value in event.items()
+        if name not in _HIDDEN and isinstance(value, str | int | float) and value != ""
+    ]
+    return f"{_plain(str(event.get('kind')))}{': ' if fields else ''}{', '.join(fields)}"
+
+
+def _split_unit(name: str) -> tuple[str, str]:
+    """Return the words of a field's name, and its unit."""
+    for unit in sorted(_UNITS, key=len, reverse=True):
+        if name.endswith(f"_{unit}"):
+            return _plain(name.removesuffix(f"_{unit}")), _UNITS[unit]
+    return _plain(name), ""
+
+
+def _format(value: object, unit: str) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{text} {unit}".rstrip()
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _describe_stop(event: Mapping[str, Any]) -> str:
+    ended = "run succeeded" if event["exit_status"] == "success" else f"run {event['exit_status']}"
+    return f"{ended}: {event['reason']}" if event["reason"] else ended
+
+
+def _describe_trial_start(event: Mapping[str, Any]) -> str:
+    hole = f", hole {event['hole'] + 1}" if "hole" in event else ""
+    gel = f" in {event['specimen']}" if "specimen" in event else ""
+    return f"insertion {event['trial'] + 1} begins{gel}{hole}"
+
+
+def _describe_trial_stop(event: Mapping[str, Any]) -> str:
+    return f"insertion {event['trial'] + 1}: {event['exit_status']}"
+
+
+def _describe_question(event: Mapping[str, Any]) -> str:
+    asked = "".join(
+        f" {letter.lower()}" if letter.isupper() else letter for letter in event["request"]
+    ).strip()
+    details = ", ".join(
+        str(value) for value in event["details"].values() if isinstance(value, str | int | float)
+    )
+    answer = f": {event['answer']}" if event["answer"] else ""
+    told = "confirmed" if event["confirmed"] else "refused"
+    return f"operator {told} “{asked}{f' ({details})' if details else ''}”{answer}"
+
+
+def _describe_position(event: Mapping[str, Any], name: str) -> str:
+    """Return a position or speed of an axis as a person reads it: angles in degrees."""
+    if event["axis"] == "rotation":
+        return f"{math.degrees(event[name]):.1f}°"
+    return f"{event[name]:.2f} mm"
+
+
+def _describe_move(event: Mapping[str, Any]) -> str:
+    speed = _describe_position(event, "speed")
+    return f"{event['axis']} moves to {_describe_position(event, 'position')} at {speed}/s"
+
+
+def _describe_arrival(event: Mapping[str, Any]) -> str:
+    return f"{event['axis']} is at {_describe_position(event, 'position')}"
+
+
+_WORDS: Mapping[str, Words] = {
+    "run_start": lambda event: f"run starts: {event['experiment']}",
+    "run_resume": lambda event: f"run goes on: {event['experiment']}",
+    RUN_STOP: _describe_stop,
+    TRIAL_START: _describe_trial_start,
+    TRIAL_STOP: _describe_trial_stop,
+    "operator": _describe_question,
+    "move": _describe_move,
+    "move_done": _describe_arrival,
+    "withdrawal_start": lambda event: f"needle is withdrawn in {event['moves']} moves",
+    "withdrawal_stop": lambda _event: "needle is out",
+}

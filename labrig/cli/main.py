@@ -11,6 +11,7 @@ import typer
 
 from labrig import __version__
 from labrig.cli.help_layout import HelpfulCommand, HelpfulGroup
+from labrig.cli.options import complete_live
 from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import BugError, DiskError, InputError, InterruptedRunError, LabrigError, MachineError
@@ -148,7 +149,7 @@ def run_command(arguments: Sequence[str]) -> int:
 
 def _invoke(arguments: Sequence[str]) -> int:
     try:
-        status = _make_app(arguments)(args=list(arguments), standalone_mode=False)
+        status = _make_app(arguments)(args=complete_live(arguments), standalone_mode=False)
     except typer.Exit as leaving:
         return leaving.exit_code
     except SystemExit:

@@ -4,8 +4,9 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import typer
 
@@ -107,6 +108,17 @@ QuietOption = Annotated[bool, typer.Option("--quiet", help="Ring no bell when so
 SeedOption = Annotated[
     int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)
 ]
+LiveKind = Literal["viewer", "web"]
+"""The viewer's window, or a page for a browser."""
+
+LiveOption = Annotated[
+    LiveKind | None,
+    typer.Option(
+        "--live",
+        help="Show the run while it is made: --live in the rerun viewer, --live web in a browser.",
+        show_default=False,
+    ),
+]
 
 MaskOption = Annotated[
     Path | None,
@@ -159,6 +171,17 @@ DEFAULT_NEEDLE_DIAMETER_MM = 1.2
 DEFAULT_RUNS_DIR = Path("data/runs")
 SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
 _RIG_PREFIX = "rig."
+
+
+def complete_live(arguments: Sequence[str]) -> list[str]:
+    """Return a command line in which `--live` alone names the viewer; the parser knows no optional values."""
+    kinds = get_args(LiveKind)
+    completed: list[str] = []
+    for word, following in zip_longest(arguments, arguments[1:]):
+        completed.append(word)
+        if word == "--live" and following not in kinds:
+            completed.append(kinds[0])
+    return completed
 
 
 def find_named_rig_file(given: Path | None) -> Path | None:

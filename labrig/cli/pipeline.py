@@ -8,7 +8,9 @@ from pathlib import Path
 
 from labrig.cli.analyze import analyze
 from labrig.cli.finished_run import FinishedRun
+from labrig.cli.live import live_view
 from labrig.cli.needle_report import add_closing_failure, report_needle
+from labrig.cli.options import LiveKind
 from labrig.cli.output import say
 from labrig.cli.pausing import UNPAUSED, Attention, take_requests
 from labrig.cli.progress import Reporter, progress
@@ -47,7 +49,7 @@ from labrig.runner.supervised_record import begin_session
 class RunOrder:
     """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line.
 
-    `attention` says whether the person at the terminal may pause it.
+    `attention` says whether the person at the terminal may pause it, `live` how it is shown while it is made.
     """
 
     experiment: Experiment
@@ -58,10 +60,11 @@ class RunOrder:
     command_line: tuple[str, ...]
     sources: Sources
     attention: Attention = UNPAUSED
+    live: LiveKind | None = None
 
 
 def perform(order: RunOrder) -> FinishedRun:
-    """Record a run, measure it and write its report.
+    """Record a run, measure it and write its report; shown live, also its view.
 
     Raises
     ------
@@ -83,7 +86,24 @@ def perform(order: RunOrder) -> FinishedRun:
     # The modules stay until the end. Without this, collections look through them all again and again, and in each
     # process that measures, too.
     gc.freeze()
-    return finish(_record(order, plan, changes), order.command_line)
+    with live_view(order.live) as watch:
+        recorded = _record(order, plan, changes, watch)
+    finished = finish(recorded, order.command_line)
+    if order.live is not None and finished.signal_name is None:
+        _keep_view(finished.path)
+    return finished
+
+
+def _keep_view(path: Path) -> None:
+    """Write the view of a run that was shown live; a failure costs the run nothing."""
+    # Imported late, as the viewer's library is large.
+    from labrig.cli.view_file import make_view_file
+
+    say("writing view.rrd")
+    try:
+        make_view_file(open_run(path))
+    except LabrigError as error:
+        say(f"note: view.rrd was not written: {error.message}")
 
 
 def _announce_code_diff(changes: CodeChanges) -> None:
@@ -129,14 +149,18 @@ def _leave_unmeasured(ended: FinishedRun, signal_name: str) -> FinishedRun:
     return replace(ended, outcome=Outcome("success", message, InterruptedRunError(message)))
 
 
-def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun:
+def _record(
+    order: RunOrder, plan: RunPlan, changes: CodeChanges, watch: Callable[[Path], None]
+) -> FinishedRun:
     """Open the record and, if the protocol needs one, the rig; conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
 
         def begin(rig: Rig, reporter: Reporter) -> Session:
             open_record = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
-            return begin_session(rig, open_record, reporter, plan.workload)
+            session = begin_session(rig, open_record, reporter, plan.workload)
+            watch(session.recorder.path)
+            return session
 
         job = RigJob(experiment, protocol, order.rig, plan.work, order.command_line, order.attention)
         return record_on_rig(job, begin, partial(conduct, experiment, protocol))

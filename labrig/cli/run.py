@@ -8,6 +8,7 @@ import typer
 
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
+    LiveOption,
     LocalRunArgument,
     NoPauseOption,
     QuietOption,
@@ -39,6 +40,7 @@ def run(
     yes: YesOption = False,
     no_pause: NoPauseOption = False,
     quiet: QuietOption = False,
+    live: LiveOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
@@ -57,7 +59,9 @@ def run(
     command_line = tuple(map(mask_passwords, sys.argv))
     sources = sources.with_rig_file(loaded)
     attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
-    order = RunOrder(experiment, loaded, description, runs_dir, run_name, command_line, sources, attention)
+    order = RunOrder(
+        experiment, loaded, description, runs_dir, run_name, command_line, sources, attention, live
+    )
     return print_finished(perform(order), experiment, as_json)
 
 

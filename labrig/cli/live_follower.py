@@ -1,0 +1,82 @@
+"""The process beside a run that shows it live: starts the viewer, follows the record, and says what a person must know.
+
+`python -m labrig.cli.live_follower RUN KIND` writes one sentence a line on standard output. It ends with the run, with
+the viewer, or with the process that started it.
+"""
+
+import os
+import sys
+import webbrowser
+from getpass import getuser
+from pathlib import Path
+from platform import node
+
+from labrig.devices.cia402_states import describe_statusword
+from labrig.devices.clocks import SystemClock
+from labrig.errors import LabrigError
+from labrig.experiments.registry import follow_run
+from labrig.posix import end_with_parent, lower_priority
+from labrig.record.following import GrowingRun
+from labrig.record.reader import open_run
+from labrig.report.live_view import LiveView
+from labrig.report.record_drawing import RecordDrawing
+from labrig.report.rerun_view import open_stream
+from labrig.report.viewer import LOCALHOST, RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
+
+
+def main() -> None:
+    """Show the run, and end without waiting for what the viewer has not taken."""
+    end_with_parent()
+    lower_priority()
+    path, kind = Path(sys.argv[1]), sys.argv[2]
+    try:
+        _show(path, "web" if kind == "web" else "window")
+    except LabrigError as error:
+        _tell(f"nothing is shown live: {error.message}" + (f"; {error.hint}" if error.hint else ""))
+    sys.stdout.flush()
+    # rerun waits without end for a viewer that takes nothing.
+    os._exit(0)
+
+
+def _show(path: Path, wanted: ViewerKind) -> None:
+    clock = SystemClock()
+    kind = wanted if wanted == "web" or has_display(os.environ) else "server"
+    viewer = start_viewer(kind, clock, find_viewer())
+    _tell_where(viewer)
+    run = open_run(path)
+    view = follow_run(run)
+    stream = open_stream(path.name, viewer.url, view)
+    drawing = RecordDrawing(stream, view.words, describe_statusword)
+    shown = LiveView(stream, drawing, view, GrowingRun(path), clock, _tell).follow(viewer.has_ended)
+    if viewer.has_ended():
+        _tell("the viewer was closed; the run goes on without it")
+    if shown.left_out:
+        _tell(
+            f"{shown.left_out} of {shown.drawn + shown.left_out} pictures were not shown live, because drawing was "
+            "slower than the rig; view.rrd has them all"
+        )
+
+
+def _tell_where(viewer: RunningViewer) -> None:
+    """Say where the run can be seen, from another computer too."""
+    elsewhere = f"{getuser()}@{node()}"
+    forward = f"-L {viewer.port}:{LOCALHOST}:{viewer.port}"
+    if viewer.kind == "web":
+        forward = f"{forward} -L {viewer.web_port}:{LOCALHOST}:{viewer.web_port}"
+        _tell(f"open {viewer.page}\nfrom another computer first: ssh {forward} {elsewhere}")
+        if has_display(os.environ):
+            webbrowser.open(viewer.page)
+    elif viewer.kind == "server":
+        _tell(
+            "there is no display here; to see the run on another computer:\n"
+            f"  ssh {forward} {elsewhere}\n  rerun --connect {viewer.url}"
+        )
+
+
+def _tell(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

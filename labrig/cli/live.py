@@ -11,7 +11,7 @@ from labrig.cli.options import LiveKind
 from labrig.cli.output import say
 
 # What the viewer has not drawn by then is left to view.rrd.
-_DRAWN_WITHIN_S = 15.0
+_DRAWN_WITHIN_S = 10.0
 
 
 class LiveFollower:
@@ -28,7 +28,8 @@ class LiveFollower:
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            # Warnings of the viewer's library, which nobody could act on.
+            stderr=subprocess.DEVNULL,
             text=True,
             errors="replace",
             start_new_session=True,
@@ -48,6 +49,8 @@ class LiveFollower:
             if status:
                 say(f"live view: it ended with status {status}; view.rrd has the whole run")
         self._listener.join()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
 
     def _pass_on(self) -> None:
         assert self._process.stdout is not None

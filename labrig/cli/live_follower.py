@@ -1,7 +1,7 @@
-"""The process beside a run that shows it live: starts the viewer, follows the record, and says what a person must know.
+"""The process that shows a run live: starts the viewer, follows the record, and says what a person must know.
 
-`python -m labrig.cli.live_follower RUN KIND` writes one sentence a line on standard output. It ends with the run, with
-the viewer, or with the process that started it.
+`python -m labrig.cli.live_follower RUN KIND [PROGRAM]` writes one sentence a line on standard output; the program is
+the viewer. It ends with the run, with the viewer, or with the process that started it.
 """
 
 import os
@@ -10,7 +10,9 @@ import webbrowser
 from getpass import getuser
 from pathlib import Path
 from platform import node
+from types import TracebackType
 
+from labrig.cli.bug_report import keep_traceback
 from labrig.devices.cia402_states import describe_statusword
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
@@ -20,7 +22,7 @@ from labrig.record.following import GrowingRun
 from labrig.record.reader import open_run
 from labrig.report.live_view import LiveView
 from labrig.report.record_drawing import RecordDrawing
-from labrig.report.rerun_view import open_stream
+from labrig.report.rerun_view import end_stream, open_stream
 from labrig.report.viewer import LOCALHOST, RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
 
 
@@ -28,26 +30,28 @@ def main() -> None:
     """Show the run, and end without waiting for what the viewer has not taken."""
     end_with_parent()
     lower_priority()
-    path, kind = Path(sys.argv[1]), sys.argv[2]
+    sys.excepthook = _tell_bug
+    path, kind, *program = sys.argv[1:]
     try:
-        _show(path, "web" if kind == "web" else "window")
+        _show(Path(path), "web" if kind == "web" else "window", program[0] if program else find_viewer())
     except LabrigError as error:
         _tell(f"nothing is shown live: {error.message}" + (f"; {error.hint}" if error.hint else ""))
     sys.stdout.flush()
-    # rerun waits without end for a viewer that takes nothing.
+    # At its exit, too, rerun would wait for a viewer that takes nothing.
     os._exit(0)
 
 
-def _show(path: Path, wanted: ViewerKind) -> None:
+def _show(path: Path, wanted: ViewerKind, program: str) -> None:
     clock = SystemClock()
     kind = wanted if wanted == "web" or has_display(os.environ) else "server"
-    viewer = start_viewer(kind, clock, find_viewer())
+    viewer = start_viewer(kind, clock, program)
     _tell_where(viewer)
     run = open_run(path)
     view = follow_run(run)
     stream = open_stream(path.name, viewer.url, view)
     drawing = RecordDrawing(stream, view.words, describe_statusword)
     shown = LiveView(stream, drawing, view, GrowingRun(path), clock, _tell).follow(viewer.has_ended)
+    end_stream(stream)
     if viewer.has_ended():
         _tell("the viewer was closed; the run goes on without it")
     if shown.left_out:
@@ -71,6 +75,13 @@ def _tell_where(viewer: RunningViewer) -> None:
             "there is no display here; to see the run on another computer:\n"
             f"  ssh {forward} {elsewhere}\n  rerun --connect {viewer.url}"
         )
+
+
+def _tell_bug(_kind: type[BaseException], error: BaseException, _trace: TracebackType | None) -> None:
+    """Keep the traceback of a bug; it ends this process alone."""
+    if isinstance(error, Exception):
+        message, hint = keep_traceback(error)
+        _tell(f"it has ended: {message}; {hint}")
 
 
 def _tell(text: str) -> None:

@@ -89,7 +89,7 @@ def perform(order: RunOrder) -> FinishedRun:
     with live_view(order.live) as watch:
         recorded = _record(order, plan, changes, watch)
     finished = finish(recorded, order.command_line)
-    if order.live is not None and finished.signal_name is None:
+    if order.live is not None and not isinstance(finished.outcome.error, InterruptedRunError):
         _keep_view(finished.path)
     return finished
 
@@ -104,6 +104,8 @@ def _keep_view(path: Path) -> None:
         make_view_file(open_run(path))
     except LabrigError as error:
         say(f"note: view.rrd was not written: {error.message}")
+    except Interruption:
+        say("note: view.rrd was not written; labrig view makes it")
 
 
 def _announce_code_diff(changes: CodeChanges) -> None:

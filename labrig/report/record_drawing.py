@@ -48,7 +48,7 @@ _COLUMNS = (
     *((f"{axis}_current_ma", f"/currents/{axis}", 1.0) for axis in _AXES),
 )
 _SHAFT_COLOUR = (86, 180, 233)
-_OLD_COLOUR = (213, 94, 0)
+_OLD_COLOUR, _WHITE = (213, 94, 0), (255, 255, 255)
 _QUALITY = 80
 # A needle that has moved back by more than this is not where the last picture shows it [mm].
 _BACK_MM = 0.5
@@ -184,7 +184,7 @@ class RecordDrawing:
             radii=[max(2.0, width / 250)],
         )
         self._stream.log(f"{CAMERA}/old", frame)
-        words = rr.Points2D([(width / 2, height / 20)], colors=[_OLD_COLOUR], labels=[label], radii=1.0)
+        words = rr.Points2D([(width / 2, height / 20)], colors=[_WHITE], labels=[label], radii=0.0)
         self._stream.log(f"{CAMERA}/old/words", words)
 
     def _draw_picture(self, picture: LinedPicture) -> None:

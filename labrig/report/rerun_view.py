@@ -7,6 +7,7 @@ target, plan and path, with the curves of the estimate beside them. A live view 
 
 from collections.abc import Mapping
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import rerun as rr
@@ -36,6 +37,7 @@ _TITLE = "labrig"
 # The needle has left the sheath when it stands out this far [mm].
 _OUT_MM = 0.5
 _LIVE_WINDOW_S = 60.0
+_SENT_WITHIN_S = 3.0
 # Moves and arrivals are in the log too; the viewer shows them when asked for all levels.
 _SHOWN_LEVELS = ("CRITICAL", "ERROR", "WARN", "INFO")
 
@@ -96,6 +98,13 @@ def open_stream(run_name: str, url: str, view: View) -> rr.RecordingStream:
     stream = rr.RecordingStream(_TITLE, recording_id=run_name)
     stream.connect_grpc(url, default_blueprint=make_blueprint(view, None))
     return stream
+
+
+def end_stream(stream: rr.RecordingStream) -> None:
+    """Send what is left, but wait for it only so long: for a viewer that takes nothing rerun waits without end."""
+    ending = Thread(target=stream.disconnect, daemon=True)
+    ending.start()
+    ending.join(_SENT_WITHIN_S)
 
 
 def make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blueprint:

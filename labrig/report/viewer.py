@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -54,14 +55,18 @@ class RunningViewer:
 
 
 def find_viewer() -> str:
-    """Return the program of the viewer.
+    """Return the program of the viewer: the one of the installed library, so that both have one version.
+
+    It is started itself, without the script that starts it, which would leave it behind when it is ended.
 
     Raises
     ------
     MachineError
         When it is not installed.
     """
-    viewer = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
+    package = find_spec("rerun_cli")
+    beside = None if package is None or package.origin is None else str(Path(package.origin).parent)
+    viewer = (beside and shutil.which("rerun", path=beside)) or shutil.which("rerun")
     if viewer is None:
         raise MachineError(
             "the rerun viewer is not installed", "install rerun-sdk, or copy view.rrd to where it is"

@@ -1,0 +1,87 @@
+"""`labrig run --live`."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labrig.cli.live import LiveFollower
+from labrig.cli.options import complete_live
+from labrig.record.check import check_run
+from tests.analysis.synthetic import SyntheticSweep, record_sweep
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
+
+_SHORT = (
+    "specimens=[{name: gel, gelatin_percent: 13}]",
+    "insertions_per_specimen=2",
+    "insertion.frame_every_mm=20",
+)
+
+
+def _run(labrig: Labrig, runs_dir: Path, *options: str) -> Path:
+    settings = [word for setting in _SHORT for word in ("--set", setting)]
+    done = labrig(
+        "run", SWEEP, "--rig", RIG, "--runs-dir", runs_dir, "--run-name", "run", *settings, *options
+    )
+    assert done.exit_code == 0, done.err
+    return runs_dir / "run"
+
+
+def test_a_run_shown_live_is_the_same_run(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Record and replay are those of the run that nobody watched, and view.rrd is kept."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    watched, alone = _run(labrig, tmp_path / "a", "--live"), _run(labrig, tmp_path / "b")
+    for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "protocol.yaml"):
+        assert (watched / name).read_bytes() == (alone / name).read_bytes()
+    assert (watched / "view.rrd").stat().st_size > 50_000
+    assert not (alone / "view.rrd").exists()
+    assert check_run(watched).damage == ()
+    assert labrig("replay", watched, "--json").json()["identical"] is True
+
+
+@pytest.mark.parametrize("program", ["stalled", "missing"])
+def test_a_viewer_that_fails_is_told_once(
+    program: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One that accepts and never reads, or does not start, leaves the record as it is."""
+    viewer = tmp_path / "rerun"
+    if program == "stalled":
+        viewer.write_text(
+            f"#!/bin/sh\ncd '{ROOT}' && exec '{sys.executable}' -m tests.cli.stalled_viewer \"$@\"\n"
+        )
+    else:
+        viewer.write_text("#!/bin/sh\nexit 1\n")
+    viewer.chmod(0o755)
+    run = record_sweep(tmp_path, SyntheticSweep(radii_mm={"gel": (28.0,)}, gelatin_percent=(13,)))
+    follower = LiveFollower(
+        (sys.executable, "-m", "labrig.cli.live_follower", str(run.path), "viewer", str(viewer))
+    )
+    follower.finish()
+    said = [line for line in capsys.readouterr().err.splitlines() if "live view: nothing" in line]
+    assert len(said) == (0 if program == "stalled" else 1)
+    assert check_run(run.path).damage == ()
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        (["run", "--live", "p.yaml"], ["run", "--live", "viewer", "p.yaml"]),
+        (["run", "p.yaml", "--live"], ["run", "p.yaml", "--live", "viewer"]),
+        (["run", "p.yaml", "--live", "web", "--yes"], ["run", "p.yaml", "--live", "web", "--yes"]),
+    ],
+)
+def test_live_alone_is_the_viewer(typed: list[str], completed: list[str]) -> None:
+    """The parser knows no option whose value may be left out."""
+    assert complete_live(typed) == completed
+
+
+def test_a_run_that_nobody_watches_loads_no_viewer() -> None:
+    """Neither does the process that moves the axes when it is watched."""
+    code = (
+        "import sys, labrig.cli.pipeline, labrig.cli.live, labrig.cli.run; sys.exit('rerun' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

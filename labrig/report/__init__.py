@@ -1,8 +1,8 @@
 """report: figures, pages and the rerun view of results; computes nothing.
 
 `write_report` makes `RUN/report.html` from a run and its result: one file that needs no network, prints on A4 and opens
-in thirty years. `labrig.report.rerun_view` makes the rerun view. Only `cli` imports it, because the viewer's library
-takes half a second to load and a report does not need it.
+in thirty years. `labrig.report.rerun_view` makes the rerun view, and `labrig.report.live_view` draws it while the run
+is made. Only `cli` imports them, because the viewer's library takes half a second to load and a report does not need it.
 
 What is decided here:
 
@@ -11,6 +11,8 @@ What is decided here:
 - **Pictures are JPEG and the drawings on them are SVG**, so that lines stay sharp on paper and pictures stay intact.
 - **Every run gets a page**, even an aborted run or one without a result; the page states what is missing.
 - **Text that a person wrote stays text.** jinja2 escapes everything; only figures drawn by labrig are passed through.
+- **A live view reads the record.** A process of its own follows the lines on disk and draws them with the functions
+  that make `view.rrd`. Nothing is handed over by the process that moves axes, so no viewer can delay it.
 - **Refusals appear beside results**: every picture that was not measured is listed with the reason.
 - Colours are those of Okabe and Ito (2008), which people with any colour vision tell apart; gels also differ in marker.
 """

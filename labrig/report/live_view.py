@@ -101,7 +101,10 @@ class LiveView:
         """Return whether the viewer has taken everything; wait for a slow one until the run has ended or it has."""
         from_s, told = self.clock.now_s(), False
         while not self._flush():
-            if has_viewer_ended() or self.run.has_ended():
+            if has_viewer_ended():
+                return False
+            if self.run.has_ended():
+                self.tell("the viewer did not take the end of the run; view.rrd has it")
                 return False
             if not told and self.clock.now_s() > from_s + _SLOW_AFTER_S:
                 told = True

@@ -30,6 +30,7 @@ INSIDE = {
 }
 """Contract -> the rooms that are not on its list."""
 DOCUMENTED = {
+    "analysis": {"load_runs"},
     "experiments": {"ExperimentDeclaration"},
     "geometry": {"fit_circle"},
     "record": {"open_run"},

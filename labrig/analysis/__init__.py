@@ -34,4 +34,32 @@ What is decided here:
 The result does not depend on the number of worker processes. An analysis that measures pictures is a generator: it asks
 for a `PictureWork` and continues with the answers. So one run, or several of different lengths, keep every core busy
 until the end.
+
+Of comparisons (`labrig compare`, `load_runs`):
+
+- **They read what results list**, `analysis/NNN/tables.json` and its CSV files, and the trials of the record, and know
+  no experiment. A measurement is a row of a table that names trials; of a trial with several rows, as the pictures on
+  the way of the needle, the one of its final picture counts.
+- **The unit of analysis is the specimen.** Insertions into the same block share its gel: they say how much a radius
+  scatters within it, not between gels of a kind. Where every group has two blocks or more, each block counts once, by
+  its mean. Where a group has one, insertions are counted, and every output says that n, intervals and p then speak of
+  these blocks alone (pseudo-replication, Hurlbert 1984).
+- **Errors that measurements share do not average out.** An error of lens, plane map or surface is the same in all
+  pictures with one calibration; roll of the bevel and light are the same for a needle, or a lamp, in one run; the
+  scatter of the edges is each picture's own, and is in the scatter of the measurements already. So a mean has the
+  shared errors on top of its interval, in full; in a difference they cancel as far as both groups have the same
+  calibration, needle mounting and run, in the same shares. Two runs are taken to have a mounting of the needle, and a
+  light, of their own, since no record says that they stayed: too wide if they did, never too narrow.
+- **Variances are not taken to be equal**: Welch's ANOVA, and pairs by Games and Howell, at 95 % for all pairs together.
+  The effect size is Hedges' g, its interval by the noncentral t distribution.
 """
+
+import importlib
+from typing import Any
+
+
+def __getattr__(name: str) -> Any:
+    """Import pandas, and what finds runs, on first use of `load_runs`."""
+    if name == "load_runs":
+        return importlib.import_module("labrig.analysis.measurements").load_runs
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -418,6 +418,7 @@ def _require_fitting(arrays: Mapping[str, NDArray[Any]]) -> None:
 _PAIRS = {
     "radius_ci95_mm": ("radius_ci95_low_mm", "radius_ci95_high_mm"),
     "ci95_mm": ("ci95_low_mm", "ci95_high_mm"),
+    "target_error_interval_mm": ("target_error_low_mm", "target_error_high_mm"),
     "centre_mm": ("centre_y_mm", "centre_z_mm"),
     "tip_mm": ("tip_y_mm", "tip_z_mm"),
     "tip_px": ("tip_u_px", "tip_v_px"),

@@ -41,6 +41,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "reanalyze.reanalyze",
         "Measure the pictures of runs again and write a new numbered result.",
     ),
+    "compare": (
+        "compare.compare",
+        "Compare runs, needles and gels: means, intervals, tests, drift, and what their errors share.",
+    ),
     "export": ("export.export", "Write a run as CSV, Parquet, MATLAB or MCAP, or copy its record."),
     "design": (
         "design.design",

@@ -84,3 +84,8 @@ def _is_number(value: object) -> bool:
 def escape_formula(value: object) -> object:
     """Return a cell of a CSV file; a text that a spreadsheet would take for a formula gets an apostrophe."""
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA_STARTS) else value
+
+
+def unescape_formula(text: str) -> str:
+    """Return the text of a cell that `escape_formula` wrote."""
+    return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULA_STARTS) else text

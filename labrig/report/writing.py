@@ -20,7 +20,7 @@ from labrig.report.provenance import make_provenance
 from labrig.text import format_count
 
 REPORT_FILE = "report.html"
-_TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parent / "templates"
 _FILTERS = {
     "number": number,
     "signed": signed,
@@ -63,7 +63,7 @@ def write_report(
     provenance = make_provenance(run, result, page.calibration)
     load = draw_load_figure(run.states, "load")
     shown = {"heading": heading, "load": load, "provenance": provenance, **page.shown}
-    content = _render(page.template, shown)
+    content = render(TEMPLATES / "bare.html.jinja" if page.template is None else page.template, shown)
     write_atomically(path, content.encode("utf-8"))
     run.seal_page(path, created)
     return path
@@ -76,14 +76,14 @@ def _state_no_result(run: Run) -> Markup:
     return nothing.format(shlex.quote(run.shown_path))
 
 
-def _render(template: Path | None, context: Mapping[str, Any]) -> str:
-    own = _TEMPLATES / "bare.html.jinja" if template is None else template
+def render(template: Path, context: Mapping[str, Any], filters: Mapping[str, Any] = _FILTERS) -> str:
+    """Return a page; text in it is escaped, and a variable that is missing is refused. `filters` are added to ours."""
     environment = Environment(
-        loader=FileSystemLoader([own.parent, _TEMPLATES]),
+        loader=FileSystemLoader([template.parent, TEMPLATES]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(_FILTERS)
-    return environment.get_template(own.name).render(context)
+    environment.filters.update({**_FILTERS, **filters})
+    return environment.get_template(template.name).render(context)

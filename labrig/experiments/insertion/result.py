@@ -1,7 +1,7 @@
 """The result of insertions: how close to their targets they ended, and the estimated tip along the way."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, Self
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
@@ -158,6 +158,35 @@ class InsertionTrial(Model):
     commands: tuple[InsertionCommand, ...] = ()
 
 
+class InsertionRow(Model):
+    """An insertion as a row of a table: the members of `InsertionTrial` that are a number or a word."""
+
+    trial: int
+    outcome: str
+    stop: str
+    cause: str
+    reached: bool | None
+    tolerance_mm: float
+    target_error_mm: float | None
+    sigma_target_error_mm: float | None
+    target_error_budget_mm: ErrorBudget | None
+    target_error_interval_mm: Point | None
+    unmeasured: str | None
+    template_error_mm: float | None
+    true_target_error_mm: float | None
+    true_min_clearance_mm: float | None
+    replans: int
+    retreats: int
+    length_mm: float | None
+    missed_sightings: int
+    mean_nis: float | None
+
+    @classmethod
+    def of(cls, trial: InsertionTrial) -> Self:
+        """Return the row of an insertion."""
+        return cls(**{name: getattr(trial, name) for name in cls.model_fields})
+
+
 class SightingNoise(Model):
     """What the protocol states about sightings and hinges, and what the sightings themselves say.
 
@@ -208,4 +237,5 @@ class InsertionResult(Result):
     def tables(self) -> Mapping[str, Rows]:
         """The tables of the result."""
         steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
-        return make_origin_table(self.origins) | steps
+        insertions = {"insertions": Rows(InsertionRow, [InsertionRow.of(trial) for trial in self.insertions])}
+        return insertions | make_origin_table(self.origins) | steps

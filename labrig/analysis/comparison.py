@@ -1,0 +1,367 @@
+"""Compares the measurements of runs, group by group; the room's docstring says what is counted, and why."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from labrig.analysis.comparison_result import (
+    Assumption,
+    Comparison,
+    Drift,
+    Group,
+    LeftOutRun,
+    Pair,
+    Unit,
+    UsedRun,
+    WelchAnova,
+)
+from labrig.analysis.group_tests import (
+    Samples,
+    check_normality,
+    check_spreads,
+    compare_means,
+    compare_pairs,
+    compute_effect_size,
+    fit_slope,
+    has_spread,
+)
+from labrig.analysis.measurement_groups import ALIASES, choose_unit, find_blocks, group_rows, order_groups
+from labrig.analysis.measurements import LeftOut, MeasuredRun, join_measurements
+from labrig.analysis.shared_errors import ErrorsByOrigin, sum_by_origin, total_errors, widen
+from labrig.analysis.statistics import compute_spread
+from labrig.errors import InputError
+from labrig.text import format_count
+
+FloatArray = NDArray[np.float64]
+
+DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
+MOST_GROUPS_IN_PAIRS = 12
+"""A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
+_INTERVALS = ("ci95_low", "ci95_high", "sigma_")
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedRuns:
+    """A comparison, and the measurements behind it.
+
+    `table` has a row for each measurement, with the columns `group` (empty if it is in none), `block` and `value`.
+    """
+
+    comparison: Comparison
+    table: pd.DataFrame
+
+
+def compare_runs(
+    runs: Sequence[MeasuredRun],
+    left_out: Sequence[LeftOut] = (),
+    *,
+    quantity: str | None = None,
+    by: Sequence[str] = (),
+    unit: Unit | None = None,
+) -> ComparedRuns:
+    """Compare a quantity between groups of measurements.
+
+    Parameters
+    ----------
+    runs : sequence of MeasuredRun
+        Runs with their results.
+    left_out : sequence of LeftOut
+        Runs that could not be opened, to be listed.
+    quantity : str or None
+        A column of a table of the results, or `TABLE.COLUMN`; None: the radius, or else the target error, that all
+        runs have which measure anything.
+    by : sequence of str
+        Fields whose values make the groups: columns of the table, or keys of manifest and protocol. Empty: needle and
+        gel; the runs where these are not known, or are the same in all of them.
+    unit : str or None
+        What n counts. None: specimens if every group has two of them, insertions otherwise.
+
+    Raises
+    ------
+    InputError
+        When there is no such quantity or field, or nothing to compare.
+    """
+    wanted = _choose_quantity(runs) if quantity is None else quantity
+    used, without = _split_by_quantity(runs, wanted)
+    omitted = (
+        *(LeftOutRun(run=str(run.run), reason=run.error.message) for run in left_out),
+        *(LeftOutRun(run=run.name, reason=f"its result has no {wanted}") for run in without),
+    )
+    rows = _read_rows(used, wanted)
+    asked = tuple(ALIASES.get(name, name) for name in by)
+    grouped, chosen, notes = group_rows(rows, used, asked)
+    grouped = grouped.assign(block=pd.Series(find_blocks(grouped), dtype=object))
+    unit_of_analysis, unit_notes = choose_unit(grouped, unit)
+    comparison = _compare(used, grouped, wanted, chosen, unit_of_analysis)
+    told = (*unit_notes, *notes, *_note_shared_blocks(grouped), *_list_warnings(comparison))
+    final = comparison.model_copy(update={"warnings": told, "left_out": omitted})
+    return ComparedRuns(final, grouped)
+
+
+def _choose_quantity(runs: Sequence[MeasuredRun]) -> str:
+    measuring = [run for run in runs if run.quantities]
+    for name in DEFAULT_QUANTITIES:
+        if measuring and all(run.find_table(name) is not None for run in measuring):
+            return name
+    raise InputError(
+        "these runs have no quantity in common that is compared by default", _hint_at_quantities(runs)
+    )
+
+
+def _hint_at_quantities(runs: Sequence[MeasuredRun]) -> str:
+    known = dict.fromkeys(name for run in runs for name in run.quantities if not _is_error_bar(name))
+    return (
+        f"name one with --quantity: {', '.join(known)}"
+        if known
+        else "none of them has measurements of trials"
+    )
+
+
+def _is_error_bar(name: str) -> bool:
+    return any(part in name for part in _INTERVALS)
+
+
+def _split_by_quantity(
+    runs: Sequence[MeasuredRun], quantity: str
+) -> tuple[list[MeasuredRun], list[MeasuredRun]]:
+    used = [run for run in runs if quantity.rpartition(".")[2] and run.find_table(quantity) is not None]
+    if runs and not used:
+        known = [name for run in runs for name in run.quantities]
+        near = get_close_matches(quantity, known, 1)
+        meant = f"did you mean {near[0]}? " if near else ""
+        raise InputError(f"no run has a quantity {quantity!r}", meant + _hint_at_quantities(runs))
+    return used, [run for run in runs if run not in used]
+
+
+def _read_rows(runs: Sequence[MeasuredRun], quantity: str) -> pd.DataFrame:
+    """Return the measurements with the column `value`, empty where it was refused, and those of shared errors."""
+    column = quantity.rpartition(".")[2]
+    tables = []
+    for run in runs:
+        rows = run.read_measurements(run.find_table(quantity) or "")
+        value = pd.to_numeric(rows[column], errors="coerce")
+        if rows[column].notna().any() and value.isna().all():
+            raise InputError(f"{column} is no number in {run.name}", _hint_at_quantities(runs))
+        accepted = rows["accepted"].astype("boolean").fillna(value=False) if "accepted" in rows else True
+        tables.append(rows.assign(value=value.astype("float64").where(accepted & np.isfinite(value))))
+    joined = join_measurements(tables)
+    if joined.empty or joined["value"].notna().sum() == 0:
+        raise InputError(
+            f"no measurement of {quantity} was accepted", "labrig report shows why each was refused"
+        )
+    return joined.reset_index(drop=True)
+
+
+def _note_shared_blocks(rows: pd.DataFrame) -> list[str]:
+    """Say so where groups share blocks, so that their measurements are paired."""
+    counted = rows[rows["value"].notna()]
+    shared = int((counted.groupby("block")["group"].nunique() > 1).sum())
+    if not shared:
+        return []
+    paired = "What a specimen has in common cancels in their difference; these tests do not pair, and are too cautious."
+    return [f"{format_count(shared, 'specimen')} are in more than one group. {paired}"]
+
+
+def _compare(
+    runs: Sequence[MeasuredRun], rows: pd.DataFrame, quantity: str, by: tuple[str, ...], unit: Unit
+) -> Comparison:
+    names = order_groups(rows, by)
+    parts = {name: rows[(rows["group"] == name) & rows["value"].notna()] for name in names}
+    units = {name: _average_units(part, unit) for name, part in parts.items()}
+    stem = quantity.rpartition(".")[2].rpartition("_")[0]
+    shared = {name: sum_by_origin(part, units[name], stem, runs) for name, part in parts.items()}
+    groups = tuple(
+        _summarise(name, rows[rows["group"] == name], units[name], by, shared[name]) for name in names
+    )
+    tested = [name for name in names if len(units[name]) >= 2]
+    samples = [list(units[name]) for name in tested]
+    return Comparison(
+        quantity=quantity,
+        unit=_find_unit(quantity),
+        by=by,
+        unit_of_analysis=unit,
+        groups=groups,
+        welch_anova=_test_means(samples),
+        pairs=_test_pairs(tested, samples, shared) if len(tested) <= MOST_GROUPS_IN_PAIRS else (),
+        drift=tuple(_fit_drifts(parts)),
+        assumptions=tuple(_check_assumptions(tested, samples)),
+        not_in_interval=tuple(dict.fromkeys(source for run in runs for source in run.not_in_interval or ())),
+        settings_differ=_find_differing_settings(runs),
+        warnings=(),
+        used=tuple(_describe_run(run) for run in runs),
+        left_out=(),
+    )
+
+
+def _average_units(part: pd.DataFrame, unit: Unit) -> pd.Series:
+    """Return the values that n counts; of specimens, the mean of each."""
+    return part.groupby("block", sort=False)["value"].mean() if unit == "specimen" else part["value"]
+
+
+def _find_unit(quantity: str) -> str | None:
+    found = next(
+        (unit for unit in ("mm", "px", "rad", "deg", "s", "percent") if quantity.endswith(f"_{unit}")), None
+    )
+    return {"percent": "%"}.get(found, found) if found else None
+
+
+def _summarise(
+    name: str, rows: pd.DataFrame, units: "pd.Series[float]", by: Sequence[str], shared: ErrorsByOrigin
+) -> Group:
+    spread = compute_spread(list(units))
+    counted = rows[rows["value"].notna()]
+    errors = total_errors([shared])
+    return Group(
+        name=name,
+        fields={field: str(rows[f"by_{field}"].iloc[0]) for field in by},
+        n=spread.n,
+        insertions=len(counted),
+        specimens=None if counted["block"].isna().any() else int(counted["block"].nunique()),
+        refused=len(rows) - len(counted),
+        runs=tuple(dict.fromkeys(rows["run"])),
+        mean=spread.mean,
+        sd=spread.sd,
+        ci95=spread.ci95,
+        shared_sigma=errors,
+        ci95_with_shared=widen(spread.ci95, errors),
+    )
+
+
+def _test_means(samples: Samples) -> WelchAnova | None:
+    """Return Welch's test of all groups of two or more; None if there are fewer than two, or one has no spread."""
+    if len(samples) < 2 or not all(has_spread(sample) for sample in samples):
+        return None
+    return WelchAnova(**vars(compare_means(samples)))
+
+
+def _test_pairs(
+    names: Sequence[str], samples: Samples, shared: Mapping[str, ErrorsByOrigin]
+) -> tuple[Pair, ...]:
+    found = compare_pairs(samples) if len(samples) > 1 else {}
+    pairs = []
+    for i, j in combinations(range(len(names)), 2):
+        test, size = found[i, j], compute_effect_size(samples[i], samples[j])
+        errors = total_errors([shared[names[i]], shared[names[j]]])
+        ci95 = None if test is None else test.ci95
+        pairs.append(
+            Pair(
+                a=names[i],
+                b=names[j],
+                difference=float(np.mean(samples[i]) - np.mean(samples[j])),
+                ci95=ci95,
+                p=None if test is None else test.p,
+                hedges_g=None if size is None else size.g,
+                hedges_g_ci95=None if size is None else size.ci95,
+                shared_sigma=errors,
+                ci95_with_shared=widen(ci95, errors),
+            )
+        )
+    return tuple(pairs)
+
+
+def _fit_drifts(parts: Mapping[str, pd.DataFrame]) -> Iterable[Drift]:
+    for name, part in parts.items():
+        blocks = [
+            run if block is None else block for run, block in zip(part["run"], part["block"], strict=True)
+        ]
+        for over, x in (("hole", _read_holes(part)), ("hour", _read_hours(part))):
+            slope = None if x is None else fit_slope(x, part["value"].to_numpy(), blocks)
+            if slope is not None:
+                yield Drift(group=name, over=over, **vars(slope))  # type: ignore[arg-type]
+
+
+def _read_holes(part: pd.DataFrame) -> FloatArray | None:
+    if "hole" not in part or part["hole"].isna().any():
+        return None
+    return part["hole"].to_numpy(dtype=np.float64)
+
+
+def _read_hours(part: pd.DataFrame) -> FloatArray | None:
+    if part["trial"].isna().any() or part["started"].isna().any():
+        return None
+    times = pd.to_datetime(part["started"], utc=True)
+    hours = (times - times.min()).dt.total_seconds() / 3600.0
+    return np.array(hours, dtype=np.float64)
+
+
+def _check_assumptions(names: Sequence[str], samples: Samples) -> Iterable[Assumption]:
+    for name, sample in zip(names, samples, strict=True):
+        found = check_normality(sample)
+        if found is not None:
+            yield Assumption(
+                name="normal values", test="Shapiro-Wilk", group=name, statistic=found[0], p=found[1]
+            )
+    spreads = check_spreads(samples)
+    if spreads is not None:
+        yield Assumption(
+            name="equal variances, for g alone",
+            test="Brown-Forsythe",
+            group=None,
+            statistic=spreads[0],
+            p=spreads[1],
+        )
+
+
+def _find_differing_settings(runs: Sequence[MeasuredRun]) -> dict[str, dict[str, tuple[str, ...]]]:
+    keys = dict.fromkeys(key for run in runs for key in run.settings)
+    found: dict[str, dict[str, tuple[str, ...]]] = {}
+    for key in keys:
+        values: dict[str, tuple[str, ...]] = {}
+        for run in runs:
+            text = "not stated" if key not in run.settings else str(run.settings[key])
+            values[text] = (*values.get(text, ()), run.name)
+        if len(values) > 1:
+            found[key] = values
+    return found
+
+
+def _describe_run(run: MeasuredRun) -> UsedRun:
+    manifest = run.run.manifest
+    return UsedRun(
+        run=run.name,
+        experiment=str(manifest.get("experiment")),
+        result=run.number,
+        overrides=run.overrides,
+        exit_status=str(manifest.get("exit_status")),
+        verdict=run.run.annotations.verdict,
+        simulated=run.is_simulated,
+    )
+
+
+def _list_warnings(comparison: Comparison) -> Iterable[str]:
+    """Yield the sentences on results, runs and groups that have to be read with the numbers."""
+    for key, values in comparison.settings_differ.items():
+        told = "; ".join(f"{value} in {_list_some(names)}" for value, names in values.items())
+        yield f"The results were measured with different settings: {key} is {told}."
+    for run in comparison.used:
+        yield from _warn_of_run(run)
+    if len({run.simulated for run in comparison.used}) > 1:
+        yield "Simulated runs and others are compared with each other."
+    for group in comparison.groups:
+        if group.n < 2:
+            yield f"{group.name} has n = {group.n}: it is listed, and in no test."
+    flat = [group.name for group in comparison.groups if group.sd is not None and group.sd == 0.0]
+    if flat:
+        yield f"All values are the same in {_list_some(flat)}: without a spread there is no Welch's ANOVA."
+    tested = sum(group.n >= 2 for group in comparison.groups)
+    if tested > MOST_GROUPS_IN_PAIRS:
+        pairs = tested * (tested - 1) // 2
+        yield f"{tested} groups make {pairs} pairs, left out: at most {MOST_GROUPS_IN_PAIRS} groups are paired."
+
+
+def _warn_of_run(run: UsedRun) -> Iterable[str]:
+    if run.overrides:
+        yield f"Result {run.result} of {run.run} has settings changed after the run: {', '.join(run.overrides)}."
+    if run.verdict in {"bad", "doubtful"}:
+        yield f"{run.run} was judged {run.verdict}."
+    if run.exit_status != "success":
+        yield f"{run.run} is {run.exit_status}: what it measured is compared all the same."
+
+
+def _list_some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

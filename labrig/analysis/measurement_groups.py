@@ -1,0 +1,185 @@
+"""Puts measurements into groups by needle, gel or any other field, and says what n counts."""
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+
+import pandas as pd
+
+from labrig.analysis.comparison_result import Unit
+from labrig.analysis.measurements import MeasuredRun
+from labrig.errors import InputError
+from labrig.record.condition import find_paths
+from labrig.text import format_count
+
+DEFAULT_FIELDS = ("needle_id", "gelatin_percent")
+ALIASES: Mapping[str, str] = {"needle": "needle_id", "gel": "gelatin_percent", "gel ratio": "gelatin_percent"}
+_FALLBACK = "run"
+
+
+def group_rows(
+    rows: pd.DataFrame, runs: Sequence[MeasuredRun], by: tuple[str, ...]
+) -> tuple[pd.DataFrame, tuple[str, ...], list[str]]:
+    """Return the rows with `group` and the group's values under each field, the fields, and what is to be told."""
+    notes = []
+    if by:
+        values = {name: _find_values(rows, runs, name) for name in by}
+        chosen = by
+    else:
+        known = [name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any()]
+        values = {name: _find_values(rows, runs, name) for name in known}
+        chosen = tuple(known)
+        if len(runs) > 1 and _count_known(values, rows) < 2:
+            if known:
+                notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
+            chosen, values = (_FALLBACK,), {_FALLBACK: _find_values(rows, runs, _FALLBACK)}
+    labels = (
+        [_name_group(chosen, row) for row in zip(*values.values(), strict=True)]
+        if values
+        else [None] * len(rows)
+    )
+    grouped = rows.assign(group=pd.Series(labels, dtype=object))
+    ungrouped = int(grouped["group"].isna().sum())
+    if ungrouped:
+        notes.append(
+            f"{format_count(ungrouped, 'measurement')} name no {' or '.join(chosen)} and are in no group."
+        )
+    if grouped.loc[grouped["value"].notna(), "group"].nunique() < 2:
+        raise _refuse_single_group(grouped, chosen)
+    for name, column in values.items():
+        grouped[f"by_{name}"] = column
+    return grouped, chosen, notes
+
+
+def _count_known(values: Mapping[str, Sequence[object]], rows: pd.DataFrame) -> int:
+    with_value = rows["value"].notna()
+    return len(
+        {row for row, known in zip(zip(*values.values(), strict=True), with_value, strict=True) if known}
+    )
+
+
+def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
+    names = rows.loc[rows["value"].notna(), "group"].dropna().unique()
+    what = (
+        f"there is one group alone: {names[0]}" if len(names) else f"no measurement names {' and '.join(by)}"
+    )
+    telling = [
+        name
+        for name in (*DEFAULT_FIELDS, "specimen", "hole", "run")
+        if name in rows and rows[name].nunique() > 1 and name not in by
+    ]
+    others = f"--by {' or --by '.join(telling)} tells them apart, or " if telling else ""
+    return InputError(f"nothing to compare: {what}", f"{others}name more runs")
+
+
+def _find_values(rows: pd.DataFrame, runs: Sequence[MeasuredRun], name: str) -> list[str | None]:
+    """Return the value of a field for each row, as text; a field of the run has that of its run."""
+    if name in rows:
+        return [None if pd.isna(value) else _to_text(value) for value in rows[name]]
+    by_run = {run.name: _find_run_value(run, name) for run in runs}
+    if all(value is None for value in by_run.values()):
+        known = dict.fromkeys(str(column) for column in rows.columns if column not in {"value"})
+        near = get_close_matches(name, [*known, *ALIASES], 1)
+        meant = f"did you mean {near[0]}? " if near else ""
+        raise InputError(
+            f"--by {name}: no measurement and no run has that field",
+            f"{meant}fields: run, experiment, {', '.join((*DEFAULT_FIELDS, 'specimen', 'hole'))}, any other column, "
+            "and the keys of manifest and protocol",
+        )
+    return [by_run[run] for run in rows["run"]]
+
+
+def _find_run_value(run: MeasuredRun, name: str) -> str | None:
+    values = [
+        _to_text(value)
+        for path in find_paths(name, run.fields)
+        for value in run.fields[path]
+        if value is not None and value != ""
+    ]
+    return ", ".join(dict.fromkeys(values)) or None
+
+
+def _to_text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _name_group(by: Sequence[str], values: Sequence[str | None]) -> str | None:
+    """Return the name of a group; None if a value is not known."""
+    parts = []
+    for name, value in zip(by, values, strict=True):
+        if value is None:
+            return None
+        unit = " % gelatin" if name == "gelatin_percent" else ""
+        parts.append(
+            f"{value}{unit}" if unit or name in {"needle_id", "run", "specimen"} else f"{name} {value}"
+        )
+    return ", ".join(parts)
+
+
+def find_blocks(rows: pd.DataFrame) -> list[str | None]:
+    """Return the block of gel of each row: a specimen of a run; None where none is named.
+
+    Specimens of different runs are different blocks, whatever their names: no record says that one was used again.
+    """
+    if "specimen" not in rows:
+        return [None] * len(rows)
+    return [
+        None if pd.isna(specimen) else f"{run}/{specimen}"
+        for run, specimen in zip(rows["run"], rows["specimen"], strict=True)
+    ]
+
+
+_NO_SPECIMEN = (
+    "Some pictures name no specimen. If several show insertions into the same gel, they are no independent values:"
+    " intervals are then too narrow, and p too small."
+)
+_BY_SPECIMEN = "n counts specimens: each block of gel enters by the mean of its insertions."
+_ONE_BLOCK = (
+    "n counts insertions, which share their block of gel ({}: one block). Intervals and p speak of these blocks alone: "
+    "they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."
+)
+_AS_ASKED = (
+    "n counts insertions, as asked, though they share blocks of gel: for a statement on gels, intervals are too narrow"
+    " and p too small."
+)
+
+
+def choose_unit(rows: pd.DataFrame, asked: Unit | None) -> tuple[Unit, list[str]]:
+    """Return what n counts, and the sentence that has to be read with it.
+
+    Raises
+    ------
+    InputError
+        When specimens are asked for, and some measurements name none.
+    """
+    counted = rows[rows["value"].notna() & rows["group"].notna()]
+    if counted["block"].isna().any():
+        if asked == "specimen":
+            raise InputError("some measurements name no specimen", "leave --unit out, or count insertions")
+        return "insertion", [_NO_SPECIMEN]
+    blocks = counted.groupby("group")["block"].nunique()
+    if not (counted.groupby("group").size() > blocks).any():
+        return asked or "insertion", []
+    if asked == "specimen" or (asked is None and blocks.min() >= 2):
+        return "specimen", [_BY_SPECIMEN]
+    single = [str(name) for name, count in blocks.items() if count < 2]
+    if not single:
+        return "insertion", [_AS_ASKED]
+    return "insertion", [_ONE_BLOCK.format("; ".join(single[:4]) + ("; ..." if len(single) > 4 else ""))]
+
+
+def order_groups(rows: pd.DataFrame, by: Sequence[str]) -> list[str]:
+    """Return the names of the groups by their values, numbers as numbers."""
+    first = rows.dropna(subset=["group"]).drop_duplicates("group")
+
+    def key(row: Sequence[str]) -> list[tuple[int, float, str]]:
+        return [_sort_key(value) for value in row]
+
+    values = first[[f"by_{name}" for name in by]].to_numpy().tolist()
+    return [name for _, name in sorted(zip(map(key, values), first["group"], strict=True))]
+
+
+def _sort_key(value: str) -> tuple[int, float, str]:
+    try:
+        return (0, float(value), "")
+    except ValueError:
+        return (1, 0.0, value)

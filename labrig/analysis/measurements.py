@@ -1,0 +1,338 @@
+"""The measurements of runs as one table: what their results list, with the trials of the record."""
+
+import csv
+import io
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from labrig.analysis.result import RESULT_FILE, TABLES_FILE
+from labrig.errors import InputError, LabrigError, RecordError
+from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
+from labrig.record.fields import manifest_fields
+from labrig.record.reader import Run, open_run
+from labrig.record.search import find_runs
+from labrig.record.tables import unescape_formula
+
+_AGAIN = "make a new result with `labrig reanalyze`"
+# Names that may look like numbers.
+_TEXT = ("specimen", "needle_id")
+_NOT_MEASURED = frozenset(
+    {"trial", "frame", "hole", "gelatin_percent", "accepted", "found", "image", "role", "reason", *_TEXT}
+)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A run that is not among the measurements, and why."""
+
+    run: Path
+    error: LabrigError
+
+
+class _Stamp(BaseModel):
+    """What a result states of itself."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    settings: dict[str, Any] = {}
+    overrides: tuple[str, ...] = ()
+    not_in_interval: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRun:
+    """A run and one of its results, whose tables are read when they are asked for.
+
+    Attributes
+    ----------
+    run : Run
+        The run.
+    name : str
+        Its name; its path, where several runs have that name.
+    number : int
+        Of the result.
+    settings : Mapping
+        Of the measurement.
+    overrides : tuple of str
+        Changes to the protocol after the run.
+    not_in_interval : tuple of str or None
+        Sources of error that the result knows nothing of; None if it does not say.
+    columns : Mapping
+        Of each table that names trials, the columns.
+    """
+
+    run: Run
+    name: str
+    number: int
+    settings: Mapping[str, Any]
+    overrides: tuple[str, ...]
+    not_in_interval: tuple[str, ...] | None
+    columns: Mapping[str, tuple[str, ...]]
+
+    @property
+    def calibration(self) -> Mapping[str, str]:
+        """The SHA-256 of each calibration file of the run."""
+        hashes = self.run.manifest.get("hashes")
+        known = hashes.get("calibration") if isinstance(hashes, Mapping) else None
+        return {str(name): str(sha) for name, sha in known.items()} if isinstance(known, Mapping) else {}
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether its drives and camera were simulated."""
+        devices = self.run.manifest.get("devices")
+        return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
+
+    @cached_property
+    def fields(self) -> Mapping[str, Sequence[object]]:
+        """The values of manifest and protocol by dotted path, and tags and verdict."""
+        annotations = self.run.annotations
+        return {
+            **manifest_fields(self.run.manifest),
+            **{
+                f"protocol.{path}": values
+                for path, values in manifest_fields(dict(self.run.protocol)).items()
+            },
+            "tag": list(annotations.tags),
+            "verdict": [annotations.verdict],
+        }
+
+    def find_table(self, column: str) -> str | None:
+        """Return the first table that has a column, or the table of `TABLE.COLUMN`; None without one."""
+        table, _, name = column.rpartition(".")
+        return next(
+            (known for known, names in self.columns.items() if name in names and table in {"", known}), None
+        )
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The columns that may hold a quantity: those with a unit in their name, or a ratio."""
+        return tuple(
+            name
+            for table, names in self.columns.items()
+            for name in (
+                column if table == next(iter(self.columns)) else f"{table}.{column}" for column in names
+            )
+            if name.rpartition(".")[2] not in _NOT_MEASURED
+        )
+
+    def read_measurements(self, table: str) -> pd.DataFrame:
+        """Return the rows of a table that count, one for each trial or imported picture.
+
+        Columns: `run`, `experiment`, `result`, `started` (UTC; of an import, of the run), those of the table, then
+        those of the beginning of each trial that the table lacks.
+
+        Raises
+        ------
+        RecordError
+            When the table cannot be read.
+        """
+        rows = self._read_rows(table)
+        trials = _read_trials(self.run)
+        rows = _take_final_rows(rows, trials)
+        added = [name for name in trials.columns if name not in rows.columns or name == "trial"]
+        if not trials.empty:
+            rows = rows.merge(trials[added], on="trial", how="left")
+        about = {
+            "run": self.name,
+            "experiment": str(self.run.manifest.get("experiment")),
+            "result": self.number,
+            "started": [_find_time(self.run, t_s) for t_s in rows.get("start_t_s", [None] * len(rows))],
+        }
+        rest = rows.drop(columns=["start_t_s", "final_frame"], errors="ignore")
+        return pd.concat([pd.DataFrame(about, index=rest.index), rest], axis=1)
+
+    def _read_rows(self, table: str) -> pd.DataFrame:
+        path = self.run.path / f"analysis/{self.number:03d}/{table}.csv"
+        try:
+            rows = pd.read_csv(
+                io.BytesIO(read_file(path, MAX_RESULT_BYTES)),
+                dtype=dict.fromkeys(_TEXT, str),
+                keep_default_na=False,
+                na_values=[""],
+                float_precision="round_trip",
+            )
+        except (OSError, ValueError) as error:
+            raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
+        texts = rows.select_dtypes(exclude=["number", "bool"]).columns
+        for name in texts:
+            rows[name] = rows[name].map(unescape_formula, na_action="ignore")
+        return rows
+
+
+def open_measured_run(path: Path, *, own_settings: bool = False) -> MeasuredRun:
+    """Open a run with its newest result, or with the newest one that was made with the run's own settings.
+
+    Raises
+    ------
+    InputError
+        When it has no such result.
+    RecordError
+        When the run or the result is damaged.
+    """
+    run = open_run(path)
+    if run.damage:
+        first = run.damage[0]
+        raise RecordError(f"{path} is damaged: {first.where}: {first.message}", first.hint)
+    for number in reversed(run.result_numbers):
+        folder = run.result_dir(number)
+        stamp = _read_stamp(folder / RESULT_FILE)
+        if not own_settings or not stamp.overrides:
+            return MeasuredRun(
+                run,
+                path.resolve().name,
+                number,
+                stamp.settings,
+                stamp.overrides,
+                stamp.not_in_interval,
+                _list_columns(folder),
+            )
+    which = "result with its own settings" if own_settings and run.result_numbers else "result"
+    raise InputError(f"{path} has no {which}", f"make one with: labrig reanalyze {path}")
+
+
+def open_measured_runs(
+    paths: Sequence[Path], *, own_settings: bool = False, progress: Callable[[float], None] = lambda _: None
+) -> tuple[list[MeasuredRun], list[LeftOut]]:
+    """Open runs, each once; those that cannot be used are returned with the reason. Raises nothing for them."""
+    measured, left_out = [], []
+    once = list({path.resolve(): path for path in paths}.values())
+    for done, path in enumerate(once, start=1):
+        try:
+            measured.append(open_measured_run(path, own_settings=own_settings))
+        except LabrigError as error:
+            left_out.append(LeftOut(path, error))
+        progress(done / len(once))
+    names = Counter(run.name for run in measured)
+    unique = [run if names[run.name] == 1 else replace(run, name=str(run.run.path)) for run in measured]
+    return unique, left_out
+
+
+def load_runs(
+    where: str | None = None, *, runs_dir: Path | str = Path("data/runs"), table: str | None = None
+) -> pd.DataFrame:
+    """Return the measurements of runs as one table, a row for each trial or imported picture.
+
+    Parameters
+    ----------
+    where : str or None
+        The condition that a run has to fit, as for `labrig runs --where`; None: every run.
+    runs_dir : Path
+        Folder of the runs.
+    table : str or None
+        The table of the results; None: the first one that each lists, as `measurements` or `insertions`.
+
+    Returns
+    -------
+    DataFrame
+        `run`, `experiment`, `result`, `started`, then the columns of the tables, with their units. A row that was not
+        accepted has `accepted` false. `attrs["left_out"]` has the reason for each run without measurements, of which a
+        warning tells.
+
+    Raises
+    ------
+    InputError
+        When the condition cannot be read.
+    """
+    found = find_runs(Path(runs_dir), where)
+    measured, left_out = open_measured_runs([run.summary.run for run in found])
+    reasons = {str(run.run): run.error.message for run in left_out}
+    tables = []
+    for run in measured:
+        wanted = next(iter(run.columns), None) if table is None else table
+        if wanted is None or wanted not in run.columns:
+            reasons[str(run.run.path)] = "its result has no such table of measurements"
+        else:
+            tables.append(run.read_measurements(wanted))
+    if reasons:
+        warnings.warn(f"{len(reasons)} runs are left out: see attrs['left_out']", stacklevel=2)
+    joined = join_measurements(tables)
+    joined.attrs["left_out"] = reasons
+    return joined
+
+
+def join_measurements(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Return tables below each other; a column that a table lacks is empty in its rows."""
+    known = [table for table in tables if not table.empty]
+    names = dict.fromkeys(name for table in known for name in table.columns)
+    # Columns without any value would decide the type of the joined one.
+    joined = (
+        pd.concat([table.dropna(axis="columns", how="all") for table in known], ignore_index=True)
+        if known
+        else pd.DataFrame()
+    )
+    return joined.reindex(columns=list(names))
+
+
+def _read_stamp(path: Path) -> _Stamp:
+    try:
+        return _Stamp.model_validate(parse_json(read_file(path, MAX_RESULT_BYTES)))
+    except (OSError, ValueError) as error:
+        reason = "it is no result" if isinstance(error, ValidationError) else str(error)
+        raise RecordError(f"{path} cannot be read: {reason}", _AGAIN) from error
+
+
+def _list_columns(folder: Path) -> dict[str, tuple[str, ...]]:
+    """Return the columns of each table that names trials; results of before `tables.json` have only the files."""
+    path = folder / TABLES_FILE
+    try:
+        if path.exists():
+            listed: Any = parse_json(read_file(path, MAX_RESULT_BYTES))
+            tables = {
+                str(name): tuple(str(column["name"]) for column in table["columns"])
+                for name, table in listed.items()
+            }
+        else:
+            tables = {file.stem: _read_heads(file) for file in sorted(folder.glob("*.csv"))}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
+    return {name: columns for name, columns in tables.items() if "trial" in columns}
+
+
+def _read_heads(path: Path) -> tuple[str, ...]:
+    text = read_file(path, MAX_RESULT_BYTES).decode("utf-8")
+    return tuple(next(csv.reader(io.StringIO(text)), ()))
+
+
+def _read_trials(run: Run) -> pd.DataFrame:
+    """Return the trials of a run: what they began with, and their final picture; lists are left out."""
+    trials = run.trials.drop(columns=["stop_t_s", "exit_status"], errors="ignore")
+    lists = [
+        name for name in trials.columns if trials[name].map(lambda cell: isinstance(cell, list | dict)).any()
+    ]
+    return trials.drop(columns=lists)
+
+
+def _take_final_rows(rows: pd.DataFrame, trials: pd.DataFrame) -> pd.DataFrame:
+    """Return one row for each trial: of several, that of the trial's final picture; rows without a trial stay."""
+    several = rows["trial"].notna() & rows.duplicated("trial", keep=False)
+    if "frame" not in rows.columns or not several.any():
+        return rows
+    finals = set(trials["final_frame"].dropna()) if "final_frame" in trials.columns else set()
+    return rows[~several | rows["frame"].isin(finals)]
+
+
+def _find_time(run: Run, t_s: float | None) -> str | None:
+    """Return the calendar time of a rig time; None for a run that does not say when it began."""
+    sessions = [
+        (0.0, run.manifest.get("started")),
+        *((float(s.get("t0_s", 0)), s.get("started")) for s in run.sessions),
+    ]
+    at_s = 0.0 if t_s is None or pd.isna(t_s) else float(t_s)
+    t0_s, started = max(
+        (session for session in sessions if session[0] <= at_s), key=lambda session: session[0]
+    )
+    try:
+        return (datetime.fromisoformat(str(started)) + timedelta(seconds=at_s - t0_s)).isoformat(
+            timespec="seconds"
+        )
+    except ValueError:
+        return None

@@ -1,0 +1,185 @@
+"""`labrig compare`: compares the measurements of runs, group by group."""
+
+import re
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, find_run_folder
+from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
+from labrig.cli.progress import progress_if_slow, show_working
+from labrig.devices.clocks import SystemClock
+from labrig.errors import InputError, RecordError
+from labrig.text import interval, number
+
+DEFAULT_FOLDER = Path("data/comparisons")
+
+
+def compare(
+    run_paths: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RUN...", help="Folders of runs, their names in the runs folder, or last."),
+    ] = None,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CONDITION",
+            help="Compare the runs that fit, as for labrig runs --where.",
+            show_default=False,
+        ),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="A column of the results' tables, or TABLE.COLUMN. Default: radius_mm, else target_error_mm.",
+            show_default=False,
+        ),
+    ] = None,
+    by: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--by",
+            metavar="FIELD",
+            help="Group by needle, gel, specimen, hole, run, another column, or a key of the protocol; repeatable. "
+            "Default: needle and gel.",
+            show_default=False,
+        ),
+    ] = None,
+    unit: Annotated[
+        Literal["specimen", "insertion"] | None,
+        typer.Option(
+            help="What n counts. Default: specimens if every group has two, insertions otherwise.",
+            show_default=False,
+        ),
+    ] = None,
+    own_settings: Annotated[
+        bool,
+        typer.Option(
+            "--own-settings",
+            help="Take the newest result with the run's own settings, not the newest of all.",
+        ),
+    ] = False,
+    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder to write to. Default: a new one in data/comparisons.",
+            show_default=False,
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files in an existing --out.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write a page, a tidy table and a document; exit with 4 when a run is damaged and left out."""
+    from labrig.analysis.comparison import compare_runs
+    from labrig.analysis.measurements import open_measured_runs
+
+    clock = SystemClock()
+    paths = _choose_runs(run_paths or [], where, runs_dir)
+    with progress_if_slow("reading the runs", clock, shown=not as_json) as progress:
+        measured, left_out = open_measured_runs(paths, own_settings=own_settings, progress=progress)
+    for run in left_out:
+        say(f"note: left out: {run.error.message}")
+    failed = [run.error.exit_code for run in left_out if where is None or isinstance(run.error, RecordError)]
+    with show_working("comparing", shown=not as_json):
+        if not measured and left_out:
+            raise left_out[0].error
+        compared = compare_runs(measured, left_out, quantity=quantity, by=by or (), unit=unit)
+        folder = _write(compared, out, force=force)
+    document = {**compared.comparison.model_dump(mode="json"), "report": str(folder / "report.html")}
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+    return failed[0] if failed else 0
+
+
+def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> list[Path]:
+    if bool(named) == (where is not None):
+        raise InputError(
+            "name the runs to compare, or a condition" + (", not both" if named else ""),
+            'for example labrig compare A B, or labrig compare --where "tag=pilot"',
+        )
+    if where is None:
+        return [_find_run(run, runs_dir) for run in named]
+    from labrig.record.search import find_runs
+
+    found = [run.summary.run for run in find_runs(runs_dir, where)]
+    if not found:
+        raise InputError(f"no run in {runs_dir} fits {where!r}", "labrig runs lists them")
+    return found
+
+
+def _find_run(run: Path, runs_dir: Path) -> Path:
+    """Return the folder of a run. Raises `InputError` with the name that was probably meant."""
+    folder = find_run_folder(run, runs_dir)
+    if folder.exists():
+        return folder
+    known = [path.name for path in runs_dir.iterdir()] if runs_dir.is_dir() else []
+    near = get_close_matches(run.name, known, 1)
+    raise InputError(
+        f"there is no run {run}, neither here nor in {runs_dir}",
+        f"did you mean {near[0]}?" if near else "labrig runs lists them",
+    )
+
+
+def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
+    """Write the comparison into a new folder, or into `out`, and return the folder."""
+    from labrig.record.opening import create_under_free_name
+    from labrig.record.urls import output_folder
+    from labrig.report.comparison_page import write_comparison
+
+    now = SystemClock().utc()
+
+    def write(folder: Path) -> Path:
+        with output_folder(str(folder), force=force) as made:
+            write_comparison(made, compared, now)
+        return folder
+
+    if out is not None:
+        return write(out)
+    what = re.sub(r"\W+", "-", compared.comparison.quantity)[:60]
+    return create_under_free_name(now, what, lambda name: write(DEFAULT_FOLDER / name))
+
+
+_GROUP_HEADS = ("insertions", "specimens", "mean", "SD", "95 % interval", "with shared errors")
+_PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)", "Hedges' g", "interval of g")
+
+
+def _print(document: Mapping[str, Any]) -> None:
+    test, counted = document["welch_anova"], f"{document['unit_of_analysis']}s"
+    print_line(document["quantity"])
+    print_table(
+        ("group", f"n ({counted})", *_GROUP_HEADS), [_list_cells(group) for group in document["groups"]]
+    )
+    if test is not None:
+        freedom = f"{test['df_between']:g}, {test['df_within']:.2f}"
+        print_line(f"Welch's ANOVA  F({freedom}) = {test['f']:.3f}, p = {test['p']:.4g}")
+    if document["pairs"]:
+        print_table(_PAIR_HEADS, [_list_pair_cells(pair) for pair in document["pairs"]])
+    for sentence in document["warnings"]:
+        say_wrapped(f"note: {sentence}")
+    print_line(f"report  {document['report']}")
+
+
+def _list_cells(group: Mapping[str, Any]) -> tuple[object, ...]:
+    return (
+        *(group[key] for key in ("name", "n", "insertions", "specimens", "mean", "sd")),
+        interval(group["ci95"], 3),
+        interval(group["ci95_with_shared"], 3),
+    )
+
+
+def _list_pair_cells(pair: Mapping[str, Any]) -> tuple[object, ...]:
+    return (
+        *(pair[key] for key in ("a", "b", "difference")),
+        interval(pair["ci95"], 3),
+        None if pair["p"] is None else f"{pair['p']:.4g}",
+        number(pair["hedges_g"], 2),
+        interval(pair["hedges_g_ci95"]),
+    )

@@ -1,0 +1,96 @@
+"""Figures of a comparison: the measurements of each group with their means, and drift over holes."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from labrig.analysis.comparison_result import Comparison, Group
+from labrig.report.figures import SETTINGS, svg
+from labrig.report.palette import Mark, mark
+
+MOST_GROUPS = 40
+"""More rows than that are a carpet; the table has them."""
+
+
+def mark_groups(groups: Sequence[Group]) -> tuple[Mark, ...]:
+    """Return the mark of each group, none of groups that are not drawn."""
+    return tuple(mark(index) for index in range(len(groups))) if len(groups) <= MOST_GROUPS else ()
+
+
+def draw_groups(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup | None:
+    """Draw every measurement and the mean of each group; None for more groups than a figure can show."""
+    groups = comparison.groups
+    if len(groups) > MOST_GROUPS:
+        return None
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(9.6, 1.1 + 0.52 * len(groups)), layout="constrained")
+        axes = figure.subplots()
+        for place, (group, look) in enumerate(zip(groups, mark_groups(groups), strict=True)):
+            rows = table[(table["group"] == group.name) & table["value"].notna()]
+            by_block = comparison.unit_of_analysis == "specimen"
+            _draw_group(axes, place, group, look, rows, by_block=by_block)
+        axes.set_yticks(range(len(groups)), [_shorten(group.name) for group in groups])
+        axes.set_ylim(len(groups) - 0.5, -0.6)
+        axes.set_xlabel(comparison.quantity)
+        axes.grid(visible=True, axis="x")
+        return svg(figure, name)
+
+
+def _draw_group(
+    axes: Axes, place: int, group: Group, look: Mark, rows: pd.DataFrame, *, by_block: bool
+) -> None:
+    # Spread in a fixed pattern, so that equal values do not cover each other.
+    up = place - 0.2 + 0.035 * (np.arange(len(rows)) % 5 - 2)
+    axes.plot(
+        rows["value"], up, look.marker, color=look.colour, markersize=3.6, alpha=0.55, markeredgewidth=0
+    )
+    if by_block:
+        means = rows.groupby("block")["value"].mean()
+        axes.plot(
+            means, np.full(len(means), place - 0.02), "o", color=look.colour, markersize=6, fillstyle="none"
+        )
+    if group.mean is None:
+        return
+    for interval, width in ((group.ci95_with_shared, 1.0), (group.ci95, 2.4)):
+        if interval is not None:
+            axes.plot(
+                interval, [place + 0.2] * 2, "-", color=look.colour, linewidth=width, marker="|", markersize=8
+            )
+    axes.plot(group.mean, place + 0.2, look.marker, color=look.colour, markersize=7)
+
+
+def draw_drift(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup | None:
+    """Draw measurements less the mean of their block over their hole, with the slopes; None without a slope."""
+    slopes = {drift.group: drift.slope for drift in comparison.drift if drift.over == "hole"}
+    if not slopes or len(comparison.groups) > MOST_GROUPS:
+        return None
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(9.6, 3.2), layout="constrained")
+        axes = figure.subplots()
+        for group, look in zip(comparison.groups, mark_groups(comparison.groups), strict=True):
+            rows = table[(table["group"] == group.name) & table["value"].notna()]
+            if group.name in slopes:
+                _draw_slope(axes, rows, look, slopes[group.name], _shorten(group.name))
+        axes.axhline(0.0, color="#888888", linewidth=0.7)
+        axes.set_xlabel("hole")
+        axes.set_ylabel(f"{comparison.quantity}, less the mean of its block")
+        axes.grid(visible=True)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return svg(figure, name)
+
+
+def _draw_slope(axes: Axes, rows: pd.DataFrame, look: Mark, slope: float, label: str) -> None:
+    inside = rows["value"] - rows.groupby("block")["value"].transform("mean")
+    holes = rows["hole"].to_numpy(dtype=np.float64)
+    axes.plot(holes, inside, look.marker, color=look.colour, markersize=4, alpha=0.6, markeredgewidth=0)
+    ends = np.array([holes.min(), holes.max()])
+    axes.plot(ends, slope * (ends - holes.mean()), "-", color=look.colour, linewidth=1.2, label=label)
+
+
+def _shorten(name: str) -> str:
+    return name if len(name) <= 32 else f"{name[:29]}..."

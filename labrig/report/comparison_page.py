@@ -1,0 +1,127 @@
+"""The page and the tables of a comparison, in a folder of their own."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from labrig import __version__
+from labrig.analysis.comparison import ComparedRuns
+from labrig.analysis.comparison_result import Comparison
+from labrig.durable import write_atomically
+from labrig.record.json_lines import encode_document
+from labrig.record.tables import escape_formula
+from labrig.report.comparison_figure import draw_drift, draw_groups, mark_groups
+from labrig.report.formatting import UNKNOWN, format_time, join_words, number, signed
+from labrig.report.writing import REPORT_FILE, TEMPLATES, render
+from labrig.text import format_count
+
+TABLE_FILES = ("measurements.csv", "measurements.json")
+DOCUMENT_FILE = "comparison.json"
+_SHARED_BY = {
+    "lens": "every picture with these intrinsics",
+    "plane": "every picture with this plane map",
+    "surface": "every picture with this plane map",
+    "roll": "every insertion of a needle in a run: its mounting",
+    "lighting": "every picture of a run: its lamp",
+}
+_FIELD_NAMES = {"needle_id": "needle", "gelatin_percent": "gel"}
+_SIGNIFICANT = 4
+
+
+@dataclass(frozen=True)
+class SharedSource:
+    """A source of shared errors: by what it is shared, and its standard deviation in each group, None if not known."""
+
+    name: str
+    shared_by: str
+    sigmas: tuple[float | None, ...]
+
+
+def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) -> None:
+    """Write report.html, measurements.csv, measurements.json and comparison.json. Raises `DiskError`."""
+    content = compared.comparison
+    rows = compared.table.drop(
+        columns=[name for name in compared.table.columns if str(name).startswith("by_")]
+    )
+    first = ["group", "block", "value"]
+    tidy = rows[[*first, *(name for name in rows.columns if name not in first)]]
+    write_atomically(
+        folder / TABLE_FILES[0], tidy.map(escape_formula).to_csv(index=False, lineterminator="\n").encode()
+    )
+    records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
+    write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
+    write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
+    shown = {
+        "content": content,
+        "title": _make_title(content),
+        "verdict": _summarise(content),
+        "marks": mark_groups(content.groups),
+        "figure": draw_groups(content, compared.table, "groups"),
+        "drift_figure": draw_drift(content, compared.table, "drift"),
+        "sources": _list_sources(content),
+        "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
+    }
+    filters = _make_filters(content)
+    page = render(TEMPLATES / "comparison.html.jinja", shown, filters)
+    write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
+
+
+def _make_title(content: Comparison) -> str:
+    return f"{content.quantity} by {join_words(_FIELD_NAMES.get(name, name) for name in content.by)}"
+
+
+def _summarise(content: Comparison) -> Sequence[str]:
+    """Return the result in a sentence or two."""
+    counted = format_count(sum(group.insertions for group in content.groups), "measurement")
+    whole = f"{counted} of {format_count(len(content.used), 'run')} in {format_count(len(content.groups), 'group')}."
+    if content.welch_anova is None:
+        return (whole,)
+    apart = [pair for pair in content.pairs if pair.p is not None and pair.p < 0.05]
+    found = f"Welch's ANOVA: p {_relate_p(content.welch_anova.p)}."
+    if not content.pairs:
+        return (whole, found)
+    told = f"{len(apart)} of {format_count(len(content.pairs), 'pair')} differ at the 5 % level of all pairs together."
+    return (whole, f"{found} {told}")
+
+
+def _list_sources(content: Comparison) -> Sequence[SharedSource]:
+    known = [group.shared_sigma for group in content.groups]
+    if not any(known):
+        return ()
+    return [
+        SharedSource(
+            name, shared_by, tuple(None if sigma is None else getattr(sigma, name) for sigma in known)
+        )
+        for name, shared_by in _SHARED_BY.items()
+    ]
+
+
+def _format_p(p: float | None) -> str:
+    """Return p for a cell."""
+    if p is None:
+        return UNKNOWN
+    return "< 0.0001" if p < 0.0001 else f"{p:.4f}"
+
+
+def _relate_p(p: float) -> str:
+    """Return p for a sentence: `= 0.023`, or `< 0.0001`."""
+    text = _format_p(p)
+    return text if text.startswith("<") else f"= {text}"
+
+
+def _make_filters(content: Comparison) -> dict[str, object]:
+    """Return filters that write numbers with as many decimals as the smallest interval of a mean deserves."""
+    widths = [group.ci95[1] - group.ci95[0] for group in content.groups if group.ci95 is not None]
+    sizes = [abs(group.mean) for group in content.groups if group.mean is not None]
+    least = min(
+        (width for width in widths if width > 0), default=max(sizes, default=1.0) * 10 ** (1 - _SIGNIFICANT)
+    )
+    decimals = min(max(2 - math.floor(math.log10(least or 1.0)), 0), 9)
+    return {
+        "digits": lambda value: number(value, decimals),
+        "plus": lambda value: signed(value, decimals),
+        "p_cell": _format_p,
+        "p_value": _relate_p,
+    }

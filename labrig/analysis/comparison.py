@@ -42,6 +42,7 @@ FloatArray = NDArray[np.float64]
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
 MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
+_MOST_HINTED = 15
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
 
 
@@ -114,12 +115,13 @@ def _choose_quantity(runs: Sequence[MeasuredRun]) -> str:
 
 
 def _hint_at_quantities(runs: Sequence[MeasuredRun]) -> str:
-    known = dict.fromkeys(name for run in runs for name in run.quantities if not _is_error_bar(name))
-    return (
-        f"name one with --quantity: {', '.join(known)}"
-        if known
-        else "none of them has measurements of trials"
-    )
+    known = list(dict.fromkeys(name for run in runs for name in run.quantities if not _is_error_bar(name)))
+    if not known:
+        return "none of them has measurements of trials"
+    first = [name for name in DEFAULT_QUANTITIES if name in known]
+    shown = [*first, *(name for name in known if name not in first)]
+    more = f" and {len(shown) - _MOST_HINTED} more" if len(shown) > _MOST_HINTED else ""
+    return f"name one with --quantity: {', '.join(shown[:_MOST_HINTED])}{more}"
 
 
 def _is_error_bar(name: str) -> bool:
@@ -218,7 +220,7 @@ def _summarise(
     errors = total_errors([shared])
     return Group(
         name=name,
-        fields={field: str(rows[f"by_{field}"].iloc[0]) for field in by},
+        fields={field: str(value) for field in by if (value := rows[f"by_{field}"].iloc[0]) is not None},
         n=spread.n,
         insertions=len(counted),
         specimens=None if counted["block"].isna().any() else int(counted["block"].nunique()),

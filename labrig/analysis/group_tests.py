@@ -188,8 +188,8 @@ def fit_slope(x: ArrayLike, y: ArrayLike, blocks: Sequence[object]) -> Slope | N
 
 def _centre(values: ArrayLike, blocks: Sequence[object]) -> FloatArray:
     """Return values without the mean of their block."""
-    centred = np.array(values, dtype=np.float64)
-    for block in dict.fromkeys(blocks):
-        inside = np.array([other == block for other in blocks])
-        centred[inside] -= centred[inside].mean()
-    return centred
+    numbers = {block: number for number, block in enumerate(dict.fromkeys(blocks))}
+    places = np.array([numbers[block] for block in blocks])
+    every = np.asarray(values, dtype=np.float64)
+    means: FloatArray = np.bincount(places, every) / np.bincount(places)
+    return every - means[places]

@@ -19,42 +19,56 @@ _FALLBACK = "run"
 def group_rows(
     rows: pd.DataFrame, runs: Sequence[MeasuredRun], by: tuple[str, ...]
 ) -> tuple[pd.DataFrame, tuple[str, ...], list[str]]:
-    """Return the rows with `group` and the group's values under each field, the fields, and what is to be told."""
+    """Put measurements into groups by the values of some fields.
+
+    Without fields these are needle and gel; a measurement that names neither, as an imported one, is in the group of
+    its run, and so are all where needle and gel are the same in all runs.
+
+    Returns
+    -------
+    rows : DataFrame
+        With `group`, empty for a row in none, and for each field its value as text, `by_FIELD`.
+    by : tuple of str
+        The fields.
+    notes : list of str
+        Sentences to be told.
+
+    Raises
+    ------
+    InputError
+        When a field is not known, or there is only one group.
+    """
+    fields = by or tuple(name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any())
+    grouped = _label_rows(rows, runs, fields, fill=not by)
     notes = []
-    if by:
-        values = {name: _find_values(rows, runs, name) for name in by}
-        chosen = by
-    else:
-        known = [name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any()]
-        values = {name: _find_values(rows, runs, name) for name in known}
-        chosen = tuple(known)
-        if len(runs) > 1 and _count_known(values, rows) < 2:
-            if known:
-                notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
-            chosen, values = (_FALLBACK,), {_FALLBACK: _find_values(rows, runs, _FALLBACK)}
-    labels = (
-        [_name_group(chosen, row) for row in zip(*values.values(), strict=True)]
-        if values
-        else [None] * len(rows)
-    )
-    grouped = rows.assign(group=pd.Series(labels, dtype=object))
+    if not by and len(runs) > 1 and _count_groups(grouped) < 2:
+        if fields:
+            notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
+        fields = (_FALLBACK,)
+        grouped = _label_rows(rows, runs, fields, fill=False)
     ungrouped = int(grouped["group"].isna().sum())
     if ungrouped:
-        notes.append(
-            f"{format_count(ungrouped, 'measurement')} name no {' or '.join(chosen)} and are in no group."
-        )
-    if grouped.loc[grouped["value"].notna(), "group"].nunique() < 2:
-        raise _refuse_single_group(grouped, chosen)
-    for name, column in values.items():
-        grouped[f"by_{name}"] = column
-    return grouped, chosen, notes
+        told = format_count(ungrouped, "measurement")
+        notes.append(f"No {' or '.join(fields)} is known of {told}, which are in no group.")
+    if _count_groups(grouped) < 2:
+        raise _refuse_single_group(grouped, fields)
+    return grouped, fields, notes
 
 
-def _count_known(values: Mapping[str, Sequence[object]], rows: pd.DataFrame) -> int:
-    with_value = rows["value"].notna()
-    return len(
-        {row for row, known in zip(zip(*values.values(), strict=True), with_value, strict=True) if known}
-    )
+def _label_rows(
+    rows: pd.DataFrame, runs: Sequence[MeasuredRun], fields: Sequence[str], *, fill: bool
+) -> pd.DataFrame:
+    """Return the rows with group and fields; `fill` puts rows of unknown fields into the group of their run."""
+    columns = {name: _find_values(rows, runs, name) for name in fields}
+    values = zip(*columns.values(), strict=True) if columns else ((None,) for _ in range(len(rows)))
+    names = [_name_group(fields, row) if fields else None for row in values]
+    labels = [name or (run if fill else None) for name, run in zip(names, rows["run"], strict=True)]
+    by = {f"by_{name}": pd.Series(column, dtype=object) for name, column in columns.items()}
+    return rows.assign(group=pd.Series(labels, dtype=object), **by)
+
+
+def _count_groups(rows: pd.DataFrame) -> int:
+    return int(rows.loc[rows["value"].notna(), "group"].nunique())
 
 
 def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
@@ -171,14 +185,16 @@ def order_groups(rows: pd.DataFrame, by: Sequence[str]) -> list[str]:
     """Return the names of the groups by their values, numbers as numbers."""
     first = rows.dropna(subset=["group"]).drop_duplicates("group")
 
-    def key(row: Sequence[str]) -> list[tuple[int, float, str]]:
+    def key(row: Sequence[str | None]) -> list[tuple[int, float, str]]:
         return [_sort_key(value) for value in row]
 
     values = first[[f"by_{name}" for name in by]].to_numpy().tolist()
     return [name for _, name in sorted(zip(map(key, values), first["group"], strict=True))]
 
 
-def _sort_key(value: str) -> tuple[int, float, str]:
+def _sort_key(value: str | None) -> tuple[int, float, str]:
+    if value is None:
+        return (2, 0.0, "")
     try:
         return (0, float(value), "")
     except ValueError:

@@ -158,7 +158,6 @@ class MeasuredRun:
                 dtype=dict.fromkeys(_TEXT, str),
                 keep_default_na=False,
                 na_values=[""],
-                float_precision="round_trip",
             )
         except (OSError, ValueError) as error:
             raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error

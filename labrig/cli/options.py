@@ -40,9 +40,17 @@ RunsDirOption = Annotated[
 ]
 
 
+_LAST = Path("last")
+
+
 def find_run_folder(run: Path, runs_dir: Path) -> Path:
-    """Return the folder of a run that is given by its folder or by its name in `runs_dir`."""
+    """Return the folder of a run that is given by its folder, its name in `runs_dir`, or `last`, the newest there."""
     named = runs_dir / run
+    if run == _LAST and not run.exists() and not named.exists():
+        from labrig.record.catalogue import list_runs
+
+        listed = list_runs(runs_dir)
+        return listed[0].run if listed else run
     return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
 
 

@@ -15,6 +15,8 @@ from labrig.report.palette import Mark, mark
 
 MOST_GROUPS = 40
 """More rows than that are a carpet; the table has them."""
+_MOST_VECTORS = 300
+"""Points of a group that are drawn one by one; more of them become a picture, which is smaller."""
 
 
 def mark_groups(groups: Sequence[Group]) -> tuple[Mark, ...]:
@@ -47,7 +49,14 @@ def _draw_group(
     # Spread in a fixed pattern, so that equal values do not cover each other.
     up = place - 0.2 + 0.035 * (np.arange(len(rows)) % 5 - 2)
     axes.plot(
-        rows["value"], up, look.marker, color=look.colour, markersize=3.6, alpha=0.55, markeredgewidth=0
+        rows["value"],
+        up,
+        look.marker,
+        color=look.colour,
+        markersize=3.6,
+        alpha=0.55,
+        markeredgewidth=0,
+        rasterized=len(rows) > _MOST_VECTORS,
     )
     if by_block:
         means = rows.groupby("block")["value"].mean()
@@ -87,7 +96,16 @@ def draw_drift(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup
 def _draw_slope(axes: Axes, rows: pd.DataFrame, look: Mark, slope: float, label: str) -> None:
     inside = rows["value"] - rows.groupby("block")["value"].transform("mean")
     holes = rows["hole"].to_numpy(dtype=np.float64)
-    axes.plot(holes, inside, look.marker, color=look.colour, markersize=4, alpha=0.6, markeredgewidth=0)
+    axes.plot(
+        holes,
+        inside,
+        look.marker,
+        color=look.colour,
+        markersize=4,
+        alpha=0.6,
+        markeredgewidth=0,
+        rasterized=len(rows) > _MOST_VECTORS,
+    )
     ends = np.array([holes.min(), holes.max()])
     axes.plot(ends, slope * (ends - holes.mean()), "-", color=look.colour, linewidth=1.2, label=label)
 

@@ -1,0 +1,91 @@
+"""Runs with a result, written by the record room's own Recorder; nothing was photographed or measured."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from labrig.record.reader import open_run
+from labrig.record.writer import Recorder
+from tests.record.runs import ENDED, STARTED, picture
+
+COLUMNS = [
+    "frame",
+    "role",
+    "trial",
+    "specimen",
+    "gelatin_percent",
+    "hole",
+    "needle_id",
+    "accepted",
+    "reason",
+    "radius_mm",
+    "sigma_radius_lens_mm",
+    "sigma_radius_plane_mm",
+    "sigma_radius_surface_mm",
+    "sigma_radius_roll_mm",
+    "sigma_radius_lighting_mm",
+    "sigma_radius_fit_mm",
+]
+SIGMAS_MM = {"lens": 0.03, "plane": 0.04, "surface": None, "roll": 0.12, "lighting": 0.01, "fit": 0.05}
+PROTOCOL_YAML = "experiment: import\nseed: 7\ninsertion: {speed_mm_s: 1.0}\n"
+
+
+def write_measured_run(
+    runs_dir: Path,
+    name: str,
+    radii_mm: Mapping[tuple[str, float], Sequence[float | None]],
+    *,
+    needle_id: str = "N1",
+    plane: bytes = b"{}",
+    settings: Mapping[str, object] | None = None,
+    overrides: Sequence[str] = (),
+    result: bool = True,
+) -> Path:
+    """Write a run with these radii in each (specimen, gelatin %), None for a refused one, and return its folder.
+
+    Each trial has a picture on the way, whose radius of 99 mm must not count, and a final one.
+    """
+    calibration = {"intrinsics.json": b'{"fx": 1.0}', "plane.json": plane}
+    manifest = {"experiment": "import", "started": STARTED, "title": name, "trials_planned": 3, "seed": 7}
+    recorder = Recorder.create(runs_dir, name, manifest, PROTOCOL_YAML, None, calibration)
+    rows: list[list[object]] = []
+    for (specimen, gelatin), values in radii_mm.items():
+        for hole, radius_mm in enumerate(values):
+            trial, frame = len(rows) // 2, len(rows)
+            place = {"specimen": specimen, "gelatin_percent": gelatin, "hole": hole, "needle_id": needle_id}
+            recorder.event("trial_start", 60.0 * trial, trial=trial, **place)
+            for number, role in ((frame, "advance"), (frame + 1, "final")):
+                recorder.frame(
+                    picture(number), 60.0 * trial + 40.0, trial=trial, role=role, insertion_mm=40.0
+                )
+            stopped = {"trial": trial, "exit_status": "success", "final_frame": frame + 1}
+            recorder.event("trial_stop", 60.0 * trial + 50.0, **stopped)
+            named = [trial, specimen, gelatin, hole, needle_id]
+            rows.append([frame, "advance", *named, True, None, 99.0, *SIGMAS_MM.values()])
+            reason = "too faint" if radius_mm is None else None
+            rows.append(
+                [frame + 1, "final", *named, radius_mm is not None, reason, radius_mm, *SIGMAS_MM.values()]
+            )
+    recorder.close("success", "", ENDED)
+    if result:
+        add_result(recorder.path, rows, {} if settings is None else settings, overrides)
+    return recorder.path
+
+
+def add_result(
+    run: Path, rows: Sequence[Sequence[object]], settings: Mapping[str, object], overrides: Sequence[str]
+) -> None:
+    """Write a result with its tables, and the link over it."""
+    opened = open_run(run)
+    folder = opened.new_result_dir()
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    (folder / "measurements.csv").write_text(text.getvalue(), encoding="utf-8")
+    columns = [{"name": name, "unit": None} for name in COLUMNS]
+    listed = {"measurements": {"file": "measurements.csv", "columns": columns, "rows": len(rows)}}
+    (folder / "tables.json").write_text(json.dumps(listed), encoding="utf-8")
+    document = {"settings": dict(settings), "overrides": list(overrides), "not_in_interval": ["surface"]}
+    (folder / "result.json").write_text(json.dumps(document), encoding="utf-8")
+    opened.seal_result(folder, "2026-03-02T10:00:00+00:00")

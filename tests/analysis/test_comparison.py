@@ -1,0 +1,152 @@
+"""What a comparison counts, and which errors it takes to be shared."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from labrig.analysis.comparison import ComparedRuns, compare_runs
+from labrig.analysis.measurements import load_runs, open_measured_runs
+from labrig.errors import InputError
+from tests.analysis.measured_runs import SIGMAS_MM, write_measured_run
+
+SOFT, HARD = ("gel A", 10.0), ("gel B", 19.0)
+
+
+def _compare(*runs: Path, **options: object) -> ComparedRuns:
+    measured, left_out = open_measured_runs(runs)
+    return compare_runs(measured, left_out, **options)  # type: ignore[arg-type]
+
+
+def test_only_final_and_accepted_measurements_count(tmp_path: Path) -> None:
+    """Pictures on the way are left out, refused ones are counted as refused, and the table keeps both apart."""
+    run = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4, None), HARD: (27.0, 27.2)})
+    compared = _compare(run)
+    soft, hard = compared.comparison.groups
+    assert (soft.name, soft.n, soft.refused, soft.mean) == ("N1, 10 % gelatin", 2, 1, pytest.approx(28.2))
+    assert (hard.n, hard.mean) == (2, pytest.approx(27.1))
+    assert list(compared.table["value"].fillna(-1)) == [28.0, 28.4, -1, 27.0, 27.2]
+
+
+def test_insertions_into_one_block_are_no_independent_specimens(tmp_path: Path) -> None:
+    """With a block in each group insertions are counted, and it is said what that is worth; with two, blocks are."""
+    first = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
+    alone = _compare(first).comparison
+    assert (alone.unit_of_analysis, alone.groups[0].n, alone.groups[0].specimens) == ("insertion", 2, 1)
+    assert "these blocks alone" in alone.warnings[0]
+    second = write_measured_run(tmp_path, "b", {SOFT: (29.0, 29.2, 29.4), HARD: (26.0,)})
+    both = _compare(first, second).comparison
+    soft = both.groups[0]
+    assert (both.unit_of_analysis, soft.n, soft.insertions, soft.specimens) == ("specimen", 2, 5, 2)
+    assert soft.mean == pytest.approx((28.2 + 29.2) / 2)
+    asked = _compare(first, second, unit="insertion").comparison
+    assert (asked.groups[0].n, "too narrow" in asked.warnings[0]) == (5, True)
+
+
+def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calibration(
+    tmp_path: Path,
+) -> None:
+    """Lens and plane cancel where they are the same, the roll of the needle where the run is, and fit is nowhere."""
+    a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
+    b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3)}, needle_id="N2", plane=b'{"other": 1}')
+    compared = _compare(a, b).comparison
+    soft = compared.groups[0].shared_sigma
+    assert soft is not None
+    assert (soft.lens, soft.plane, soft.roll) == pytest.approx(
+        tuple(SIGMAS_MM[name] for name in ("lens", "plane", "roll"))
+    )
+    assert soft.surface is None
+    assert soft.total == pytest.approx(math.sqrt(0.03**2 + 0.04**2 + 0.12**2 + 0.01**2))
+    in_one_run, across = compared.pairs[0].shared_sigma, compared.pairs[1].shared_sigma
+    assert in_one_run is not None
+    assert across is not None
+    assert in_one_run.total == pytest.approx(0.0, abs=1e-12)
+    assert across.lens == pytest.approx(0.0, abs=1e-12)
+    assert (across.plane, across.roll) == pytest.approx((0.04 * math.sqrt(2), 0.12 * math.sqrt(2)))
+    low, high = compared.pairs[1].ci95_with_shared or (0.0, 0.0)
+    narrow = compared.pairs[1].ci95 or (0.0, 0.0)
+    assert (high - low) / 2 == pytest.approx(math.hypot((narrow[1] - narrow[0]) / 2, 1.96 * across.total))
+
+
+def test_results_of_different_settings_are_told(tmp_path: Path) -> None:
+    """Which setting differs, in which runs, and what was changed after a run."""
+    a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)}, settings={"window_start_mm": 4.0})
+    b = write_measured_run(
+        tmp_path,
+        "b",
+        {HARD: (28.1, 28.3)},
+        settings={"window_start_mm": 6.0},
+        overrides=("analysis.window_start_mm=6",),
+    )
+    compared = _compare(a, b).comparison
+    assert compared.settings_differ == {"window_start_mm": {"4.0": ("a",), "6.0": ("b",)}}
+    told = " ".join(compared.warnings)
+    assert "window_start_mm is 4.0 in a; 6.0 in b" in told
+    assert "Result 1 of b has settings changed after the run: analysis.window_start_mm=6" in told
+
+
+def test_groups_can_be_made_by_any_field(tmp_path: Path) -> None:
+    """By a column, an alias, a key of the protocol or the run; the default falls back on runs that are all alike."""
+    a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
+    b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3)}, needle_id="N2")
+    c = write_measured_run(tmp_path, "c", {SOFT: (28.1, 28.3)})
+    names = {
+        by: [g.name for g in _compare(a, b, by=(by,)).comparison.groups] for by in ("needle", "hole", "title")
+    }
+    assert names == {"needle": ["N1", "N2"], "hole": ["hole 0", "hole 1"], "title": ["title a", "title b"]}
+    alike = _compare(a, c).comparison
+    assert (alike.by, [group.name for group in alike.groups]) == (("run",), ["a", "c"])
+    with pytest.raises(InputError, match="no measurement and no run has that field") as unknown:
+        _compare(a, b, by=("nedle",))
+    assert "did you mean needle" in unknown.value.hint
+
+
+@pytest.mark.parametrize(
+    ("radii", "message"),
+    [
+        ({SOFT: (28.0, 28.4)}, "nothing to compare: there is one group alone: N1, 10 % gelatin"),
+        ({SOFT: (None, None), HARD: (None,)}, "no measurement of radius_mm was accepted"),
+    ],
+)
+def test_nothing_to_compare_is_refused(
+    tmp_path: Path, radii: dict[tuple[str, float], tuple[float | None, ...]], message: str
+) -> None:
+    """A single group, and measurements of which none was accepted."""
+    with pytest.raises(InputError, match=message):
+        _compare(write_measured_run(tmp_path, "a", radii))
+
+
+def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Path) -> None:
+    """Each is told; the other groups are tested, and equal values give no test that would divide by nothing."""
+    radii = {SOFT: (28.0,), HARD: (27.0, 27.0), ("gel C", 13.0): (27.5, 27.9)}
+    compared = _compare(write_measured_run(tmp_path, "a", radii)).comparison
+    assert [group.n for group in compared.groups] == [1, 2, 2]
+    assert compared.welch_anova is None
+    assert [(pair.a, pair.p is None) for pair in compared.pairs] == [("N1, 13 % gelatin", False)]
+    told = " ".join(compared.warnings)
+    assert "N1, 10 % gelatin has n = 1: it is listed, and in no test." in told
+    assert "All values are the same in N1, 19 % gelatin" in told
+
+
+def test_an_unknown_quantity_names_those_that_exist(tmp_path: Path) -> None:
+    """With the nearest name first."""
+    run = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
+    with pytest.raises(InputError, match="no run has a quantity 'radius'") as unknown:
+        _compare(run, quantity="radius")
+    assert unknown.value.hint == "did you mean radius_mm? name one with --quantity: radius_mm"
+
+
+def test_load_runs_gives_the_measurements_as_one_table(tmp_path: Path) -> None:
+    """A row for each final picture, refused ones too, with the time of its trial; a run without result is told."""
+    write_measured_run(tmp_path, "a", {SOFT: (28.0, None)})
+    write_measured_run(tmp_path, "b", {HARD: (27.0,)}, needle_id="N2")
+    empty = write_measured_run(tmp_path, "c", {SOFT: (28.0,)}, result=False)
+    with pytest.warns(UserWarning, match="1 runs are left out"):
+        table = load_runs(runs_dir=tmp_path)
+    assert list(table["radius_mm"].fillna(-1).groupby(table["run"]).sum()) == [27.0, 27.0]
+    assert list(table.loc[table["run"] == "a", "started"]) == [
+        "2026-03-02T09:30:00+00:00",
+        "2026-03-02T09:31:00+00:00",
+    ]
+    assert list(table.attrs["left_out"]) == [str(empty)]
+    assert list(load_runs("seed=7 and title=b", runs_dir=tmp_path)["needle_id"]) == ["N2"]

@@ -192,4 +192,5 @@ def _centre(values: ArrayLike, blocks: Sequence[object]) -> FloatArray:
     places = np.array([numbers[block] for block in blocks])
     every = np.asarray(values, dtype=np.float64)
     means: FloatArray = np.bincount(places, every) / np.bincount(places)
-    return every - means[places]
+    centred: FloatArray = every - means[places]
+    return centred

@@ -20,11 +20,11 @@ from labrig.text import format_count
 TABLE_FILES = ("measurements.csv", "measurements.json")
 DOCUMENT_FILE = "comparison.json"
 _SHARED_BY = {
-    "lens": "every picture with these intrinsics",
-    "plane": "every picture with this plane map",
-    "surface": "every picture with this plane map",
-    "roll": "every insertion of a needle in a run: its mounting",
-    "lighting": "every picture of a run: its lamp",
+    "lens": "by its intrinsics",
+    "plane": "by its plane map",
+    "surface": "by its plane map",
+    "roll": "by needle and run",
+    "lighting": "by its run",
 }
 _FIELD_NAMES = {"needle_id": "needle", "gelatin_percent": "gel"}
 _SIGNIFICANT = 4

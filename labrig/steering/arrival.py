@@ -1,7 +1,14 @@
 """Whether a needle has reached its target in space, from where its tip was seen and how uncertain that is.
 
-The distance from the target is not normal: near the target the part that is not seen only adds to it. Its interval is
-read from a fixed set of points that fills the normal distribution evenly, so that equal input gives equal digits.
+The distance from the target is not normal: near the target every uncertainty only adds to it. A normal distribution
+about the seen place takes all places of the plane for equally likely before, and so a distance for the likelier the
+larger it is: its interval begins beyond a needle that was steered to its target. So before the picture every distance
+at which the line of sight passes the target is equally likely here (the reference prior of a normal mean's length:
+Berger, Philippe and Robert, "Estimation of quadratic functions", Statistica Sinica 8, 1998). What is out of the plane
+keeps its distribution.
+
+The interval is read from a fixed set of points that fills the normal distribution evenly, so that equal input gives
+equal digits.
 """
 
 from functools import cache
@@ -18,11 +25,14 @@ from labrig.steering.tip import freeze, require_numbers
 Arrival = Literal["reached", "reached_in_plane_only", "missed"]
 
 _LEVELS = (0.025, 0.975)
+# Distances below this share of the standard deviation are as likely as this.
+_LEAST_SHARE = 0.01
 _POINTS = 1 << 14
 # The root of t^4 = t + 1. Fractions of multiples of its powers fill the unit cube evenly: M. Roberts, "The Unreasonable
 # Effectiveness of Quasirandom Sequences" (2018).
 _ROOT = 1.2207440846057596
 _ASYMMETRY = 1e-9
+_KNOWN_MM = 1e-9
 
 
 def bound_target_error(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple[float, float]:
@@ -31,9 +41,9 @@ def bound_target_error(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple
     Parameters
     ----------
     offset_mm : (3,) array
-        The tip's expected place from the target, as (x, y, z).
+        The tip's place from the target as (x, y, z), x across the plane that the camera sees.
     covariance_mm2 : (3, 3) array
-        Of that place; zero for what is known.
+        Of that place; zero for what is known. Where y and z vary with x, they do so along the line of sight.
 
     Returns
     -------
@@ -52,7 +62,13 @@ def bound_target_error(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple
     if np.abs(covariance - covariance.T).max() > _ASYMMETRY * scale or variances[0] < -_ASYMMETRY * scale:
         raise InputError("covariance_mm2 is no covariance: it must be symmetric, without negative variances")
     places = offset + (_fill_normal() * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
-    low_mm, high_mm = np.quantile(np.linalg.norm(places, axis=1), _LEVELS)
+    ray = covariance[1:, 0] / covariance[0, 0] if covariance[0, 0] > 0.0 else np.zeros(2)
+    seen_mm = np.linalg.norm(places[:, 1:] - places[:, :1] * ray, axis=1)
+    least_mm = _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM
+    distances_mm = np.linalg.norm(places, axis=1)
+    order = np.argsort(distances_mm, kind="stable")
+    shares = np.cumsum(1.0 / np.maximum(seen_mm[order], least_mm))
+    low_mm, high_mm = np.interp(_LEVELS, shares / shares[-1], distances_mm[order])
     return float(low_mm), float(high_mm)
 
 

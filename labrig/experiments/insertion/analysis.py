@@ -24,7 +24,9 @@ from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.insertion.ending import (
+    TEMPLATE_BIAS_MM,
     Ending,
+    EstimatedEnd,
     SeenEnd,
     TargetErrorBounds,
     TracedPath,
@@ -85,8 +87,6 @@ _NO_POINTS = np.empty((0, 2))
 _MOST_NOISE_INSERTIONS = 3
 # The template shows so much of the tip. While the bend swings over inside it, the tip is read off its place.
 _TEMPLATE_MM = 4.0
-# By which it reads a tip off its place that is bent to the other side; no scatter of the sightings shows that.
-_TEMPLATE_BIAS_MM = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,15 +282,18 @@ def _bound_error(
     start, stop, plane = events.start, events.stop, source.view.plane
     unseen = make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion)
     bumped = source.sentinel is not None and not source.sentinel.accepted
-    if unseen is None or stop is None or bumped or (end is None and not steps):
+    if unseen is None or stop is None or bumped:
         return None
     path = TracedPath(list_turns(events.way), start.roll_zero_rad, stop.depth_mm, stop.centred)
-    if end is None:
-        last = steps[-1]
-        seen = SeenEnd.of_estimate(np.array(last.estimate_mm), last.position_sd_mm, plane)
+    last = steps[-1] if steps else None
+    estimate = None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm)
+    if end is not None:
+        depth, drift = find_depth(end, plane, path, settings, unseen), _find_drift(source.sentinel)
+        seen = SeenEnd.of_shaft(end, estimate, path, plane, drift=drift, depth=depth)
+    elif estimate is not None:
+        seen = SeenEnd.of_estimate(estimate, plane)
     else:
-        depth = find_depth(end, plane, path, settings, unseen)
-        seen = SeenEnd.of_shaft(end, plane, _find_drift(source.sentinel), depth)
+        return None
     budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen)
     return bound_error(seen, budget, start.target_mm)
 
@@ -363,8 +366,8 @@ def _measure_noise(
     stated = _restore_settings(trials[0], protocol)
     noise = measure_sighting_sd([_list_sightings(*pair, protocol) for pair in told], stated)
     swung = [_list_sightings(*pair, protocol, template_mm=_TEMPLATE_MM) for pair in told]
-    advised_mm = None if noise is None else max(noise.value_mm, _TEMPLATE_BIAS_MM)
-    backlash = measure_backlash(swung, with_observation_sd(stated, advised_mm or _TEMPLATE_BIAS_MM))
+    advised_mm = None if noise is None else max(noise.value_mm, TEMPLATE_BIAS_MM)
+    backlash = measure_backlash(swung, with_observation_sd(stated, advised_mm or TEMPLATE_BIAS_MM))
     return SightingNoise(
         mean_nis=judged.mean,
         usual_nis=(judged.low, judged.high),

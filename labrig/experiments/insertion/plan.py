@@ -10,7 +10,7 @@ from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LabrigError, Problem
 from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
-from labrig.experiments.insertion.ending import SeenEnd, bound_error
+from labrig.experiments.insertion.ending import EstimatedEnd, SeenEnd, bound_error
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.shared.rig_view import load_plane_map, load_tip_view
@@ -144,8 +144,8 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
         return _Foreseen()
     rolled = _list_stretches(state.plan, roll_zero, rig, protocol.policy.turning, radius_mm)
     budget = budget_out_of_plane(rolled, radius_mm, unseen)
-    sd_mm = READ_PX * plane.mm_per_px
-    seen = SeenEnd.of_estimate(np.array(aim.target_mm[1:]), sd_mm, plane)
+    end = EstimatedEnd(np.array(aim.target_mm[1:]), READ_PX * plane.mm_per_px)
+    seen = SeenEnd.of_estimate(end, plane)
     warning = bound_error(seen, budget, aim.target_mm).warn(settings.problem.tolerance_mm)
     return _Foreseen(warnings=() if warning is None else (warning,))
 

@@ -29,6 +29,7 @@ from labrig.experiments.insertion.aim import Aim, find_aim_problems, locate_obst
 from labrig.experiments.insertion.bevel import Bevel
 from labrig.experiments.insertion.ending import (
     Ending,
+    EstimatedEnd,
     SeenEnd,
     TracedPath,
     bound_error,
@@ -453,14 +454,14 @@ class _Insertion:
     ) -> SeenEnd:
         """Return the end of the shaft in the last picture, or of the estimate if that cannot be measured."""
         plane = self.view.plane
+        estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
         measure = partial(measure_end, image, self.view, self.protocol, self.roll_zero.sd_rad)
         try:
             end = self.session.compute(measure)
         except MeasurementRefusedError:
-            tip = state.tip
-            return SeenEnd.of_estimate(tip.position_mm[1:], tip.position_sd_mm, plane)
+            return SeenEnd.of_estimate(estimate, plane)
         depth = self.session.compute(partial(find_depth, end, plane, path, self.settings, unseen))
-        return SeenEnd.of_shaft(end, plane, 0.0, depth)
+        return SeenEnd.of_shaft(end, estimate, path, plane, depth=depth)
 
     @property
     def _withdrawal_speeds(self) -> Mapping[str, float]:

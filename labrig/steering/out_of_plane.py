@@ -55,8 +55,9 @@ class OutOfPlaneSettings:
         Of the place and the lean of the needle where it leaves the sheath.
     roll_zero_sd_rad : float
         Of the roll zero.
-    lag_sd_rad : float
-        Of the bevel's lag behind its drive that is left after compensation.
+    lag_sd_rad, lag_per_mm_sd_rad, lag_best_mm : float
+        Of the bevel's lag behind its drive that is left after compensation, with so much needle in the gel (a lag that
+        was not measured: at any depth), and of its growth with the depth, which are independent.
 
     Raises
     ------
@@ -69,6 +70,8 @@ class OutOfPlaneSettings:
     start_sd_rad: float
     roll_zero_sd_rad: float
     lag_sd_rad: float
+    lag_per_mm_sd_rad: float = 0.0
+    lag_best_mm: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -111,17 +114,16 @@ def budget_out_of_plane(
         For a radius or a length that is not a positive number, or not 0 or more.
     """
     length_mm = sum(stretch.length_mm for stretch in stretches)
-    roll, lag, unknown = _displace(stretches, radius_mm, np.array([length_mm]))
+    roll, lags = _displace(stretches, radius_mm, settings, np.array([length_mm]))
     heading = settings.heading_sd_rad_per_root_mm
     return OutOfPlaneBudget(
         roll_zero_mm=settings.roll_zero_sd_rad * abs(float(roll.x_mm[0])),
-        torsion_mm=settings.lag_sd_rad * math.hypot(lag.x_mm[0], unknown.x_mm[0]),
+        torsion_mm=math.hypot(*(lag.x_mm[0] for lag in lags)),
         heading_mm=heading * math.sqrt(length_mm**3 / 3.0),
         start_mm=math.hypot(settings.start_sd_mm, settings.start_sd_rad * length_mm),
         lean_rad=math.hypot(
             settings.roll_zero_sd_rad * roll.lean[0],
-            settings.lag_sd_rad * lag.lean[0],
-            settings.lag_sd_rad * unknown.lean[0],
+            *(lag.lean[0] for lag in lags),
             heading * math.sqrt(length_mm),
             settings.start_sd_rad,
         ),
@@ -136,12 +138,12 @@ def covary_out_of_plane(
     Parameters and errors are those of `budget_out_of_plane`, whose total is the root of the last element for the whole
     length.
     """
-    roll, lag, unknown = _displace(stretches, radius_mm, at_mm)
+    roll, lags = _displace(stretches, radius_mm, settings, at_mm)
     first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
     wandering = first**2 * (3.0 * second - first) / 6.0
     return np.asarray(
         settings.roll_zero_sd_rad**2 * np.outer(roll.x_mm, roll.x_mm)
-        + settings.lag_sd_rad**2 * (np.outer(lag.x_mm, lag.x_mm) + np.outer(unknown.x_mm, unknown.x_mm))
+        + sum(np.outer(lag.x_mm, lag.x_mm) for lag in lags)
         + settings.heading_sd_rad_per_root_mm**2 * wandering
         + settings.start_sd_mm**2
         + settings.start_sd_rad**2 * np.outer(at_mm, at_mm)
@@ -150,16 +152,20 @@ def covary_out_of_plane(
 
 @dataclass(frozen=True, eq=False)
 class _Displacement:
-    """By how much a radian of roll displaces points of the needle [mm] and makes them lean [rad], (N,)."""
+    """By how much a source displaces points of the needle [mm] and makes them lean [rad], (N,)."""
 
     x_mm: FloatArray
     lean: FloatArray
 
 
 def _displace(
-    stretches: Sequence[RolledStretch], radius_mm: float, at_mm: FloatArray
-) -> tuple[_Displacement, _Displacement, _Displacement]:
-    """Return what a roll does that is the same everywhere, a lag where its direction is known, and one where not."""
+    stretches: Sequence[RolledStretch], radius_mm: float, settings: OutOfPlaneSettings, at_mm: FloatArray
+) -> tuple[_Displacement, tuple[_Displacement, ...]]:
+    """Return what a radian of roll does that is the same everywhere, and standard deviations of the lag.
+
+    Those are of a lag that is the same at all depths and of its growth, each where the direction of the turn is known,
+    and where it is not.
+    """
     if not 0.0 < radius_mm < math.inf:
         raise InputError(f"radius_mm is {radius_mm:g}, it must be above 0")
     lengths_mm = np.array([stretch.length_mm for stretch in stretches])
@@ -171,8 +177,10 @@ def _displace(
     leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
     moves_mm = leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm)
     turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
-    roll, lag, unknown = (
-        _Displacement(moves_mm @ signs, leans @ signs)
-        for signs in (np.ones(len(turned)), -turned, (turned == 0.0).astype(np.float64))
+    growth = settings.lag_per_mm_sd_rad * (starts_mm - settings.lag_best_mm)
+    lags = (
+        _Displacement(moves_mm @ (signs * sd_rad), leans @ (signs * sd_rad))
+        for signs in (-turned, (turned == 0.0).astype(np.float64))
+        for sd_rad in (settings.lag_sd_rad, growth)
     )
-    return roll, lag, unknown
+    return _Displacement(moves_mm @ np.ones(len(turned)), leans @ np.ones(len(turned))), tuple(lags)

@@ -12,6 +12,7 @@ from labrig.steering.out_of_plane import (
     budget_out_of_plane,
     covary_out_of_plane,
 )
+from labrig.steering.torsion import LagError, find_lag_sensitivity
 
 RADIUS_MM = 27.7
 STEP_MM = 0.5
@@ -77,6 +78,15 @@ def test_the_lag_adds_up_when_the_bevel_turns_back_and_forth(path) -> None:
     )
     spread_mm = math.sqrt(float(np.mean(x_mm**2)))
     assert budget.total_mm == budget.torsion_mm == pytest.approx(spread_mm, rel=0.05)
+
+
+@pytest.mark.parametrize("path", [BACK_AND_FORTH, ONWARD])
+def test_the_budget_knows_the_lag_by_depth_as_the_choice_of_turns_does(path) -> None:
+    """What a measured lag leaves is the same for the budget as for the turns that are chosen by it."""
+    error = LagError(50.0, 0.02, 0.0005)
+    known = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, error.best_sd_rad, error.per_mm_sd_rad, error.best_mm)
+    left_mm = find_lag_sensitivity(stretches(path), RADIUS_MM).find_sd_mm(error)
+    assert budget_out_of_plane(stretches(path), RADIUS_MM, known).torsion_mm == pytest.approx(left_mm)
 
 
 def test_back_and_forth_is_the_worst_way_to_turn() -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from labrig.devices.needle_state import RollZero
 from labrig.experiments.insertion.ending import list_turns
-from labrig.experiments.insertion.events import BevelTurn, NeedleRetreat
+from labrig.experiments.insertion.events import BevelTurn, InsertionEvent, NeedleRetreat
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.runner.session import Session
 from labrig.steering.out_of_plane import RolledStretch
@@ -24,8 +24,8 @@ class Bevel:
         Where the base stands, from the roll zero; also where the bevel is, as far as its lag is known.
     turned, centred : int
         The directions in which it was turned last, and to the roll zero; 0 if that is not known.
-    turns : list of BevelTurn
-        On the path that the needle lies in.
+    way : list of InsertionEvent
+        Its turns, and the retreats between them.
     rolled : list of RolledStretch
         Stretches between turns, without the present one.
     """
@@ -37,8 +37,13 @@ class Bevel:
     base_rad: float = 0.0
     turned: int = 0
     centred: int = 0
-    turns: list[BevelTurn] = field(default_factory=list)
+    way: list[InsertionEvent] = field(default_factory=list)
     rolled: list[RolledStretch] = field(default_factory=list)
+
+    @property
+    def turns(self) -> tuple[BevelTurn, ...]:
+        """Turns on the path that the needle lies in."""
+        return list_turns(self.way)
 
     def centre(self) -> None:
         """Turn to the roll zero while the needle is in the sheath."""
@@ -73,7 +78,7 @@ class Bevel:
             overshoot_rad=turn.overshoot_rad,
         )
         self.session.record(event)
-        self.turns.append(event)
+        self.way.append(event)
         self.rolled, self.turned, self.base_rad = rolled, turn.direction, turn.to_rad
         speed = rotation.nearest_speed(rotation.max_speed)
         if turn.overshoot_rad:
@@ -84,7 +89,7 @@ class Bevel:
 
     def follow_retreat(self, retreat: NeedleRetreat) -> None:
         """Forget the turns beyond where a withdrawn needle leaves its old cut; it was turned back on the way there."""
-        self.turns = list(list_turns((*self.turns, retreat)))
+        self.way.append(retreat)
         kept, since_mm, turned_rad = list[RolledStretch](), 0.0, self.base_rad
         for stretch in self._list_rolled(retreat.from_mm):
             if since_mm >= retreat.leave_mm:

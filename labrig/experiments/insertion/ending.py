@@ -139,13 +139,17 @@ class TracedPath:
 
 
 def list_turns(way: Iterable[InsertionEvent]) -> tuple[BevelTurn, ...]:
-    """Return the turns on the path that the needle lies in; those beyond where it left an old cut are not on it."""
-    turns = list[BevelTurn]()
+    """Return the turns on the path that the needle lies in; those beyond where it left an old cut are not on it.
+
+    A withdrawn needle is turned in its old cut, which it then leaves at the length at which it was to leave it.
+    """
+    turns, left_mm = list[BevelTurn](), 0.0
     for event in way:
         if isinstance(event, BevelTurn):
-            turns.append(event)
+            turns.append(event.model_copy(update={"depth_mm": max(event.depth_mm, left_mm)}))
         elif isinstance(event, NeedleRetreat):
-            turns = [turn for turn in turns if turn.depth_mm <= event.leave_mm]
+            left_mm = event.leave_mm
+            turns = [turn for turn in turns if turn.depth_mm <= left_mm]
     return tuple(turns)
 
 

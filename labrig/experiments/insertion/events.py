@@ -9,6 +9,7 @@ from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
 from labrig.steering.planner import PlannedArc
 from labrig.steering.problem import Obstacle
+from labrig.steering.torsion import LagError
 
 _Pixel = tuple[float, float]
 _Point = tuple[float, float, float]
@@ -33,6 +34,7 @@ class RecordedTorsion(_Part):
     lag_rad_per_mm: float
     sd_rad: float
     run: str
+    error: LagError | None = None
 
 
 class InsertionStart(SpecimenTrialStart):

@@ -441,9 +441,7 @@ class _Insertion:
         unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion)
         if unseen is None:
             return Ending("reached", stop, command.detail)
-        path = TracedPath(
-            tuple(self.bevel.turns), self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred
-        )
+        path = TracedPath(self.bevel.turns, self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred)
         problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)

@@ -15,6 +15,7 @@ from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings
+from labrig.steering.torsion import LagError
 
 
 class MeasuredTorsion(Protocol):
@@ -22,7 +23,12 @@ class MeasuredTorsion(Protocol):
 
     @property
     def sd_rad(self) -> float:
-        """Its standard deviation."""
+        """Its largest standard deviation."""
+        ...
+
+    @property
+    def error(self) -> LagError | None:
+        """How that depends on the depth; None: not at all."""
         ...
 
 
@@ -86,9 +92,9 @@ def make_out_of_plane(
     unseen = protocol.out_of_plane
     if unseen is None:
         return None
-    lag_sd_rad = math.radians(unseen.lag_sd_deg)
+    lag = LagError(0.0, math.radians(unseen.lag_sd_deg), 0.0)
     if torsion is not None and protocol.policy.turning == "compensated":
-        lag_sd_rad = torsion.sd_rad
+        lag = torsion.error or LagError(0.0, torsion.sd_rad, 0.0)
     heading_sd_deg = unseen.heading_sd_deg_per_root_mm
     if heading_sd_deg is None:
         heading_sd_deg = protocol.estimator.process_sd_deg_per_root_mm
@@ -97,7 +103,9 @@ def make_out_of_plane(
         start_sd_mm=unseen.start_sd_mm,
         start_sd_rad=math.radians(unseen.start_sd_deg),
         roll_zero_sd_rad=roll_zero_sd_rad,
-        lag_sd_rad=lag_sd_rad,
+        lag_sd_rad=lag.best_sd_rad,
+        lag_per_mm_sd_rad=lag.per_mm_sd_rad,
+        lag_best_mm=lag.best_mm,
     )
 
 

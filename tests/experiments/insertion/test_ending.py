@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
-from labrig.experiments.insertion.events import BevelTurn
+from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error, list_turns
+from labrig.experiments.insertion.events import BevelTurn, NeedleRetreat
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.insertion.summary import summarise
@@ -82,6 +82,16 @@ def test_what_is_seen_aside_of_the_camera_is_less_certain() -> None:
         bound_error(aside, unseen(1.0), target).interval_mm[1]
         > bound_error(under, unseen(1.0), target).interval_mm[1] + 0.2
     )
+
+
+def test_a_turn_in_an_old_cut_counts_from_where_the_needle_leaves_it() -> None:
+    """A withdrawn needle is turned before the length at which it leaves its cut; turns beyond that are undone."""
+    first, beyond, again = (
+        BevelTurn(trial=0, depth_mm=depth_mm, from_rad=0.0, to_rad=math.pi) for depth_mm in (10.0, 30.0, 16.0)
+    )
+    retreat = NeedleRetreat(trial=0, from_mm=40.0, to_mm=16.0, leave_mm=20.0, attempt=1, cause="")
+    turns = list_turns((first, beyond, retreat, again))
+    assert [turn.depth_mm for turn in turns] == [10.0, 20.0]
 
 
 def test_a_turn_counts_from_where_it_acts() -> None:

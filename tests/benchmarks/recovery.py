@@ -101,7 +101,7 @@ def insert(seed: int, *, recovers: bool) -> Recovered:
 
 
 def _make_settings(recovers: bool) -> SteeringSettings:
-    protocol = load_protocol(PROTOCOL, PROTOCOL_MODELS)
+    protocol = load_protocol(PROTOCOL, PROTOCOL_MODELS, ["recovery={}"])
     assert isinstance(protocol, InsertionProtocol)
     target_mm = protocol.target.position_mm
     assert target_mm is not None

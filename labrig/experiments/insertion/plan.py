@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LabrigError, Problem
@@ -43,6 +44,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
     problems = (
         *find_rig_problems(protocol, rig, (turn, *moves, *searched)),
         *_find_roll_zero_problems(protocol, rig),
+        *_find_unmeasured(protocol, rig),
     )
     problems = problems or tuple(_find_aim_problems(protocol, rig))
     foreseen = _Foreseen() if problems else _foresee(protocol, rig)
@@ -89,6 +91,43 @@ def _find_roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -
             if rig.state_path is not None
             else "say how under roll_zero:; a simulated rig without state_file is new in every run",
         )
+
+
+def _find_unmeasured(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield what is stated to be exactly 0 and was not measured; in the simulated world alone that may be so.
+
+    A success would rest on it.
+    """
+    unseen = protocol.out_of_plane
+    if unseen is None or rig.kind == ONLY_SIMULATED:
+        return
+    if unseen.heading_sd_deg_per_root_mm == 0.0:
+        yield Problem(
+            "out_of_plane.heading_sd_deg_per_root_mm",
+            f"0 says that needles on rig {rig.name} never wander out of the plane; only a simulated one does not",
+            "state what you measured, or null: as much as in the plane",
+        )
+    if unseen.lag_sd_deg == 0.0 and not _knows_torsion(protocol, rig):
+        yield Problem(
+            "out_of_plane.lag_sd_deg",
+            f"0 says that the bevel of needle {protocol.needle.needle_id} never lags behind the rotation axis, and its "
+            f"torsion was not measured on rig {rig.name}",
+            "measure it: torsion: {} under roll_zero:, or labrig run protocols/roll-zero.yaml; or state how far it may "
+            "lag (5 to 45 degrees were seen in needles 100 mm deep)",
+        )
+
+
+def _knows_torsion(protocol: InsertionProtocol, rig: RigDescription) -> bool:
+    """Return whether the lag of the bevel is measured before the insertion, and compensated."""
+    if protocol.policy.turning != "compensated":
+        return False
+    certified, steps = (
+        NeedleState(rig.state_path).recall_roll_zero(protocol.needle.needle_id),
+        protocol.roll_zero,
+    )
+    if certified is not None:
+        return certified.torsion is not None
+    return steps is not None and steps.torsion is not None
 
 
 def _warn_of_torsion(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:

@@ -100,6 +100,23 @@ def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> N
         assert all("is of needle another" in warning.message for warning in warnings)
 
 
+def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
+    """On a rig that is not simulated a lag or a wandering of exactly 0 is refused, unless the torsion is measured."""
+    bench = simulated_rig().model_copy(update={"kind": "bench"})
+    never = insertion("out_of_plane.heading_sd_deg_per_root_mm=0")
+    where = {problem.where for problem in find_problems(never, bench)}
+    assert {"out_of_plane.lag_sd_deg", "out_of_plane.heading_sd_deg_per_root_mm"} <= where
+    for stated in ("out_of_plane.lag_sd_deg=5", "roll_zero.torsion={}", "out_of_plane=null"):
+        where = {problem.where for problem in find_problems(insertion(stated), bench)}
+        assert not any(name.startswith("out_of_plane") for name in where)
+
+
+def test_no_copy_of_the_example_cuts_twice_unasked() -> None:
+    """The example leaves out recovery; an override gives it with its defaults."""
+    assert insertion().recovery is None  # type: ignore[attr-defined]
+    assert insertion("recovery={}").recovery is not None  # type: ignore[attr-defined]
+
+
 def test_a_target_named_by_its_pixel_is_aimed_at() -> None:
     """A target may be given by a pixel in view."""
     assert find_problems(insertion("target={pixel: [1100, 290]}"), simulated_rig()) == ()

@@ -422,7 +422,7 @@ def test_a_needle_that_missed_is_withdrawn_part_of_the_way_and_goes_on_elsewhere
     aim = ("target.position_mm=[0,-12,50]", "target.tolerance_mm=0.8", "out_of_plane=null")
     cavities = ("world.disturbances.cavities=3", "world.disturbances.cavity_mm=[10,12]")
     outcome, run = conduct_insertion(
-        tmp_path, insertion(*aim, "insertion.max_length_mm=90"), (*EVEN, *cavities)
+        tmp_path, insertion(*aim, "insertion.max_length_mm=90", "recovery={}"), (*EVEN, *cavities)
     )
     assert outcome.exit_status == "success"
     assert truth(run)["true_target_error_mm"] < 0.9

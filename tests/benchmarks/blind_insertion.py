@@ -1,7 +1,9 @@
 """One insertion in a drawn world without pictures: the step's commands move the world, and it sees what a camera would.
 
 A sighting is where the tip appears in the steering plane, with its parallax, and noise. While a sighting is computed
-the needle advances. The target is tracked if it moves: its place is told with noise, as that of the tip.
+the needle advances. The target is tracked if it moves: its place is told with noise, as that of the tip. A needle that
+recovers is withdrawn as the rig does it. In the end the shaft is measured as in a last picture (`seen_shaft`), and the
+functions of the insertion decide.
 """
 
 import math
@@ -12,18 +14,23 @@ from typing import Any, Literal
 
 import numpy as np
 
-from labrig.experiments.insertion.ending import SeenEnd, TargetErrorBounds, TracedPath, bound_error
+from labrig.experiments.insertion.ending import (
+    SeenEnd,
+    TargetErrorBounds,
+    TracedPath,
+    bound_error,
+    find_depth,
+)
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.needle.kinematics import FloatArray
-from labrig.simulation.lens import camera_place_mm
 from labrig.simulation.parallax import see_points
 from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
 from labrig.steering.state import SteeringState
-from labrig.steering.step import start_steering, step_steering
+from labrig.steering.step import retreat_steering, start_steering, step_steering
 from labrig.steering.tip import EstimatorSettings
 from labrig.steering.torsion import (
     BaseLimits,
@@ -32,6 +39,8 @@ from labrig.steering.torsion import (
     choose_turn,
     turn_back_and_forth,
 )
+from labrig.vision.perspective import Perspective
+from tests.benchmarks.seen_shaft import ERRORS, draw_shaft, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
@@ -57,6 +66,7 @@ class InsertionEnd:
     turns: int
     outcome: str
     interval_mm: tuple[float, float]
+    retreats: int
 
     @property
     def error_mm(self) -> float:
@@ -83,13 +93,13 @@ class _Bevel:
     base_rad: float = 0.0
     turns: list[BevelTurn] = field(default_factory=list)
 
-    def turn(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
-        """Return how the base turns, and take note of it."""
+    def turn(self, at_mm: float, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
+        """Return how the base turns at an insertion length, and take note of it."""
         turn = self._choose(roll_rad, state, radius_mm)
         self.turns.append(
             BevelTurn(
                 trial=0,
-                depth_mm=state.insertion_mm,
+                depth_mm=at_mm,
                 from_rad=self.base_rad,
                 to_rad=turn.to_rad,
                 overshoot_rad=turn.overshoot_rad,
@@ -97,6 +107,12 @@ class _Bevel:
         )
         self.base_rad = turn.to_rad
         return turn
+
+    def undo_last(self) -> float:
+        """Take back the last turn, and return at which insertion length it was made."""
+        turn = self.turns.pop()
+        self.base_rad = turn.from_rad
+        return turn.depth_mm
 
     def _choose(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
         if self.turning == "back_and_forth":
@@ -133,31 +149,50 @@ def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
         "paper",
         planar=True,
     )
-    return replace(chosen, estimator=estimator, policy=SteeringPolicy.paper(), method="paper")
+    return replace(chosen, estimator=estimator, policy=SteeringPolicy.paper(), method="paper", recovery=None)
 
 
 def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) -> InsertionEnd:
     """Carry out an insertion; unless told, the paper's policy turns back and forth, and the default compensates."""
-    world, settings = drawn.world, make_settings(drawn.problem, policy)
-    bevel = _Bevel(drawn.measured_lag, turning or ("back_and_forth" if policy == "paper" else "compensated"))
+    settings = make_settings(drawn.problem, policy)
+    return steer(drawn, settings, turning or ("back_and_forth" if policy == "paper" else "compensated"))
+
+
+def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> InsertionEnd:
+    """Carry out an insertion with these settings."""
+    bevel = _Bevel(drawn.measured_lag, turning)
     _move(drawn, 0.0, bevel.base_rad)
     state, command = start_steering(settings)
     at_mm = 0.0
     for _ in range(MOST_STEPS):
         if command.stop is not None:
             break
+        if command.withdraw_to_mm is not None and command.leave_mm is not None:
+            at_mm = _withdraw(drawn, bevel, command.withdraw_to_mm)
+            state, command = retreat_steering(state, command.leave_mm, settings)
+            continue
         if command.roll_rad != 0.0:
-            turn = bevel.turn(command.roll_rad, state, settings.problem.radius_mm)
+            turn = bevel.turn(at_mm, command.roll_rad, state, settings.problem.radius_mm)
             _move(drawn, at_mm, turn.farthest_rad)
             _move(drawn, at_mm, turn.to_rad)
         seen_at_mm, run_to_mm = max(command.observe_at_mm, at_mm), command.run_to_mm
         _move(drawn, seen_at_mm, bevel.base_rad)
-        sighting = TipSighting(seen_at_mm, _see(drawn, world.tip_mm(), drawn.sighting_sd_mm))
+        sighting = TipSighting(seen_at_mm, _see(drawn, drawn.world.tip_mm(), drawn.sighting_sd_mm))
         settings = _follow_target(drawn, settings)
         state, command = step_steering(state, sighting, settings)
         at_mm = max(seen_at_mm, min(run_to_mm, seen_at_mm + COMPUTED_MM))
         _move(drawn, at_mm, bevel.base_rad)
-    return _describe_end(drawn, settings, state, command.stop or "never", bevel.turns)
+    path = TracedPath(tuple(bevel.turns), 0.0, at_mm)
+    return _describe_end(drawn, settings, state, command.stop or "never", path)
+
+
+def _withdraw(drawn: DrawnWorld, bevel: _Bevel, to_mm: float) -> float:
+    """Withdraw the needle along its path, turning back where it was turned, and return the insertion length there."""
+    while bevel.turns and bevel.turns[-1].depth_mm > to_mm:
+        _move(drawn, bevel.turns[-1].depth_mm, bevel.base_rad)
+        _move(drawn, bevel.undo_last(), bevel.base_rad)
+    _move(drawn, to_mm, bevel.base_rad)
+    return to_mm
 
 
 def _move(drawn: DrawnWorld, insertion_mm: float, base_rad: float) -> None:
@@ -180,32 +215,39 @@ def _follow_target(drawn: DrawnWorld, settings: SteeringSettings) -> SteeringSet
 
 
 def _describe_end(
-    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, stop: str, turns: Sequence[BevelTurn]
+    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, stop: str, path: TracedPath
 ) -> InsertionEnd:
     truth: Any = drawn.world.truth()
-    bounds = _bound_error(drawn, settings, state, turns)
+    bounds = _bound_error(drawn, settings, path)
     steered = stop == "target_reached"
     return InsertionEnd(
         stop=stop,
         off_mm=tuple((np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()),
         clearance_mm=truth["true_min_clearance_mm"],
         replans=state.replans,
-        turns=len(turns),
+        turns=len(path.turns),
         outcome=bounds.decide(settings.problem.tolerance_mm).outcome if steered else "missed",
         interval_mm=bounds.interval_mm,
+        retreats=state.retreats,
     )
 
 
-def _bound_error(
-    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, turns: Sequence[BevelTurn]
-) -> TargetErrorBounds:
-    """Return the distance from the target as the policy knows it, from its estimate in place of a last picture."""
-    place_mm = state.tip.position_mm[1:]
-    variances = np.diag(state.tip.rotation @ state.tip.covariance[:3, :3] @ state.tip.rotation.T)[1:]
-    if drawn.world.description.target_moves_mm:
-        variances = variances + TARGET_SD_MM**2
-    camera_x_mm, *foot_mm = camera_place_mm(drawn.world.description.lens)
-    seen = SeenEnd(place_mm, np.sqrt(variances), (place_mm - foot_mm) / -camera_x_mm)
-    path = TracedPath(tuple(turns), 0.0, state.insertion_mm).split(settings)
-    unseen = budget_out_of_plane(path, settings.problem.radius_mm, drawn.told)
-    return bound_error(seen, unseen, settings.problem.target_mm)
+def _bound_error(drawn: DrawnWorld, settings: SteeringSettings, path: TracedPath) -> TargetErrorBounds:
+    """Return the distance from the target as the policy knows it at the end."""
+    seen = _see_end(drawn, settings, path)
+    budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, drawn.told)
+    return bound_error(seen, budget, settings.problem.target_mm)
+
+
+def _see_end(drawn: DrawnWorld, settings: SteeringSettings, path: TracedPath) -> SeenEnd:
+    """Return the end as a last picture shows it; the standard deviation of a tracked target is added to its own."""
+    truth: Any = drawn.world.truth()
+    description = drawn.world.description
+    end = draw_shaft(truth["path_mm"], description.lens, description.needle.diameter_mm, drawn.noise)
+    plane, place_mm = load_plane(), np.array(end.tip_mm)
+    perspective = Perspective.of(plane)
+    assert perspective is not None
+    target_sd_mm = TARGET_SD_MM if description.target_moves_mm else 0.0
+    sd_mm = np.full(2, math.hypot(ERRORS.place_sd_mm, target_sd_mm))
+    depth = find_depth(end, plane, path, settings, drawn.told)
+    return SeenEnd(place_mm, sd_mm, perspective.find_slope(place_mm), depth)

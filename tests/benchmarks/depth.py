@@ -3,37 +3,48 @@
 `python -m tests.benchmarks depth`; the number of pictures in each row is `LABRIG_BENCHMARK_DEPTHS`, 20 unless set. The
 needles are those of the simulated rig, 60 to 112 mm long with up to six arcs, and wander out of the plane as the row
 says; the map of the plane is the rig's own, as calibrated. What is told is the wandering that the interval is made
-with. The constants of `labrig.vision.depth` were found with the seeds 100 to 339.
+with. The constants of `labrig.vision.depth` were found with the seeds 100 to 339. Each row stands twice: with shafts
+measured in rendered pictures, and with those of `seen_shaft`, which the loop without pictures sees. The errors of the
+latter are fitted to further pictures, as many as in a row.
 """
 
 import math
 import os
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from labrig.devices.rig_file import load_rig
 from labrig.errors import MeasurementRefusedError
-from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, covary_out_of_plane
 from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.perspective import Perspective
-from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_tip import measure_shaft_tip
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from tests.benchmarks.seen_shaft import (
+    ERRORS,
+    FITTED,
+    RIG,
+    ShaftResiduals,
+    compare_shaft,
+    draw_shaft,
+    fit_errors,
+    load_plane,
+)
 from tests.benchmarks.table import print_rows
 
-RIG = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
 PICTURES = int(os.environ.get("LABRIG_BENCHMARK_DEPTHS", "20"))
 FIRST_SEED = 5000
 RADIUS_MM, DIAMETER_MM, SHEATH_MM = 27.7, 1.2, 2.0
 LENGTHS_MM, ARCS_MM = (60.0, 112.0), (12.0, 22.0, 24.0, 24.0, 20.0, 20.0)
 FAR_MM = 3.0
+FIT_WANDERS_DEG = (0.05, 0.4, 0.4, 0.8)
 # Wandering out of the plane in the world and as told [deg / mm^0.5], and slip [share].
 ROWS = (
     (0.0, 0.05, 0.0),
@@ -56,24 +67,41 @@ class Outcome:
 
 
 def print_table() -> None:
-    """Print a row for each world."""
+    """Print two rows for each world, and the errors of shafts in pictures."""
     cv2.setNumThreads(1)
-    rows = []
-    with ProcessPoolExecutor(os.cpu_count(), get_context("fork")) as pool:
-        for row in ROWS:
-            seeds = range(FIRST_SEED, FIRST_SEED + PICTURES)
-            outcomes = list(pool.map(partial(measure_picture, row), seeds, chunksize=5))
-            rows.append([*(f"{value:g}" for value in row), *_summarise(outcomes)])
     heads = (
-        "wanders", "told", "slip", "pictures", "depth told", "alarms", f"alarms beyond {FAR_MM:g} mm", "told sd mm",
-        "error rms mm", "sd mm", "in 95 %",
+        "shafts", "wanders", "told", "slip", "pictures", "depth told", "alarms", f"alarms beyond {FAR_MM:g} mm",
+        "told sd mm", "error rms mm", "sd mm", "in 95 %",
     )  # fmt: skip
+    with ProcessPoolExecutor(os.cpu_count(), get_context("fork")) as pool:
+        rows = []
+        for row in ROWS:
+            for name, drawn in (("in pictures", False), ("drawn", True)):
+                seeds = range(FIRST_SEED, FIRST_SEED + PICTURES)
+                outcomes = list(pool.map(partial(_measure, row, drawn), seeds, chunksize=5))
+                rows.append([name, *(f"{value:g}" for value in row), *_summarise(outcomes)])
+        residuals = list(pool.map(_compare, FITTED[:PICTURES], chunksize=5))
     print_rows(heads, rows)
     print("wanted: where what is told is true, at most 1 alarm in 100 and 93 to 97 % in the interval")
+    _print_errors([residual for residual in residuals if residual is not None])
 
 
-def measure_picture(row: tuple[float, float, float], seed: int) -> Outcome:
-    """Draw a needle and measure its depth."""
+def _print_errors(residuals: Sequence[ShaftResiduals]) -> None:
+    fitted, used = vars(fit_errors(residuals)), vars(ERRORS)
+    rows = [[name, f"{fitted[name]:.4f}", f"{used[name]:g}"] for name in used]
+    print_rows(("errors of shafts", f"in {len(residuals)} pictures", "drawn with"), rows)
+
+
+def _compare(seed: int) -> ShaftResiduals | None:
+    """Return by how much the shaft in a picture is off; None if it was not found."""
+    world, _ = _insert(seed, FIT_WANDERS_DEG[seed % len(FIT_WANDERS_DEG)], 0.01)
+    end = _measure_shaft(world)
+    truth: Any = world.truth()
+    return None if end is None else compare_shaft(end, truth["path_mm"], world.description.lens)
+
+
+def _measure(row: tuple[float, float, float], drawn: bool, seed: int) -> Outcome:
+    """Draw a needle and measure its depth, in a picture or by the shaft that such a picture would show."""
     wanders_deg, told_deg, slip = row
     world, length_mm = _insert(seed, wanders_deg, slip)
     true_mm = world.tip_mm()[0]
@@ -81,19 +109,27 @@ def measure_picture(row: tuple[float, float, float], seed: int) -> Outcome:
     told = OutOfPlaneSettings(math.radians(told_deg), 0.1, math.radians(0.1), 0.005, 0.0)
     covariance = covary_out_of_plane([RolledStretch(length_mm, 0.0, 0)], RADIUS_MM, told, at_mm)
     told_mm = math.sqrt(covariance[-1, -1])
-    plane = _load_plane()
-    perspective = Perspective.of(plane)
+    perspective = Perspective.of(load_plane())
     assert perspective is not None
-    try:
-        end = measure_shaft_tip(world.picture(), plane, DIAMETER_MM, SHEATH_MM)
-    except MeasurementRefusedError:
+    end = _draw_shaft(world, seed) if drawn else _measure_shaft(world)
+    if end is None:
         return Outcome(true_mm, told_mm, None)
     return Outcome(true_mm, told_mm, measure_depth(end, perspective, length_mm, at_mm, covariance))
 
 
-@cache
-def _load_plane() -> PlaneMap:
-    return load_plane_map(load_rig(RIG))
+def _draw_shaft(world: World, seed: int) -> ShaftTip:
+    truth: Any = world.truth()
+    return draw_shaft(
+        truth["path_mm"], world.description.lens, DIAMETER_MM, np.random.default_rng([seed, 10])
+    )
+
+
+def _measure_shaft(world: World) -> ShaftTip | None:
+    """Return the shaft in a picture; None if it is not found."""
+    try:
+        return measure_shaft_tip(world.picture(), load_plane(), DIAMETER_MM, SHEATH_MM)
+    except MeasurementRefusedError:
+        return None
 
 
 def _insert(seed: int, wanders_deg: float, slip: float) -> tuple[World, float]:

@@ -77,8 +77,8 @@ class DrawnWorld:
 
 @cache
 def read_protocol() -> InsertionProtocol:
-    """Return the protocol of the default policy."""
-    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS)
+    """Return the protocol of the default policy, with leave to withdraw and re-enter."""
+    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS, ["recovery={}"])
     assert isinstance(protocol, InsertionProtocol)
     return protocol
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from labrig.errors import InputError
 from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
 from labrig.steering.tip import TipObservation, TipState
+from tests.steering.heading_bound import bound_heading_rad2
 from tests.steering.insertions import (
     PROCESS_SD_RAD,
     RADIUS_MM,
@@ -136,6 +137,18 @@ def test_the_default_beats_the_paper(planar: bool, limit: float) -> None:
     """With the radius 2 % wrong the heading is that much better than the corrected paper filter's, over 20 runs."""
     paper = heading_rmse_deg(20, settings(planar, method="paper"))
     assert heading_rmse_deg(20, settings(planar)) <= limit * paper
+
+
+@PLANES
+def test_no_filter_could_know_the_heading_much_better(planar: bool) -> None:
+    """The RMSE of the heading is that of the posterior Cramer-Rao bound, as far as 20 runs tell."""
+    squares, bounds = [], []
+    for seed in range(20):
+        insertion = insert(seed, planar)
+        poses = np.stack([state.pose for state in follow(insertion, settings(planar))])
+        squares.append(np.mean(heading_errors_rad(poses, insertion.truth) ** 2))
+        bounds.append(np.mean(bound_heading_rad2(insertion, planar)))
+    assert math.sqrt(np.mean(squares) / np.mean(bounds)) == pytest.approx(1.0, abs=0.12)
 
 
 def test_the_curvature_is_learnt() -> None:

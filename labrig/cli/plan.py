@@ -31,7 +31,7 @@ def plan(
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.experiments.insertion.scenario import load_scenario, make_problem
-    from labrig.steering.planner import improve_plan, plan_path
+    from labrig.steering.planner import plan_in_rounds
 
     if figure is not None:
         _check_figure(figure, force)
@@ -39,11 +39,10 @@ def plan(
     problem = make_problem(asked)
     clock = SystemClock()
     started_s = clock.now_s()
-    found = plan_path(problem, asked.method)
-    if found.found and asked.method == "best":
-        rounds = improve_plan(problem, found)
-        while clock.now_s() - started_s < improve_s and (better := next(rounds, None)) is not None:
-            found = better
+    plans = plan_in_rounds(problem, asked.method)
+    found = next(plan for plan in plans if plan is not None)
+    while clock.now_s() - started_s < improve_s and (better := next(plans, None)) is not None:
+        found = better
     document = {**found.to_json(), "elapsed_s": clock.now_s() - started_s}
     if figure is not None:
         from labrig.report.plan_figure import write_plan_figure

@@ -73,7 +73,9 @@ class Plan:
         }
 
 
-def plan_path(problem: PlanProblem, method: PlanMethod = "best", effort: Effort = "thorough") -> Plan:
+def plan_path(
+    problem: PlanProblem, method: PlanMethod = "best", effort: Effort = "thorough", rounds: int = 1
+) -> Plan:
     """Return the first path to the target that is found, or the reason why there is none.
 
     Parameters
@@ -86,32 +88,42 @@ def plan_path(problem: PlanProblem, method: PlanMethod = "best", effort: Effort 
     effort : {"quick", "closer", "thorough"}
         Of "best". It is a number of rounds and not a time, so that the same problem has the same plan on any machine.
         Without a path the thorough search takes seconds, which is too long while the needle moves.
+    rounds : int
+        Of "best". Up to this round a better path than the first is sought.
+    """
+    plan = None
+    for number, plan in enumerate(plan_in_rounds(problem, method, effort), start=1):
+        if plan is not None and number >= rounds:
+            break
+    assert plan is not None
+    return plan
+
+
+def plan_in_rounds(
+    problem: PlanProblem, method: PlanMethod = "best", effort: Effort = "thorough"
+) -> Iterator[Plan | None]:
+    """Yield the best plan so far after each round of a search, and None while there is no path yet.
+
+    The caller stops when it has what it wants, or when its time is over. A search that ends without a path last yields
+    a plan with the reason. Parameters are those of `plan_path`.
     """
     around = Surroundings(problem)
     reason = find_refusal(around)
     if reason is not None:
-        return Plan(found=False, reason=reason)
-    psi = _search_first(around, method, effort)
-    if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _is_worth_making(psi, around):
-        psi = np.zeros((0, 2))
-    if psi is None:
-        failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
-        return Plan(found=False, reason=failed)
-    return make_plan(psi, around)
-
-
-def improve_plan(problem: PlanProblem, plan: Plan) -> Iterator[Plan]:
-    """Yield the best plan so far after each round of a thorough search, beginning from a plan that was found.
-
-    The caller stops when it has what it wants, or when its time is over; the search ends after its last round.
-    """
-    around = Surroundings(problem)
-    cost = cost_path(plan.psi, around) if len(plan.arcs) else 0.0
-    for psi in _search_in_rounds(around):
-        found = np.inf if psi is None else cost_path(psi, around)
-        if psi is not None and found < cost:
-            plan, cost = make_plan(psi, around), found
+        yield Plan(found=False, reason=reason)
+        return
+    plan = None
+    for psi in _search_in_rounds(around, method, effort):
+        if plan is None and psi is not None and not _is_worth_making(psi, around):
+            break
+        if psi is not None and (plan is None or cost_path(psi, around) < cost_path(plan.psi, around)):
+            plan = make_plan(psi, around)
         yield plan
+    if plan is None and np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
+        yield make_plan(np.zeros((0, 2)), around)
+    elif plan is None:
+        failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
+        yield Plan(found=False, reason=failed)
 
 
 def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:
@@ -122,17 +134,14 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
 
 
-def _search_first(around: Surroundings, method: PlanMethod, effort: Effort) -> FloatArray | None:
-    """Return the best path (n, 2) of the first round that has one."""
+def _search_in_rounds(
+    around: Surroundings, method: PlanMethod, effort: Effort
+) -> Iterator[FloatArray | None]:
+    """Yield the best path (n, 2) of each round, or None."""
     if method == "paper":
-        return search_by_resolved_rate(around)
-    rounds = islice(_search_in_rounds(around), _count_rounds(around, effort))
-    return next((psi for psi in rounds if psi is not None), None)
-
-
-def _search_in_rounds(around: Surroundings) -> Iterator[FloatArray | None]:
+        return iter([search_by_resolved_rate(around)])
     search = planar_search.search_plane if around.problem.planar else spatial_search.search_space
-    return search(around)
+    return islice(search(around), _count_rounds(around, effort))
 
 
 def _count_rounds(around: Surroundings, effort: Effort) -> int | None:
@@ -142,12 +151,13 @@ def _count_rounds(around: Surroundings, effort: Effort) -> int | None:
     return planar_search.CLOSER_ROUNDS if effort == "closer" and around.problem.planar else None
 
 
-def _is_worth_making(psi: FloatArray | None, around: Surroundings) -> bool:
+def _is_worth_making(psi: FloatArray, around: Surroundings) -> bool:
     """Return whether a path at least halves the distance of a tip that is already within the tolerance."""
-    if psi is None:
-        return False
+    distance = np.linalg.norm(around.target_mm)
     tip = path_frames(psi, around.problem.radius_mm).positions_mm[-1]
-    return bool(np.linalg.norm(tip - around.target_mm) < np.linalg.norm(around.target_mm) / 2)
+    return bool(
+        distance > around.problem.tolerance_mm or np.linalg.norm(tip - around.target_mm) < distance / 2
+    )
 
 
 def make_plan(psi: FloatArray, around: Surroundings) -> Plan:

@@ -6,7 +6,6 @@ needle halts, and the planner searches thoroughly.
 
 import math
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.bending import PathStretch, Turn, advance_pose
 from labrig.steering.clearance import path_distances
-from labrig.steering.planner import Effort, Plan, improve_plan, make_plan, plan_path
+from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.state import HERE_MM, Occasion, SteeringState, find_acting_mm
@@ -125,10 +124,7 @@ def _plan(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> P
         weights = replace(problem.weights, target_error_per_mm=settings.policy.final_error_per_mm)
         psi = find_nearest_approach(Surroundings(replace(problem, weights=weights)))
         return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
-    plan = plan_path(problem, settings.method, effort)
-    if effort == "thorough" and plan.found and settings.method == "best":
-        plan = list(islice(improve_plan(problem, plan), _IMPROVING_ROUNDS))[-1]
-    return plan
+    return plan_path(problem, settings.method, effort, _IMPROVING_ROUNDS if effort == "thorough" else 1)
 
 
 def _follow(

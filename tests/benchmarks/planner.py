@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from labrig.steering.planner import improve_plan, plan_path
+from labrig.steering.planner import plan_in_rounds, plan_path
 from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.score import cost_path
 from tests.benchmarks.oracle import oracle_solves
@@ -72,9 +72,9 @@ def _tight_row(name: str, problems: list[PlanProblem]) -> list[object]:
 
 def _save_by_improving(problem: PlanProblem) -> float:
     """Return the share of the first path's cost that a thorough search saves."""
-    around, first = Surroundings(problem), plan_path(problem)
-    best = list(improve_plan(problem, first))[-1]
-    return 1 - cost_path(best.psi, around) / cost_path(first.psi, around)
+    around = Surroundings(problem)
+    plans = [plan for plan in plan_in_rounds(problem) if plan is not None]
+    return 1 - cost_path(plans[-1].psi, around) / cost_path(plans[0].psi, around)
 
 
 def _sets() -> list[tuple[int, int, np.random.Generator]]:

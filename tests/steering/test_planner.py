@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from labrig.errors import InputError
 from labrig.needle.kinematics import path_frames, path_points
 from labrig.steering.clearance import arc_distances, find_nearest_places, path_distances
-from labrig.steering.planner import improve_plan, plan_path, sample_path
+from labrig.steering.planner import plan_in_rounds, plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Surroundings
 from labrig.steering.score import cost_path
 from tests.benchmarks.oracle import integrate_path
@@ -267,9 +267,12 @@ def test_a_narrow_tunnel_takes_a_thorough_search() -> None:
 def test_a_longer_search_is_never_worse() -> None:
     """Each round of an improving search yields a plan that costs no more than the one before it."""
     problem = draw_spatial_problems(1, seed=5)[0]
-    around, first = Surroundings(problem), plan_path(problem)
-    costs = [cost_path(plan.psi, around) for plan in (first, *islice(improve_plan(problem, first), 6))]
+    around = Surroundings(problem)
+    plans = [plan for plan in islice(plan_in_rounds(problem), 6) if plan is not None]
+    costs = [cost_path(plan.psi, around) for plan in plans]
     assert costs == sorted(costs, reverse=True)
+    assert plans[0] == plan_path(problem)
+    assert plans[-1] == plan_path(problem, rounds=6)
 
 
 def test_a_failure_states_only_what_was_found() -> None:

@@ -1,51 +1,48 @@
 """How large the disturbances of the reference world are: with them the paper's policy does as the paper reports.
 
 The paper reports 2 mm over a reach of 100 mm, and occasional failures, which it ascribes to replanning only every 20
-mm (section V-C). The wandering of heading and curvature of `rig-simulated.yaml` is scaled until the paper's planner,
-filter and policy have a mean error of 2 mm in the plane, which is all that its camera saw; those that fail are in the
-mean. The seeds are used for nothing else.
+mm (section V-C). It does not say whether failures are in the 2 mm. In the world they may end the path tens of
+millimetres before the target, and few of them make most of the mean. So the table has both means, in the plane, which
+is all that the paper's camera saw: that of all insertions, and that of those which did not end blocked. The wandering
+of heading and curvature of `rig-simulated.yaml` is scaled until 2 mm lie between the two. The seeds are used for
+nothing else; LABRIG_BENCHMARK_WORLDS sets their number.
 """
 
 import math
+import os
 import statistics
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import pairwise
 
-import numpy as np
+from scipy.stats import binomtest
 
 from labrig.simulation.description import WorldDescription
 from tests.benchmarks.blind_insertion import InsertionEnd, insert
 from tests.benchmarks.table import print_rows
 from tests.benchmarks.worlds import draw_world, read_world
 
-SEEDS = range(100_000, 100_060)
+SEEDS = range(200_000, 200_000 + int(os.environ.get("LABRIG_BENCHMARK_WORLDS", "200")))
 SCALES = (1.0, 1.25, 1.5)
 REPORTED_MM = 2.0
+_HEADS = (
+    "scale", "heading deg / root mm", "curvature", "mean mm", "SE", "not blocked: mean mm", "SE", "median",
+    "within 2 mm", "95 %", "missed", "blocked",
+)  # fmt: skip
 
 
 def print_table() -> None:
-    """Print what the paper's policy does at each scale, and the scale at which it does as reported."""
-    with ProcessPoolExecutor() as executor:
-        done = [list(executor.map(partial(_insert, scale=scale), SEEDS, chunksize=4)) for scale in SCALES]
-    heads = (
-        "scale", "heading deg / root mm", "curvature", "mean mm", "SE", "median", "within 2 mm", "path ends early",
-    )  # fmt: skip
-    print_rows(heads, [_row(scale, ends) for scale, ends in zip(SCALES, done, strict=True)])
+    """Print what the paper's policy does at each scale."""
+    rows = []
+    for scale in SCALES:
+        with ProcessPoolExecutor() as executor:
+            ends = list(executor.map(partial(_insert, scale=scale), SEEDS, chunksize=4))
+        rows.append(_row(scale, ends))
+        print_rows(_HEADS, rows[-1:])
+        print(flush=True)
     used = read_world("reference").disturbances.heading_deg_per_root_mm
     today = read_world("simulated").disturbances.heading_deg_per_root_mm
-    fitted = _find_scale([_mean_mm(ends) for ends in done])
-    where = "at none of these scales" if fitted is None else f"at the scale {fitted:.2f}"
-    print(f"mean error {REPORTED_MM:g} mm {where}; rig-reference.yaml has {used / today:.2f}")
-
-
-def _find_scale(means_mm: Sequence[float]) -> float | None:
-    """Return the smallest scale with the reported mean, interpolated; None if it is not between two of them."""
-    for (low, low_mm), (high, high_mm) in pairwise(zip(SCALES, means_mm, strict=True)):
-        if low_mm <= REPORTED_MM <= high_mm:
-            return float(np.interp(REPORTED_MM, (low_mm, high_mm), (low, high)))
-    return None
+    print(f"the paper reports {REPORTED_MM:g} mm; rig-reference.yaml has the scale {used / today:.2f}")
 
 
 def scale_disturbances(scale: float) -> WorldDescription:
@@ -66,15 +63,19 @@ def _insert(seed: int, scale: float) -> InsertionEnd:
 
 def _row(scale: float, ends: Sequence[InsertionEnd]) -> list[object]:
     disturbances = scale_disturbances(scale).disturbances
-    errors = [end.in_plane_mm for end in ends]
+    errors_mm = [end.in_plane_mm for end in ends]
+    arrived_mm = [end.in_plane_mm for end in ends if end.stop != "blocked"]
+    near = sum(error_mm <= REPORTED_MM for error_mm in errors_mm)
+    limits = binomtest(near, len(ends)).proportion_ci(0.95, "wilson")
     return [
         f"{scale:g}", f"{disturbances.heading_deg_per_root_mm:g}", f"{disturbances.curvature_fraction:g}",
-        f"{_mean_mm(ends):.2f}", f"{statistics.stdev(errors) / math.sqrt(len(errors)):.2f}",
-        f"{statistics.median(errors):.2f}",
-        f"{100 * statistics.mean(error <= REPORTED_MM for error in errors):.0f} %",
-        sum(end.stop not in {"target_reached", "target_missed"} for end in ends),
+        *_average(errors_mm), *_average(arrived_mm), f"{statistics.median(errors_mm):.2f}",
+        f"{near} of {len(ends)}", f"{100 * limits.low:.0f} to {100 * limits.high:.0f} %",
+        sum(end.stop == "target_missed" for end in ends), len(ends) - len(arrived_mm),
     ]  # fmt: skip
 
 
-def _mean_mm(ends: Sequence[InsertionEnd]) -> float:
-    return statistics.mean(end.in_plane_mm for end in ends)
+def _average(errors_mm: Sequence[float]) -> tuple[str, str]:
+    """Return a mean and its standard error."""
+    error_mm = statistics.stdev(errors_mm) / math.sqrt(len(errors_mm))
+    return f"{statistics.mean(errors_mm):.2f}", f"{error_mm:.2f}"

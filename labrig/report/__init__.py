@@ -2,7 +2,7 @@
 
 `write_report` makes `RUN/report.html` from a run and its result: one file that needs no network, prints on A4 and opens
 in thirty years. `labrig.report.rerun_view` makes the rerun view, and `labrig.report.live_view` draws it while the run
-is made. Only `cli` imports them, because the viewer's library takes half a second to load and a report does not need it.
+is made. Only `cli` imports them: the viewer's library takes half a second to load, and a report does not need it.
 
 What is decided here:
 

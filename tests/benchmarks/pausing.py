@@ -42,7 +42,7 @@ class Person:
     def __call__(self, question: str) -> str:
         """Return what is typed at a question."""
         first = question.split(maxsplit=1)[0]
-        time.sleep(self.random.uniform(*_TAKES_S.get(first, (0.5, 1.5))))
+        threading.Event().wait(self.random.uniform(*_TAKES_S.get(first, (0.5, 1.5))))
         if first == "Paused":
             return "c"
         hole = re.search(r"to hole (\d+)", question)

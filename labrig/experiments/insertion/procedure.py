@@ -532,10 +532,8 @@ class _Insertion:
         )
         if state.why is not None:
             self._record_plan(state, picture.frame)
-        self.session.progress(
-            _estimate_done_s(self.protocol, self.planned.repetition, inserted_mm),
-            f"inserted {inserted_mm:.0f} mm",
-        )
+        done_s = _estimate_done_s(self.protocol, self.planned.repetition, inserted_mm)
+        self.session.progress(done_s, f"inserted {inserted_mm:.0f} mm")
 
     def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
         pose = state.plan_start

@@ -250,6 +250,10 @@ class WorldDescription(Model):
         description="How far the target moves in the steering plane while the needle covers the distance to it, in "
         "a direction that is drawn for each phantom [mm].",
     )
+    target_pushed_mm_per_mm: tuple[float, float] = Field(
+        (0.0, 0.0),
+        description="How far the needle pushes the target along y and z with each millimetre of its path [mm/mm].",
+    )
     resistance: ResistanceDescription = Field(
         default_factory=ResistanceDescription, description="Forces of the gel on needle and sheath."
     )

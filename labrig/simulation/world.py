@@ -147,8 +147,13 @@ class World:
         way_mm = math.dist(self._target_mm, _xyz(track.node_at(0.0)))
         moved_mm = self.description.target_moves_mm * min(1.0, track.length_mm / way_mm)
         angle_rad = stream(self._seed, "target", self._specimen.name).uniform(0.0, math.tau)
+        along_y, along_z = (rate * track.length_mm for rate in self.description.target_pushed_mm_per_mm)
         x, y, z = self._target_mm
-        return x, y + moved_mm * math.sin(angle_rad), z + moved_mm * math.cos(angle_rad)
+        return (
+            x,
+            y + moved_mm * math.sin(angle_rad) + along_y,
+            z + moved_mm * math.cos(angle_rad) + along_z,
+        )
 
     def point_at_pixel_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
         """Return the point (x, y, z) of the steering plane that the camera sees at a pixel (u, v)."""

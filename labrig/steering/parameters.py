@@ -2,9 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 from labrig.errors import InputError
+
+Turning = Literal["compensated", "back_and_forth"]
+"""How the bevel is turned against torsion: see `labrig.steering.torsion`."""
 
 _POSITIVE = frozenset(
     ["replan_every_mm", "observe_every_mm", "arrival_mm", "stuck_mm", "most_misses", "max_off_axis_rad"]

@@ -6,6 +6,7 @@ from typing import Literal
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
+from labrig.steering.moving import Motion
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.problem import PlanMethod, PlanProblem
 from labrig.steering.recovery import RecoverySettings
@@ -37,6 +38,8 @@ class SteeringSettings:
         and for the reason of a failure, while the needle advances; for records that were made before.
     recovery : RecoverySettings or None
         Whether and how a needle that is blocked, or would miss, is withdrawn and goes on elsewhere; None: it stops.
+    motion : Motion or None
+        How target and obstacles move from where the problem has them before the insertion; None: they stand still.
     """
 
     problem: PlanProblem
@@ -45,6 +48,7 @@ class SteeringSettings:
     method: PlanMethod = "best"
     staging: SearchStaging = "staged"
     recovery: RecoverySettings | None = None
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         """Refuse a planner and a filter that disagree about the plane."""

@@ -14,6 +14,7 @@ from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.bending import PathStretch, Turn, advance_pose
 from labrig.steering.clearance import path_distances
+from labrig.steering.moving import expect_places, move_target
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
@@ -77,14 +78,17 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
     Raises
     ------
     InputError
-        When the tip would be inside an obstacle.
+        When the tip or the target would be inside an obstacle.
     """
     from_mm = find_acting_mm(state.insertion_mm, settings)
     start = state.predict(from_mm, settings)
     turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
     along = np.asarray(settings.problem.start)[:3, 2]
+    target_mm, obstacles = expect_places(settings.problem, settings.motion, from_mm, start[:3, 3])
     return replace(
         settings.problem,
+        target_mm=target_mm,
+        obstacles=obstacles,
         start=advance_pose(start, (PathStretch(0.0, turned, bends=True),), 0.0),
         radius_mm=_bounded_radius_mm(state, settings),
         radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
@@ -157,7 +161,9 @@ def _find_nearest_mm(state: SteeringState, to_mm: float, settings: SteeringSetti
     """Return the insertion length, before a turn made now would act, at which the tip is nearest to the target."""
     places_mm = np.linspace(state.insertion_mm, to_mm, _PLACES)
     tips = np.array([state.predict(float(at_mm), settings)[:3, 3] for at_mm in places_mm])
-    return float(places_mm[np.argmin(np.linalg.norm(tips - settings.problem.target_mm, axis=1))])
+    target_mm, motion = settings.problem.target_mm, settings.motion
+    targets = np.array([move_target(target_mm, motion, float(at_mm)) for at_mm in places_mm])
+    return float(places_mm[np.argmin(np.linalg.norm(tips - targets, axis=1))])
 
 
 def _is_still_good(state: SteeringState, settings: SteeringSettings) -> bool:

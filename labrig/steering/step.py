@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from labrig.errors import InputError
+from labrig.steering.moving import move_target
 from labrig.steering.policy import SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.replanning import (
     plan_with_clearance,
@@ -110,14 +111,22 @@ def _find_occasion(state: SteeringState, settings: SteeringSettings) -> Occasion
         return "near"
     if state.insertion_mm - state.planned_at_mm >= policy.replan_every_mm - HERE_MM:
         return "schedule"
-    if math.isfinite(policy.deviation_mm):
+    return _find_deviation(state, settings) if math.isfinite(policy.deviation_mm) else None
+
+
+def _find_deviation(state: SteeringState, settings: SteeringSettings) -> Occasion | None:
+    """Return the occasion to replan if the rest of the path would miss or come too close to an obstacle, or None."""
+    policy = settings.policy
+    near = state.left_mm <= policy.near_mm
+    limit_mm = (
+        policy.near_deviation_mm if near else policy.deviation_mm + policy.deviation_share * state.left_mm
+    )
+    try:
         miss_mm, gap_mm = predict_miss_and_gap(state, settings)
-        near = state.left_mm <= policy.near_mm
-        limit_mm = (
-            policy.near_deviation_mm if near else policy.deviation_mm + policy.deviation_share * state.left_mm
-        )
-        if miss_mm > limit_mm or gap_mm < settings.problem.clearance_mm:
-            return "near" if near else "deviation"
+    except InputError:
+        miss_mm = gap_mm = math.inf
+    if miss_mm > limit_mm or gap_mm < settings.problem.clearance_mm:
+        return "near" if near else "deviation"
     return None
 
 
@@ -153,7 +162,8 @@ def _make_due_turns(state: SteeringState, settings: SteeringSettings) -> tuple[S
 
 def _stop_at_end(state: SteeringState, settings: SteeringSettings) -> SteeringCommand:
     problem = settings.problem
-    miss_mm = float(np.linalg.norm(state.tip.position_mm - problem.target_mm))
+    target_mm = move_target(problem.target_mm, settings.motion, state.insertion_mm)
+    miss_mm = float(np.linalg.norm(state.tip.position_mm - target_mm))
     reached = miss_mm <= problem.tolerance_mm
     detail = f"the tip is {miss_mm:.2f} mm from the target, and {problem.tolerance_mm:g} mm are allowed"
     if reached:
@@ -175,7 +185,8 @@ def _withdraw_or_stop(
 
 def _find_stop_reason(state: SteeringState, settings: SteeringSettings) -> StopReason:
     """Return "blocked" if there is a path without the obstacles, otherwise "target_missed"."""
-    free = replace(settings, problem=replace(settings.problem, obstacles=()))
+    motion = None if settings.motion is None else replace(settings.motion, obstacles=())
+    free = replace(settings, problem=replace(settings.problem, obstacles=()), motion=motion)
     plan = plan_with_clearance(pose_problem_ahead(state, free), free, "closer")
     return "blocked" if plan.found else "target_missed"
 

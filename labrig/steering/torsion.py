@@ -18,12 +18,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
 
 from labrig.errors import InputError
 from labrig.steering.out_of_plane import RolledStretch
-
-Turning = Literal["compensated", "back_and_forth"]
+from labrig.steering.parameters import Turning
 
 # Directions of so many turns are chosen together; those behind them act on a short rest of the path.
 _FORESEEN_TURNS = 8

@@ -125,6 +125,14 @@ def test_the_target_moves_with_the_tip_and_does_not_move_back() -> None:
     )
 
 
+def test_a_target_is_pushed_along_by_the_needle() -> None:
+    """With each millimetre of path it moves by as much as described."""
+    world = phantom(target_pushed_mm_per_mm=[0.02, 0.05])
+    world.advance(40.0, 0.0, 15.0)
+    x, y, z = TARGET_MM
+    assert world.locate_target_mm() == pytest.approx((x, y + 0.8, z + 2.0))
+
+
 @pytest.mark.parametrize("name", ["reference", "hard"])
 def test_the_worlds_of_the_rig_files_are_not_what_the_protocol_assumes(name: str) -> None:
     """Neither radius, backlash nor closing length of the needle is the policy's own."""

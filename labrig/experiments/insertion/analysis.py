@@ -66,6 +66,7 @@ from labrig.experiments.insertion.settings import (
 )
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
+from labrig.steering.moving import move_obstacles, move_target
 from labrig.steering.out_of_plane import budget_out_of_plane
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
@@ -111,9 +112,9 @@ class _Events:
     true: TrueInsertion | None
 
     @property
-    def observations(self) -> list[TipObserved]:
-        """The pictures on the way."""
-        return [event for event in self.way if isinstance(event, TipObserved)]
+    def estimates_mm(self) -> list[Point]:
+        """The recorded estimates (y, z) at the pictures on the way."""
+        return [event.estimate.position_mm[1:] for event in self.way if isinstance(event, TipObserved)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +216,8 @@ def _read_trials(run: Run) -> list[_Events]:
 def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
     settings = _restore_settings(events, source.protocol)
-    target_mm, tolerance_mm = start.target_mm[1:], settings.problem.tolerance_mm
+    length_mm, tolerance_mm = None if stop is None else stop.depth_mm, settings.problem.tolerance_mm
+    target_mm = move_target(start.target_mm, settings.motion, length_mm or 0.0)[1:]
     true = _read_true_path(truth)
     steps, commands = _retrace(events, settings, source, true)
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
@@ -223,7 +225,6 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
     bounds = _bound_error(events, settings, source, end, steps)
     ending = _decide_ending(events.stop, error_mm, bounds, source.sentinel, tolerance_mm)
-    recorded = [event.estimate.position_mm[1:] for event in events.observations]
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
@@ -243,13 +244,14 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         true_min_clearance_mm=None if truth is None else truth.true_min_clearance_mm,
         true_path_mm=_thin_path(true.path_mm),
         replans=0 if stop is None else stop.replans,
-        length_mm=None if stop is None else stop.depth_mm,
+        length_mm=length_mm,
         missed_sightings=sum(not step.believed for step in steps),
         mean_nis=_average([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
         plans=tuple(_describe_plan(event) for event in events.plans),
-        as_recorded=[step.estimate_mm for step in steps] == recorded,
+        as_recorded=[step.estimate_mm for step in steps] == events.estimates_mm,
         commands=tuple(commands),
+        motion=settings.motion,
         retreats=sum(isinstance(event, NeedleRetreat) for event in events.way),
     )
 
@@ -295,7 +297,7 @@ def _bound_error(
     else:
         return None
     budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen)
-    return bound_error(seen, budget, start.target_mm)
+    return bound_error(seen, budget, move_target(start.target_mm, settings.motion, stop.depth_mm))
 
 
 def _decide_ending(
@@ -455,18 +457,19 @@ def _describe_step(event: TipObserved, fix: TipFix, state: SteeringState, place:
         believed=tip.accepted,
         nis=tip.nis,
         innovation_mm=None if seen is None else _to_point((seen - place.predicted)[1:]),
-        clearance_mm=_find_clearance_mm(tip.position_mm, place.settings),
+        clearance_mm=_find_clearance_mm(tip.position_mm, state.insertion_mm, place.settings),
         true_mm=true_mm,
         true_heading_rad=true_heading_rad,
     )
 
 
-def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
+def _find_clearance_mm(
+    position_mm: FloatArray, inserted_mm: float, settings: SteeringSettings
+) -> float | None:
     """Return the distance from the needle's surface at the tip to the surface of the nearest obstacle."""
     problem = settings.problem
-    apart = [
-        math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
-    ]
+    obstacles = move_obstacles(problem.obstacles, settings.motion, inserted_mm)
+    apart = [math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in obstacles]
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 

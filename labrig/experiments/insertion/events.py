@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
+from labrig.steering.moving import Motion
 from labrig.steering.planner import PlannedArc
 from labrig.steering.problem import Obstacle
 from labrig.steering.torsion import LagError
@@ -38,7 +39,7 @@ class RecordedTorsion(_Part):
 
 
 class InsertionStart(SpecimenTrialStart):
-    """An insertion begins: its target, its obstacles, and the roll zero and torsion in use.
+    """An insertion begins: its target, its obstacles, how they move, and the roll zero and torsion in use.
 
     `repeats` is the trial that it replaces, interrupted or made again by a person.
     """
@@ -51,6 +52,7 @@ class InsertionStart(SpecimenTrialStart):
     roll_zero_rad: float
     roll_zero_sd_rad: float
     torsion: RecordedTorsion | None = None
+    motion: Motion | None = None
     repeats: int | None = None
 
 

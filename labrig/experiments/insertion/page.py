@@ -30,6 +30,7 @@ from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_views
+from labrig.steering.moving import move_obstacles, move_target
 from labrig.text import format_count
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
@@ -252,7 +253,8 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         return None
     width, height = size_of(image)
     taken = [step.estimate_mm for step in trial.steps if step.depth_mm <= moment.depth_mm + 1e-6]
-    target = np.array(trial.target_mm[1:])
+    target_mm = move_target(trial.target_mm, trial.motion, moment.depth_mm)[1:]
+    obstacles = move_obstacles(trial.obstacles, trial.motion, moment.depth_mm)
     last = moment.frame == trial.final_frame
     scale_mm, scale = scale_bar((width, height), plane)
     return Panel(
@@ -266,11 +268,9 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         former=tuple(_draw_path(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
         taken=_draw_path(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
         truth=_draw_path(trial.true_path_mm, plane) if last else "",
-        obstacles=tuple(
-            polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in trial.obstacles
-        ),
-        tolerance=polyline(circle(trial.target_mm[1:], trial.tolerance_mm, plane)),
-        target=pixel(plane.to_px(target[None])[0]),
+        obstacles=tuple(polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in obstacles),
+        tolerance=polyline(circle(target_mm, trial.tolerance_mm, plane)),
+        target=pixel(plane.to_px([target_mm])[0]),
         scale_mm=scale_mm,
         scale=scale,
     )

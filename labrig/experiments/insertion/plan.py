@@ -25,10 +25,12 @@ from labrig.runner.plan import (
     plan_insertion_moves,
     plan_roll_move,
 )
+from labrig.steering.moving import move_target
 from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
+from labrig.steering.parameters import Turning
 from labrig.steering.planner import Plan
 from labrig.steering.step import start_steering
-from labrig.steering.torsion import BaseLimits, TurnAhead, Turning, plan_turn
+from labrig.steering.torsion import BaseLimits, TurnAhead, plan_turn
 from labrig.vision.shaft_tip import READ_PX
 
 
@@ -183,9 +185,10 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
         return _Foreseen()
     rolled = _list_stretches(state.plan, roll_zero, rig, protocol.policy.turning, radius_mm)
     budget = budget_out_of_plane(rolled, radius_mm, unseen)
-    end = EstimatedEnd(np.array(aim.target_mm[1:]), READ_PX * plane.mm_per_px)
+    target_mm = move_target(aim.target_mm, settings.motion, state.end_mm)
+    end = EstimatedEnd(np.array(target_mm[1:]), READ_PX * plane.mm_per_px)
     seen = SeenEnd.of_estimate(end, plane)
-    warning = bound_error(seen, budget, aim.target_mm).warn(settings.problem.tolerance_mm)
+    warning = bound_error(seen, budget, target_mm).warn(settings.problem.tolerance_mm)
     return _Foreseen(warnings=() if warning is None else (warning,))
 
 

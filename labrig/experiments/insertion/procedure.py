@@ -61,6 +61,7 @@ from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw, withdraw_partly
+from labrig.steering.moving import expect_places, move_target
 from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
@@ -385,13 +386,14 @@ class _Insertion:
     def confirm(
         self, image: Picture, aim: Aim, state: SteeringState, origin: TrialOrigin | None = None
     ) -> None:
-        """Draw plan, obstacles, axes and sheath into the picture, and have the operator confirm it."""
+        """Draw plan, axes, sheath, and target and obstacles where the tip will meet them, and have it confirmed."""
         problem = self.settings.problem
+        target_mm, obstacles = expect_places(problem, self.settings.motion, 0.0, problem.start[:3, 3])
         drawn = DrawnPlan(
             path_mm=sample_path(problem, state.plan)[:, 1:],
-            target_mm=aim.target_mm[1:],
+            target_mm=target_mm[1:],
             tolerance_mm=problem.tolerance_mm,
-            obstacles=tuple((obstacle.position_mm[1:], obstacle.radius_mm) for obstacle in aim.obstacles),
+            obstacles=tuple((obstacle.position_mm[1:], obstacle.radius_mm) for obstacle in obstacles),
             sheath=None
             if origin is None or origin.tip_mm is None
             else (origin.tip_mm, origin.heading_rad or 0.0),
@@ -445,7 +447,8 @@ class _Insertion:
         problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
-        return bound_error(seen, budget, problem.target_mm).decide(problem.tolerance_mm)
+        target_mm = move_target(problem.target_mm, self.settings.motion, state.insertion_mm)
+        return bound_error(seen, budget, target_mm).decide(problem.tolerance_mm)
 
     def _see_end(
         self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
@@ -486,6 +489,7 @@ class _Insertion:
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
                 torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
+                motion=self.settings.motion,
                 repeats=self.planned.repeats,
             )
         )

@@ -18,11 +18,13 @@ from labrig.protocol.sections import (
     Specimen,
     check_sheath,
 )
-from labrig.steering.parameters import SteeringPolicy
-from labrig.steering.torsion import Turning
+from labrig.steering.parameters import SteeringPolicy, Turning
 
 _WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
 _DEFAULT = SteeringPolicy()
+
+
+_Rate = Annotated[float, Field(ge=-0.5, le=0.5)]
 
 
 class Phantom(Specimen):
@@ -43,6 +45,11 @@ class Place(Model):
         None, description="Place x, y, z from the origin of the steering plane [mm]; z along the insertion."
     )
     pixel: PixelUv | None = Field(None, description="Pixel (u, v) of the camera's picture [px].")
+    motion_mm_per_mm: tuple[_Rate, _Rate] | None = Field(
+        None,
+        description="How far it moves along y and z for each millimetre that the needle is inserted, as tissue is "
+        "pushed or drawn along; null: it stands still [mm/mm].",
+    )
 
 
 class Target(Place):

@@ -5,6 +5,7 @@ from typing import Literal, Self
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
+from labrig.steering.moving import Motion
 from labrig.steering.problem import Obstacle
 from labrig.steering.sighting_noise import NisVerdict
 from labrig.vision.error_budget import ErrorBudget
@@ -121,7 +122,9 @@ class InsertionTrial(Model):
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
     the live run to the last digit, as it is with its settings and its code; older results say neither that nor
-    `commands`. `retreats` counts how often the needle was withdrawn part of the way to go on elsewhere.
+    `commands`. `retreats` counts how often the needle was withdrawn part of the way to go on elsewhere. `target_mm` and
+    `obstacles` are told for the start, and `motion` says how they were told to move; None: not at all. Errors and
+    clearances are from where they were then.
     """
 
     trial: int
@@ -130,7 +133,7 @@ class InsertionTrial(Model):
     stop: str
     cause: str
     reached: bool | None
-    target_mm: tuple[float, ...]
+    target_mm: tuple[float, float, float]
     tolerance_mm: float
     obstacles: tuple[Obstacle, ...]
     final_frame: int | None
@@ -155,6 +158,7 @@ class InsertionTrial(Model):
     plans: tuple[InsertionPlan, ...]
     as_recorded: bool | None = None
     retreats: int = 0
+    motion: Motion | None = None
     commands: tuple[InsertionCommand, ...] = ()
 
 

@@ -5,7 +5,7 @@ Of a run that was measured the estimate is the result's; of one that is being ma
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -25,7 +25,9 @@ from labrig.record.reader import Run
 from labrig.report.pictures import circle
 from labrig.report.record_drawing import CAMERA, EVENTS, set_time
 from labrig.report.view import View, Words
+from labrig.steering.moving import Motion, move_obstacles, move_target
 from labrig.steering.problem import Obstacle
+from labrig.steering.problem import Point as SpacePoint
 from labrig.vision.plane import PlaneMap
 
 _OBSTACLE, _TARGET, _PLAN, _TAKEN = (213, 94, 0), (0, 158, 115), (255, 166, 0), (86, 180, 233)
@@ -37,11 +39,20 @@ _NIS_95 = 5.99
 
 @dataclass(frozen=True)
 class _Scene:
-    """What an insertion aims at; lengths in mm."""
+    """What an insertion aims at, and how that moves; lengths in mm."""
 
-    target_mm: Sequence[float]
+    target_mm: SpacePoint
     tolerance_mm: float
-    obstacles: Sequence[Obstacle]
+    obstacles: tuple[Obstacle, ...]
+    motion: Motion | None
+
+    def at(self, inserted_mm: float) -> "_Scene":
+        """Return the scene at an insertion length."""
+        return replace(
+            self,
+            target_mm=move_target(self.target_mm, self.motion, inserted_mm),
+            obstacles=move_obstacles(self.obstacles, self.motion, inserted_mm),
+        )
 
 
 @dataclass(frozen=True)
@@ -49,6 +60,7 @@ class _Step:
     """An estimate after a picture; points are (y, z), unknown values None."""
 
     t_s: float
+    depth_mm: float
     tip_mm: Point | None
     estimate_mm: Point
     heading_rad: float
@@ -73,6 +85,11 @@ class _Drawing:
         set_time(stream, t_s)
         for name in _DRAWN:
             stream.log(f"{CAMERA}/{name}", rr.Clear(recursive=False))
+        self._draw_scene(stream, scene)
+        _draw_number(stream, "nis", "95 % below", _NIS_95)
+
+    def _draw_scene(self, stream: rr.RecordingStream, scene: _Scene) -> None:
+        """Draw target and obstacles."""
         rings = [circle(ball.position_mm[1:], ball.radius_mm, self.plane) for ball in scene.obstacles]
         if rings:
             strips = rr.LineStrips2D(rings, colors=[_OBSTACLE], labels=["obstacle"] * len(rings), radii=1.0)
@@ -81,7 +98,6 @@ class _Drawing:
         stream.log(
             f"{CAMERA}/target", rr.LineStrips2D([target], colors=[_TARGET], labels=["target"], radii=1.5)
         )
-        _draw_number(stream, "nis", "95 % below", _NIS_95)
 
     def draw_plan(self, stream: rr.RecordingStream, path_mm: Sequence[Point], t_s: float) -> None:
         """Draw the path that the needle is to take."""
@@ -98,7 +114,10 @@ class _Drawing:
         self._draw_line(stream, "taken", self.taken, _TAKEN)
         seen = np.empty((0, 2)) if step.tip_mm is None else self.plane.to_px([step.tip_mm])
         stream.log(f"{CAMERA}/tip", rr.Points2D(seen, colors=[_TARGET] * len(seen), radii=4.0))
-        target_mm = None if self.scene is None else self.scene.target_mm[1:]
+        scene = None if self.scene is None else self.scene.at(step.depth_mm)
+        target_mm = None if scene is None else scene.target_mm[1:]
+        if scene is not None and scene.motion is not None:
+            self._draw_scene(stream, scene)
         _draw_number(stream, "error", "off the plan", _find_deviation(step.estimate_mm, self.plan))
         _draw_number(stream, "error", "seen - predicted", _find_distance((0.0, 0.0), step.innovation_mm))
         _draw_number(stream, "error", "estimated - true", _find_distance(step.estimate_mm, step.true_mm))
@@ -129,7 +148,7 @@ def follow(run: Run) -> View:
 def _send(content: InsertionResult, drawing: _Drawing, stream: rr.RecordingStream, _timeline: str) -> None:
     """Send target, plans, observations and estimates in the order of rig time."""
     for trial in content.insertions:
-        scene = _Scene(trial.target_mm, trial.tolerance_mm, trial.obstacles)
+        scene = _Scene(trial.target_mm, trial.tolerance_mm, trial.obstacles, trial.motion)
         drawing.begin(stream, scene, trial.start_t_s)
         made_in_order: list[InsertionPlan | InsertionStep] = [*trial.plans, *trial.steps]
         for made in sorted(made_in_order, key=lambda made: made.t_s):
@@ -147,7 +166,7 @@ def _follow(
     for event in parse_events(run.path, lines.events, (InsertionStart, PathSought, TipObserved)):
         match event:
             case InsertionStart():
-                scene = _Scene(event.target_mm, event.tolerance_mm, event.obstacles)
+                scene = _Scene(event.target_mm, event.tolerance_mm, event.obstacles, event.motion)
                 drawing.begin(stream, scene, event.t_s)
             case PathSought():
                 drawing.draw_plan(stream, [(y, z) for _, y, z in sample_plan(event)], event.t_s)
@@ -158,6 +177,7 @@ def _follow(
 def _step_of_result(step: InsertionStep) -> _Step:
     return _Step(
         t_s=step.t_s,
+        depth_mm=step.depth_mm,
         tip_mm=step.tip_mm,
         estimate_mm=step.estimate_mm,
         heading_rad=step.heading_rad,
@@ -172,6 +192,7 @@ def _step_of_event(event: TipObserved) -> _Step:
     estimate = event.estimate
     return _Step(
         t_s=event.t_s,
+        depth_mm=event.depth_mm,
         tip_mm=None if event.tip_mm is None else event.tip_mm[1:],
         estimate_mm=estimate.position_mm[1:],
         heading_rad=estimate.heading_rad,

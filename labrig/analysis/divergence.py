@@ -56,15 +56,23 @@ def find_divergence(old: Mapping[str, Any], new: Mapping[str, Any]) -> Divergenc
 
 
 def _order(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document without its stamp; at each level the lists of pictures come first."""
+    """Return a document without its stamp; at each level the lists of pictures come first, then what has such lists."""
     members = {key: _order_nested(value) for key, value in document.items() if key not in _STAMP}
-    return dict(sorted(members.items(), key=lambda item: not _is_of_pictures(item[1])))
+    return dict(sorted(members.items(), key=lambda item: _rank(item[1])))
 
 
 def _order_nested(value: object) -> object:
     if isinstance(value, Mapping):
         return _order(value)
     return [_order_nested(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _rank(value: object) -> int:
+    if _is_of_pictures(value):
+        return 0
+    rows = value if isinstance(value, list) else []
+    within = (part for row in rows if isinstance(row, Mapping) for part in row.values())
+    return 1 if any(map(_is_of_pictures, within)) else 2
 
 
 def _is_of_pictures(value: object) -> bool:

@@ -56,7 +56,8 @@ MOST_STEPS = 1000
 class InsertionEnd:
     """The end of an insertion: why it stopped, the world's truth about it, and what the policy says of it.
 
-    `off_mm` is the tip's true place (x, y, z) from the target; `interval_mm` is the policy's interval of its length.
+    `off_mm` is the tip's true place (x, y, z) from the target; `interval_mm` is the policy's interval of its length;
+    `left_plane` says that the picture contradicted what was known of the depth.
     """
 
     stop: str
@@ -66,6 +67,7 @@ class InsertionEnd:
     turns: int
     outcome: str
     interval_mm: tuple[float, float]
+    left_plane: bool
     retreats: int
 
     @property
@@ -228,6 +230,7 @@ def _describe_end(
         turns=len(path.turns),
         outcome=bounds.decide(settings.problem.tolerance_mm).outcome if steered else "missed",
         interval_mm=bounds.interval_mm,
+        left_plane=bounds.depth is not None and bounds.depth.contradicts,
         retreats=state.retreats,
     )
 

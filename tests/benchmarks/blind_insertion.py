@@ -36,8 +36,7 @@ from labrig.steering.torsion import (
     BaseLimits,
     BaseTurn,
     TorsionalLag,
-    choose_turn,
-    turn_back_and_forth,
+    plan_turn,
 )
 from labrig.vision.perspective import Perspective
 from tests.benchmarks.seen_shaft import ERRORS, draw_shaft, load_plane
@@ -117,12 +116,12 @@ class _Bevel:
         return turn.depth_mm
 
     def _choose(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
-        if self.turning == "back_and_forth":
-            return turn_back_and_forth(self.base_rad, roll_rad)
         if self.turning == "same_way":
             return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
         rolled, turns = self._list_rolled(state.insertion_mm), state.list_turns(roll_rad)
-        return choose_turn(rolled, self.base_rad, turns, self.lag, AXIS, radius_mm=radius_mm)
+        return plan_turn(
+            rolled, self.base_rad, turns, self.lag, AXIS, turning=self.turning, radius_mm=radius_mm
+        )
 
     def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
         """Return the stretches between turns, the present one included."""

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from labrig.experiments.insertion.ending import (
+    EstimatedEnd,
     SeenEnd,
     TargetErrorBounds,
     TracedPath,
@@ -38,8 +39,7 @@ from labrig.steering.torsion import (
     TorsionalLag,
     plan_turn,
 )
-from labrig.vision.perspective import Perspective
-from tests.benchmarks.seen_shaft import ERRORS, draw_shaft, load_plane
+from tests.benchmarks.seen_shaft import draw_shaft, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
@@ -219,7 +219,7 @@ def _describe_end(
     drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, stop: str, path: TracedPath
 ) -> InsertionEnd:
     truth: Any = drawn.world.truth()
-    bounds = _bound_error(drawn, settings, path)
+    bounds = _bound_error(drawn, settings, state, path)
     steered = stop == "target_reached"
     return InsertionEnd(
         stop=stop,
@@ -234,22 +234,24 @@ def _describe_end(
     )
 
 
-def _bound_error(drawn: DrawnWorld, settings: SteeringSettings, path: TracedPath) -> TargetErrorBounds:
+def _bound_error(
+    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, path: TracedPath
+) -> TargetErrorBounds:
     """Return the distance from the target as the policy knows it at the end."""
-    seen = _see_end(drawn, settings, path)
+    seen = _see_end(drawn, settings, state, path)
     budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, drawn.told)
     return bound_error(seen, budget, settings.problem.target_mm)
 
 
-def _see_end(drawn: DrawnWorld, settings: SteeringSettings, path: TracedPath) -> SeenEnd:
+def _see_end(
+    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, path: TracedPath
+) -> SeenEnd:
     """Return the end as a last picture shows it; the standard deviation of a tracked target is added to its own."""
     truth: Any = drawn.world.truth()
-    description = drawn.world.description
+    description, plane = drawn.world.description, load_plane()
     end = draw_shaft(truth["path_mm"], description.lens, description.needle.diameter_mm, drawn.noise)
-    plane, place_mm = load_plane(), np.array(end.tip_mm)
-    perspective = Perspective.of(plane)
-    assert perspective is not None
-    target_sd_mm = TARGET_SD_MM if description.target_moves_mm else 0.0
-    sd_mm = np.full(2, math.hypot(ERRORS.place_sd_mm, target_sd_mm))
+    estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
     depth = find_depth(end, plane, path, settings, drawn.told)
-    return SeenEnd(place_mm, sd_mm, perspective.find_slope(place_mm), depth)
+    seen = SeenEnd.of_shaft(end, estimate, path, plane, depth=depth)
+    target_sd_mm = TARGET_SD_MM if description.target_moves_mm else 0.0
+    return replace(seen, sd_mm=np.hypot(seen.sd_mm, target_sd_mm))

@@ -5,7 +5,6 @@ twice. Printed are what the record says of it; the time that was said to be left
 was; and the time from the second Ctrl+C to standstill, at the shaft of the simulated insertion axis.
 """
 
-import random
 import re
 import tempfile
 import threading
@@ -13,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from random import Random
 
 from labrig.record.check import check_run
 from labrig.record.events import TrialStart, TrialStop
@@ -37,7 +37,7 @@ class Person:
 
     bench: ServingRig
     chooses: dict[str, list[str]]
-    random: random.Random = field(default_factory=lambda: random.Random(1))
+    random: Random = field(default_factory=lambda: Random(1))
 
     def __call__(self, question: str) -> str:
         """Return what is typed at a question."""

@@ -86,7 +86,10 @@ class RunRequests:
         if self._control is None:
             return None
         self._control.poll("", paused=True)
-        return "labrig continue" if self._control.asks_to_continue else None
+        if not self._control.asks_to_continue:
+            return None
+        say("labrig continue: the run goes on")
+        return "labrig continue"
 
     def end(self) -> None:
         """Note that the run continues."""

@@ -145,11 +145,13 @@ class TerminalOperator:
                 text = text[:_LONGEST_TEXT]
             if not text.strip():
                 return None
+        say_wrapped(f"   {_KEYS[choice][1]}: taken", 3)
         return Answer(confirmed=False, note=text.strip(), choice=choice)
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line; check for signals and look after the rig twenty times a second."""
         typed = b""
+        meanwhile()  # at least once: a replay of a pause counts on it
         while not typed.endswith((b"\n", b"\r")):
             if not wait_for_input(self._terminal, _LOOK_S):
                 meanwhile()

@@ -198,6 +198,21 @@ class WithdrawNeedle(OperatorRequest):
 
 
 @dataclass(frozen=True)
+class ConfirmUnchanged(OperatorRequest):
+    """Confirm that nobody has changed anything since a run was interrupted; may be declined."""
+
+    sentence = (
+        "Run {run} goes on; the drives have kept their positions. Confirm that needle {needle_id} is clamped "
+        "as it was, that nothing was moved by hand, and that specimen {specimen} is in the frame. No: each "
+        "step is asked for again."
+    )
+
+    run: str
+    needle_id: str
+    specimen: str
+
+
+@dataclass(frozen=True)
 class ConfirmHere(OperatorRequest):
     """Confirm that an axis stands where its position is to be set (homing method 35); nothing moves."""
 

@@ -73,6 +73,9 @@ _LOOK_S = 0.15
 _PROMPT_S = 0.25
 """What is done aside and takes longer is interrupted by signals too, and by requests to stop [s]."""
 
+_AT_START_MM = 0.05
+"""How far needle and sheath may stand from zero to be where an insertion begins."""
+
 _STOOD_STILL = "labrig itself stood still"
 _SUSPENDED = "the computer was suspended"
 _STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
@@ -127,12 +130,15 @@ class Guards:
         Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
     steady : bool
         Whether power is switched on only when the run has its record, and targets are read less often.
+    recall : bool
+        Whether a resumed run asks only for what may have changed.
     """
 
     dead_man: bool = True
     watch: bool = True
     force: bool = True
     steady: bool = True
+    recall: bool = True
 
     @property
     def target_look_s(self) -> float:
@@ -142,6 +148,8 @@ class Guards:
     @property
     def level(self) -> int:
         """The number by which a record names them; 0, or nothing, for one of before."""
+        if self.recall:
+            return 4
         return 3 if self.steady else 2 if self.force else int(self.dead_man)
 
     @classmethod
@@ -150,7 +158,13 @@ class Guards:
 
         What a bench answered while it was watched cannot be asked again at other instants.
         """
-        return cls(dead_man=level > 0, watch=level > 0 and exact, force=level > 1, steady=level > 2)
+        return cls(
+            dead_man=level > 0,
+            watch=level > 0 and exact,
+            force=level > 1,
+            steady=level > 2,
+            recall=level > 3,
+        )
 
 
 GUARDED = Guards()
@@ -277,6 +291,17 @@ class Rig:
     def reads_load(self) -> bool:
         """Whether states have the motor currents; those of a replay of a record of before have none."""
         return self._guards.force
+
+    @property
+    def stands_at_start(self) -> bool:
+        """Whether every axis has kept its reference, and needle and sheath stand where an insertion begins.
+
+        Of a replayed record of before, whose run asked for all of it again, this is not said.
+        """
+        if not (self._guards.recall and all(axis.referenced for axis in self.axes)):
+            return False
+        states = self.read_states()
+        return all(abs(states[name].position) <= _AT_START_MM for name in ("insertion", "linear"))
 
     @property
     def insertion(self) -> Axis:

@@ -213,6 +213,10 @@ class Session:
         """Tell who has asked for a pause when it will begin."""
         self.dialogue.requests.announce(self.dialogue.describe_next_point())
 
+    def _look_while_asking(self) -> None:
+        """Tell who has asked for a pause during a question."""
+        self.dialogue.requests.announce("once the question at its terminal is answered")
+
     def _look_for_continuation(self) -> None:
         """End a pause that is to end."""
         by = self.dialogue.requests.find_continuation()
@@ -257,7 +261,7 @@ class Session:
             answer = self.rig.ask(
                 request,
                 offer,
-                also=self._look_for_continuation if paused else self._look_for_requests,
+                also=self._look_for_continuation if paused else self._look_while_asking,
                 of_person=paused,
             )
         except _ContinuedError as by:

@@ -5,6 +5,7 @@ twice. Printed are what the record says of it; the time that was said to be left
 was; and the time from the second Ctrl+C to standstill, at the shaft of the simulated insertion axis.
 """
 
+import random
 import re
 import tempfile
 import threading
@@ -12,7 +13,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from random import Random
 
 from labrig.record.check import check_run
 from labrig.record.events import TrialStart, TrialStop
@@ -37,12 +37,12 @@ class Person:
 
     bench: ServingRig
     chooses: dict[str, list[str]]
-    random: Random = field(default_factory=lambda: Random(1))
+    draws: random.Random = field(default_factory=lambda: random.Random(1))
 
     def __call__(self, question: str) -> str:
         """Return what is typed at a question."""
         first = question.split(maxsplit=1)[0]
-        threading.Event().wait(self.random.uniform(*_TAKES_S.get(first, (0.5, 1.5))))
+        threading.Event().wait(self.draws.uniform(*_TAKES_S.get(first, (0.5, 1.5))))
         if first == "Paused":
             return "c"
         hole = re.search(r"to hole (\d+)", question)

@@ -309,6 +309,20 @@ def test_a_pause_is_continued_by_a_key_or_ended(terminal: Terminal) -> None:
     assert not terminal.ask(Paused("after this insertion"), "no\n").confirmed
 
 
+def test_a_pause_without_a_terminal_waits_until_it_is_ended_from_elsewhere() -> None:
+    """Nobody can press a key there, and nothing is answered by itself."""
+    looks: list[int] = []
+
+    def look() -> None:
+        looks.append(1)
+        if len(looks) == 2:
+            raise KeyError
+
+    operator = TerminalOperator(SignalNote(), io.StringIO(""))
+    with pytest.raises(KeyError):
+        operator.ask(Paused("after this insertion"), look)
+
+
 def test_the_first_ctrl_c_pauses_and_the_second_stops() -> None:
     """Only INT does, where a run is made at a terminal; at a question, or while a device does not answer, it stops."""
     note = SignalNote(lambda: True)

@@ -272,5 +272,5 @@ def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
 def test_what_a_rig_guards_against_is_in_its_record() -> None:
     """A record of before names fewer guards, and its replay does without the others."""
     with opened_rig() as opened:
-        assert ready(opened).rig.describe()["guards"] == 3
-    assert [Guards.recorded(level, exact=True).level for level in range(4)] == [0, 1, 2, 3]
+        assert ready(opened).rig.describe()["guards"] == 4
+    assert [Guards.recorded(level, exact=True).level for level in range(5)] == [0, 1, 2, 3, 4]

@@ -63,6 +63,23 @@ class Asks(NoRequests):
         self.told.append(when)
 
 
+class Patient:
+    """Waits at a pause until it is ended from elsewhere."""
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
+        """Wait."""
+        while True:
+            meanwhile()
+
+
+class Continues(Asks):
+    """Ends the pause from elsewhere at once."""
+
+    def find_continuation(self) -> str | None:
+        """Ask to continue."""
+        return "labrig continue"
+
+
 @dataclass
 class Chooses:
     """Gives these answers at pauses and at the questions of a kind; otherwise answers as the operator does."""
@@ -77,6 +94,8 @@ class Chooses:
         """Answer."""
         self.asked.append(request.text)
         self.offers.append(offer)
+        if isinstance(request, Paused):
+            meanwhile()
         answer = self.answers.pop(0) if isinstance(request, self.at) and self.answers else None
         return self.operator.ask(request, meanwhile) if answer is None else answer
 
@@ -139,6 +158,22 @@ def test_a_pause_after_an_answer_begins_before_anything_moves(tmp_path: Path) ->
         "operator",
         "continue",
     ]
+    require_identical(run)
+
+
+def test_a_pause_is_ended_from_elsewhere_while_its_question_is_asked(tmp_path: Path) -> None:
+    """`labrig continue` answers for the person at the terminal, which is recorded, and replays."""
+    protocol = sweep(*SHORT, "insertions_per_specimen=1")
+    with bench(tmp_path, protocol, SPARSE) as opened:
+        rig = opened.opened.rig
+        rig._person = Patient()
+        session = Session(rig, opened.recorder, Told(), Dialogue(Continues("after_answer")))
+        outcome = conduct(find_experiment(protocol.experiment), protocol, session)
+    assert outcome.exit_status == "success"
+    run = open_run(opened.recorder.path)
+    lines = [(line["kind"], line.get("answer", line.get("by"))) for line in run.lines("events")]
+    begun = lines.index(("pause", "Ctrl+C"))
+    assert lines[begun + 1 : begun + 3] == [("operator", "labrig continue"), ("continue", "labrig continue")]
     require_identical(run)
 
 

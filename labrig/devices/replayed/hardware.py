@@ -7,7 +7,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest, request_details
+from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest, Paused, request_details
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
 from labrig.devices.replayed.comparison import Comparison
@@ -114,15 +114,20 @@ class ReplayedOperator:
     def __init__(self, recording: Recording, comparison: Comparison) -> None:
         self._questions = iter(recording.questions)
         self._run = recording.run
+        self._exact = recording.exact
         self._comparison = comparison
 
     def ask(
         self,
         request: OperatorRequest,
-        meanwhile: Callable[[], None],  # noqa: ARG002 - never waits
+        meanwhile: Callable[[], None],
         offer: Offer = NO_OFFER,  # noqa: ARG002 - what was chosen is recorded
     ) -> Answer:
-        """Compare a question, let the time pass that its answer took, and return the answer."""
+        """Compare a question, let the time pass that its answer took, and return the answer.
+
+        A person who pauses a simulated rig lets no rig time pass, so that the rig is supervised once, however long that
+        took; every other question of a simulated rig was answered at once.
+        """
         self._comparison.require_ongoing()
         now = f"{type(request).__name__}: {request.text}"
         question = next(self._questions, None)
@@ -134,6 +139,8 @@ class ReplayedOperator:
         ):
             self._comparison.raise_difference("question", f"{question.request} {dict(question.details)}", now)
         self._comparison.count_same("questions")
+        if self._exact and isinstance(request, Paused):
+            meanwhile()
         self._comparison.clock.pass_until(round(question.t_s * 1e6))
         return question.answer
 

@@ -81,7 +81,10 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
 
 
 def make_insertions(
-    protocol: SteerabilityProtocol, session: Session, begun: Sequence[BegunTrial] = ()
+    protocol: SteerabilityProtocol,
+    session: Session,
+    begun: Sequence[BegunTrial] = (),
+    placed: Specimen | None = None,
 ) -> None:
     """Make the insertions that remain, in order; each specimen is placed before its first one.
 
@@ -95,9 +98,11 @@ def make_insertions(
         The session.
     begun : sequence of BegunTrial
         The insertions of earlier sessions.
+    placed : Specimen or None
+        The specimen that is in the frame already.
     """
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
-    sweep = _Sweep(protocol, session, list(begun))
+    sweep = _Sweep(protocol, session, list(begun), placed)
     while remaining := sweep.list_remaining():
         sweep.make(remaining)
     photograph_grid(protocol.sentinel, GridRole.AFTER, session)

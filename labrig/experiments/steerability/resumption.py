@@ -7,11 +7,13 @@ from functools import partial
 
 import pandas as pd
 
+from labrig.devices.operator import ConfirmUnchanged
 from labrig.devices.past_insertion import PastInsertion
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import BegunTrial, list_remaining_trials
+from labrig.protocol.sections import Specimen
 from labrig.record.events import INTERRUPTED, TrialStop
 from labrig.record.reader import Run
 from labrig.runner.axis_positions import AxisPositions
@@ -80,6 +82,18 @@ def _continue_sweep(protocol: SteerabilityProtocol, past: Past, session: Session
         if trial.stop is None:
             session.record(TrialStop(trial=trial.start.trial, exit_status=INTERRUPTED))
     take_needle_out(session, past.needle_path)
-    mount_and_reference(protocol, session)
+    placed = _find_placed(protocol, past, session)
+    if placed is None:
+        mount_and_reference(protocol, session)
     session.rig.recall(past.insertions)
-    make_insertions(protocol, session, past.begun)
+    make_insertions(protocol, session, past.begun, placed)
+
+
+def _find_placed(protocol: SteerabilityProtocol, past: Past, session: Session) -> Specimen | None:
+    """Return the specimen in the frame if the operator confirms that all is as it was; None: it is asked for again."""
+    if not past.begun or not session.rig.stands_at_start:
+        return None
+    name = past.begun[-1].start.specimen
+    specimen = next((specimen for specimen in protocol.specimens if specimen.name == name), None)
+    as_it_was = ConfirmUnchanged(session.recorder.run_name, protocol.needle.needle_id, name)
+    return specimen if specimen is not None and session.offer(as_it_was) else None

@@ -4,7 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.operator import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, WithdrawNeedle
+from labrig.devices.operator import (
+    ConfirmAxesAtZero,
+    ConfirmNeedleOut,
+    ConfirmUnchanged,
+    MountNeedle,
+    WithdrawNeedle,
+)
 from labrig.experiments.registry import find_experiment
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run, open_run
@@ -48,7 +54,7 @@ def protocol() -> SteerabilityProtocol:
 def test_the_needle_is_withdrawn_along_its_path_before_anything_is_referenced(
     tmp_path: Path, protocol: SteerabilityProtocol
 ) -> None:
-    """If the drives kept their references, a withdrawal is offered before any axis is referenced."""
+    """If the drives kept their references, a withdrawal is offered, and only one question besides the next hole."""
     with bench(tmp_path, protocol) as at:
         run = _stop_while_inserting(at, protocol)
         assert at.opened.rig.state.needle_in_tissue
@@ -58,8 +64,27 @@ def test_the_needle_is_withdrawn_along_its_path_before_anything_is_referenced(
     kinds = [event["request"] if event["kind"] == "operator" else event["kind"] for event in after]
     start = kinds.index("run_resume")
     assert kinds[start + 1 : start + 4] == ["trial_stop", "WithdrawNeedle", "withdrawal_start"]
-    assert kinds.index("withdrawal_stop") < kinds.index("ConfirmAxesAtZero")
+    asked = kinds[kinds.index("withdrawal_stop") + 1 :]
+    assert asked[:2] == ["ConfirmUnchanged", "ShiftToHole"]
+    assert "ConfirmAxesAtZero" not in asked
     assert list(run.trials["exit_status"]) == ["interrupted", "success"]
+
+
+def test_what_may_have_changed_is_asked_for_again(tmp_path: Path, protocol: SteerabilityProtocol) -> None:
+    """If the operator does not confirm that all is as it was, needle, zero and specimen are asked for."""
+    with bench(tmp_path, protocol) as at:
+        run = _stop_while_inserting(at, protocol)
+        at.opened.rig.operator = watched = Watched(at.opened.rig.operator, declines=ConfirmUnchanged)
+        outcome, _ = _go_on(at, protocol, run)
+    assert outcome.exit_status == "success"
+    assert [type(request).__name__ for request in watched.asked] == [
+        "WithdrawNeedle",
+        "ConfirmUnchanged",
+        "MountNeedle",
+        "ConfirmAxesAtZero",
+        "PlaceSpecimen",
+        "ShiftToHole",
+    ]
 
 
 def test_a_withdrawal_may_be_declined_and_then_the_needle_is_asked_about(

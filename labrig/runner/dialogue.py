@@ -10,6 +10,7 @@ from labrig.runner.pausing import NoRequests, PauseRequests
 from labrig.runner.time_left import (
     Elapsed,
     GivenAnswer,
+    TimeLeft,
     Workload,
     describe_time_left,
     estimate_time_left,
@@ -176,12 +177,16 @@ class Dialogue:
 
     def describe_status(self) -> str:
         """Return where the run is, and how much is left: `hole 3 of 18, gel 2 of 4, about 52 minutes of yours ...`."""
+        left = describe_time_left(self.estimate_left())
+        return ", ".join(filter(None, (self.place or self._count_trials(), left)))
+
+    def estimate_left(self) -> TimeLeft:
+        """Return how much of the run is left."""
         first, latest = self._first, self._latest
         elapsed = Elapsed(0.0, 0.0)
         if first is not None and latest is not None:
             elapsed = Elapsed(latest.planned_s - first.planned_s, latest.rig_s - first.rig_s)
-        left = estimate_time_left(self.workload, self._done_s, elapsed, self._answers)
-        return ", ".join(filter(None, (self.place or self._count_trials(), describe_time_left(left))))
+        return estimate_time_left(self.workload, self._done_s, elapsed, self._answers)
 
     def _count_trials(self) -> str:
         trials = self.workload.trials

@@ -28,7 +28,8 @@ _TAKES_S = {"Shift": (3.0, 6.0), "Mount": (8.0, 12.0)}
 
 _LEFT = re.compile(r"about (\d+) minutes? of yours and (\d+) of the rig's left\s*>> Shift")
 _MOVES_MM = 0.002
-_LOOKS = 400
+_WATCHED_S = 1.5
+"""For how long the shaft is watched after the second Ctrl+C [s]; labrig takes longer to end."""
 
 
 @dataclass
@@ -71,7 +72,7 @@ class Presses:
         return "\x03"
 
     def _watch(self) -> None:
-        for _ in range(_LOOKS):
+        while not self.seen or self.seen[-1][0] < _WATCHED_S:
             position_mm = float(self.bench.does("scale insertion").rpartition(": ")[2])
             self.seen.append((time.monotonic() - self.pressed_s, position_mm))
 
@@ -88,7 +89,7 @@ def print_table(insertions: int = INSERTIONS) -> None:
         runs = Path(folder) / "runs"
         with serve_rehearsal(Path(folder) / "rig", "--seed", "7") as bench:
             tenth = max(2, round(insertions / 10) + 1)
-            chooses = {str(tenth + 1): ["r", "u", "s"], str(min(tenth + 2, insertions)): ["r"]}
+            chooses = {str(tenth): ["r", "u", "s"], str(tenth + 1): ["r"]}
             shown = _run(bench, runs, insertions, Person(bench, chooses), Presses(bench, ["withdrawing"]))
             presses = Presses(bench, ["withdrawing", "pausing after"], watches=True)
             _run(bench, runs, 1, Person(bench, {}), presses, name="stopped")

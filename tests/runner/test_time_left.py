@@ -1,7 +1,27 @@
 """How much of a run is left."""
 
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
 import pytest
 
+from labrig.devices.operator import (
+    NO_OFFER,
+    Answer,
+    MountNeedle,
+    Offer,
+    Operator,
+    OperatorRequest,
+    ShiftToHole,
+)
+from labrig.experiments.registry import find_experiment
+from labrig.record.events import TrialStop
+from labrig.record.reader import open_run
+from labrig.runner.conduct import conduct
+from labrig.runner.session import Session
+from labrig.runner.supervised_record import begin_session
 from labrig.runner.time_left import (
     Elapsed,
     GivenAnswer,
@@ -10,6 +30,8 @@ from labrig.runner.time_left import (
     describe_time_left,
     estimate_time_left,
 )
+from tests.runner.sessions import Told, bench, plan_of, sweep
+from tests.runner.test_pausing import SHORT, SPARSE
 
 SWEEP = Workload(72 * 54.0, 77, {"MountNeedle": 1, "PlaceSpecimen": 4, "ShiftToHole": 72}, 72)
 
@@ -27,6 +49,42 @@ def test_after_a_tenth_of_a_sweep_the_rest_is_known_within_a_tenth() -> None:
     assert describe_time_left(left) == (
         f"about {left.hands_s / 60:.0f} minutes of yours and {left.rig_s / 60:.0f} of the rig's left"
     )
+
+
+@dataclass
+class Unhurried:
+    """Takes rig time for each answer, a minute or two to mount, and keeps what was said to be left at each hole."""
+
+    session: Session
+    operator: Operator
+    draws: random.Random = field(default_factory=lambda: random.Random(5))
+    said: list[tuple[float, TimeLeft]] = field(default_factory=list)
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
+        """Answer after a while."""
+        clock = self.session.rig.clock
+        if isinstance(request, ShiftToHole):
+            self.said.append((clock.now_s(), self.session.dialogue.estimate_left()))
+        takes_s = 100.0 if isinstance(request, MountNeedle) else self.draws.uniform(15.0, 25.0)
+        for _ in range(round(10 * takes_s)):
+            clock.sleep(0.1)
+            meanwhile()
+        return self.operator.ask(request, meanwhile)
+
+
+def test_a_sweep_says_after_its_first_hole_of_ten_how_long_it_will_take(tmp_path: Path) -> None:
+    """The rig's time and the person's are known within a tenth, by the clock of the rig."""
+    protocol = sweep(*SHORT, "insertions_per_specimen=10")
+    with bench(tmp_path, protocol, SPARSE) as at:
+        rig, workload = at.opened.rig, plan_of(protocol, at.opened.rig.description).workload
+        session = begin_session(rig, lambda: at.recorder, Told(), workload)
+        person = rig.operator = Unhurried(session, rig.operator)
+        conduct(find_experiment(protocol.experiment), protocol, session)
+    asked_s, left = person.said[1]
+    assert left.hands_s is not None
+    assert left.rig_s is not None
+    truly_s = open_run(at.recorder.path).read_events(TrialStop)[-1].t_s - asked_s
+    assert left.hands_s + left.rig_s == pytest.approx(truly_s, rel=0.1)
 
 
 def test_a_plan_that_does_not_name_its_questions_goes_by_their_number() -> None:

@@ -64,7 +64,7 @@ def require_part(part: type[ResultPart]) -> AfterValidator:
     return AfterValidator(check)
 
 
-class LeftOut(Model):
+class LeftOutTrials(Model):
     """How many trials a person had left out: skipped before they started, marked as bad, or made again."""
 
     skipped: int = 0
@@ -80,7 +80,7 @@ class LeftOut(Model):
         )
 
 
-NOTHING_LEFT_OUT = LeftOut()
+NOTHING_LEFT_OUT = LeftOutTrials()
 
 
 class Result(Model):
@@ -98,7 +98,7 @@ class Result(Model):
     inputs: dict[str, str]
     provenance: dict[str, Any]
     damage: tuple[str, ...] = ()
-    left_out: LeftOut = NOTHING_LEFT_OUT
+    left_out: LeftOutTrials = NOTHING_LEFT_OUT
 
     @property
     def tables(self) -> Mapping[str, Rows]:
@@ -120,7 +120,7 @@ class Stamp:
     inputs: Mapping[str, str]
     provenance: Mapping[str, Any]
     damage: Mapping[str, str]
-    left_out: LeftOut = NOTHING_LEFT_OUT
+    left_out: LeftOutTrials = NOTHING_LEFT_OUT
 
     def fields(self, settings: Mapping[str, Any], pictures: Mapping[str, str] = _NONE) -> dict[str, Any]:
         """Return the members that every result has.

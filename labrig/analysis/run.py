@@ -10,7 +10,7 @@ from typing import Any
 from labrig.analysis.calibration import load_mask_of_run
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measure_pictures
-from labrig.analysis.result import AnyResult, LeftOut, Stamp, load_result, write_result
+from labrig.analysis.result import AnyResult, LeftOutTrials, Stamp, load_result, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import AnswerIsNoError, InputError, RecordError
 from labrig.plugins import require_devices_installed
@@ -99,7 +99,7 @@ def start_analysis(
         inputs=_hash_inputs(run),
         provenance=dict(settings.provenance),
         damage={problem.where: problem.message for problem in run.damage},
-        left_out=LeftOut.of(run.decisions),
+        left_out=LeftOutTrials.of(run.decisions),
     )
     mask = load_mask_of_run(run) if settings.mask is None else settings.mask
     request = AnalysisRequest(stamp, mask, workers, progress)

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from labrig.record.events import Continue, Event, MarkBad, Note, Pause, Repeat, Skip, Undo
+from labrig.record.events import Continue, Event, MarkBad, OperatorNote, Pause, Repeat, Skip, Undo
 
-DECISIONS = (Skip, Repeat, MarkBad, Note)
+DECISIONS = (Skip, Repeat, MarkBad, OperatorNote)
 """The events that an `Undo` can take back."""
 
 RESCHEDULING = (Skip, Repeat)
@@ -41,9 +41,9 @@ class Decisions:
         return {event.trial: event.reason for event in self.made if isinstance(event, MarkBad)}
 
     @property
-    def notes(self) -> tuple[Note, ...]:
+    def notes(self) -> tuple[OperatorNote, ...]:
         """Notes."""
-        return tuple(event for event in self.made if isinstance(event, Note))
+        return tuple(event for event in self.made if isinstance(event, OperatorNote))
 
     def explain_left_out(self, trial: int) -> str:
         """Return why a trial is left out of the evaluation; empty if it is to be evaluated."""

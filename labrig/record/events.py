@@ -223,7 +223,7 @@ class MarkBad(Event):
     reason: str
 
 
-class Note(Event):
+class OperatorNote(Event):
     """A person has written a note during a trial; None between two trials."""
 
     kind: ClassVar[str] = "note"

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from labrig.record.events import Event, MarkBad, Note, OperatorQuestion, Pause, Repeat, Skip, Undo
+from labrig.record.events import Event, MarkBad, OperatorNote, OperatorQuestion, Pause, Repeat, Skip, Undo
 from labrig.record.reader import Run
 from labrig.report.formatting import Rows
 
@@ -10,7 +10,7 @@ _UNDONE = {
     Skip.kind: "the skip",
     Repeat.kind: "the repetition",
     MarkBad.kind: "the mark",
-    Note.kind: "the note",
+    OperatorNote.kind: "the note",
     OperatorQuestion.kind: "the answer to the question before",
 }
 
@@ -22,7 +22,7 @@ def list_decisions(run: Run) -> Rows:
 
 def _tell(run: Run) -> Iterator[tuple[Event, str]]:
     lasted_s = {pause.start.t_s: pause.duration_s for pause in run.pauses}
-    for event in run.read_events(Pause, Skip, Repeat, MarkBad, Note, Undo):
+    for event in run.read_events(Pause, Skip, Repeat, MarkBad, OperatorNote, Undo):
         match event:
             case Pause():
                 yield event, f"Paused {_tell_place(event)} by {event.by}{_tell_length(lasted_s[event.t_s])}."
@@ -35,7 +35,7 @@ def _tell(run: Run) -> Iterator[tuple[Event, str]]:
                     event,
                     f"Trial {event.trial} was marked as bad and is left out of the evaluation: {event.reason}",
                 )
-            case Note():
+            case OperatorNote():
                 of_trial = "" if event.trial is None else f" on trial {event.trial}"
                 yield event, f"Note{of_trial}: {event.text}"
             case Undo():

@@ -20,7 +20,7 @@ from labrig.record.events import (
     MarkBad,
     Move,
     MoveDone,
-    Note,
+    OperatorNote,
     OperatorQuestion,
     Pause,
     PictureRole,
@@ -185,7 +185,7 @@ class Session:
             case Choice.PAUSE:
                 self._pause(AT_QUESTION, "prompt")
             case Choice.NOTE:
-                self.record(Note(text=answer.note, trial=dialogue.trial))
+                self.record(OperatorNote(text=answer.note, trial=dialogue.trial))
             case Choice.UNDO:
                 return self._undo()
             case Choice.MARK_BAD if dialogue.marked_trial is not None:

@@ -33,7 +33,7 @@ _WATCHED_S = 1.5
 
 
 @dataclass
-class Person:
+class PacedPerson:
     """Answers after a while, and chooses at some holes."""
 
     bench: ServingRig
@@ -90,9 +90,11 @@ def print_table(insertions: int = INSERTIONS) -> None:
         with serve_rehearsal(Path(folder) / "rig", "--seed", "7") as bench:
             tenth = max(2, round(insertions / 10) + 1)
             chooses = {str(tenth): ["r", "u", "s"], str(tenth + 1): ["r"]}
-            shown = _run(bench, runs, insertions, Person(bench, chooses), Presses(bench, ["withdrawing"]))
+            shown = _run(
+                bench, runs, insertions, PacedPerson(bench, chooses), Presses(bench, ["withdrawing"])
+            )
             presses = Presses(bench, ["withdrawing", "pausing after"], watches=True)
-            _run(bench, runs, 1, Person(bench, {}), presses, name="stopped")
+            _run(bench, runs, 1, PacedPerson(bench, {}), presses, name="stopped")
         rows = [*_describe(open_run(runs / "r")), *_compare_left(shown, open_run(runs / "r"), tenth)]
         rows.append(
             [
@@ -104,7 +106,7 @@ def print_table(insertions: int = INSERTIONS) -> None:
 
 
 def _run(
-    bench: ServingRig, runs: Path, insertions: int, person: Person, presses: Presses, name: str = "r"
+    bench: ServingRig, runs: Path, insertions: int, person: PacedPerson, presses: Presses, name: str = "r"
 ) -> str:
     settings = [
         word for setting in (_GEL, f"insertions_per_specimen={insertions}") for word in ("--set", setting)

@@ -51,7 +51,7 @@ from labrig.experiments.insertion.events import (
 )
 from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.schedule import BegunTrial, PlannedTrial, find_next_trial
+from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, with_start
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
@@ -89,7 +89,7 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
 class MadeTrial:
     """An insertion that has started, and how it ended; None if it was interrupted."""
 
-    begun: BegunTrial
+    begun: BegunInsertion
     ending: Ending | None
 
 
@@ -127,7 +127,7 @@ def _make_remaining(
     protocol: InsertionProtocol,
     session: Session,
     earlier: Sequence[MadeTrial],
-    insert: Callable[[PlannedTrial], Ending],
+    insert: Callable[[PlannedInsertion], Ending],
 ) -> list[MadeTrial]:
     """Make one insertion after another, and return them all."""
     made, dialogue = list(earlier), session.dialogue
@@ -137,7 +137,7 @@ def _make_remaining(
         dialogue.place = f"insertion {planned.repetition + 1} of {protocol.repetitions}"
         ending = session.attempt(planned.trial, partial(insert, planned), repeats=planned.repeats)
         if ending is not None:
-            made.append(MadeTrial(BegunTrial(planned), ending))
+            made.append(MadeTrial(BegunInsertion(planned), ending))
     return made
 
 
@@ -188,7 +188,7 @@ def _insert_once(
     session: Session,
     view: TipView,
     roll_zero: RollZero,
-    planned: PlannedTrial,
+    planned: PlannedInsertion,
 ) -> Ending:
     """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return how it ended."""
     rig, sheath, trial = session.rig, protocol.sheath, planned.trial
@@ -282,7 +282,7 @@ class _Insertion:
     session: Session
     view: TipView
     roll_zero: RollZero
-    planned: PlannedTrial
+    planned: PlannedInsertion
     settings: SteeringSettings
     path: list[AxisPositions] = field(default_factory=list)
     run_to_mm: float = 0.0

@@ -9,7 +9,7 @@ from labrig.experiments.insertion.ending import Ending
 from labrig.experiments.insertion.events import InsertionStart, InsertionStop
 from labrig.experiments.insertion.procedure import MadeTrial, make_insertions
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.schedule import BegunTrial, PlannedTrial, find_next_trial
+from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
 from labrig.record.decisions import Decisions
 from labrig.record.events import INTERRUPTED, RecordedTrial
 from labrig.record.reader import Run
@@ -58,7 +58,7 @@ def resume(protocol: InsertionProtocol, run: Run) -> Remainder:
 def _count_remaining(protocol: InsertionProtocol, made: Sequence[MadeTrial], decisions: Decisions) -> int:
     begun, left = [trial.begun for trial in made], 0
     while planned := find_next_trial(protocol.repetitions, begun, decisions):
-        begun.append(BegunTrial(planned))
+        begun.append(BegunInsertion(planned))
         left += 1
     return left
 
@@ -74,8 +74,8 @@ def _list_made(recorded: Sequence[_Recorded]) -> tuple[MadeTrial, ...]:
         ending = None
         if stop is not None and stop.exit_status != INTERRUPTED:
             ending = Ending(stop.outcome, str(stop.stop), stop.cause)
-        planned = PlannedTrial(start.trial, repetition, start.repeats)
-        made.append(MadeTrial(BegunTrial(planned, interrupted=ending is None), ending))
+        planned = PlannedInsertion(start.trial, repetition, start.repeats)
+        made.append(MadeTrial(BegunInsertion(planned, interrupted=ending is None), ending))
     return tuple(made)
 
 

@@ -7,7 +7,7 @@ from labrig.record.decisions import Decisions
 
 
 @dataclass(frozen=True)
-class PlannedTrial:
+class PlannedInsertion:
     """An insertion that is to be made.
 
     Attributes
@@ -26,23 +26,23 @@ class PlannedTrial:
 
 
 @dataclass(frozen=True)
-class BegunTrial:
+class BegunInsertion:
     """An insertion that has started: which it was, and whether it was interrupted."""
 
-    planned: PlannedTrial
+    planned: PlannedInsertion
     interrupted: bool = False
 
 
 def find_next_trial(
-    repetitions: int, begun: Sequence[BegunTrial], decisions: Decisions
-) -> PlannedTrial | None:
+    repetitions: int, begun: Sequence[BegunInsertion], decisions: Decisions
+) -> PlannedInsertion | None:
     """Return the next insertion; None if all have been made. One that is made again is so first.
 
     Parameters
     ----------
     repetitions : int
         The insertions that the protocol asks for, numbered from 0.
-    begun : sequence of BegunTrial
+    begun : sequence of BegunInsertion
         The insertions so far, in order.
     decisions : Decisions
         What a person has skipped, and had made again.
@@ -53,5 +53,5 @@ def find_next_trial(
     for trial in begun:
         number = trial.planned.trial
         if (trial.interrupted or number in decisions.repeated) and number not in settled:
-            return PlannedTrial(max(used | {repetitions - 1}) + 1, trial.planned.repetition, number)
-    return next((PlannedTrial(trial, trial) for trial in range(repetitions) if trial not in used), None)
+            return PlannedInsertion(max(used | {repetitions - 1}) + 1, trial.planned.repetition, number)
+    return next((PlannedInsertion(trial, trial) for trial in range(repetitions) if trial not in used), None)

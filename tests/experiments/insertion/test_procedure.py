@@ -78,8 +78,8 @@ def conduct_telling(opened: RunBench, protocol: ExperimentProtocol, then: Progre
     return outcome, open_run(opened.recorder.path)
 
 
-class Asks(NoRequests):
-    """Asks once for a pause in tissue, when a number of steps has been made."""
+class AsksInTissue(NoRequests):
+    """AsksInTissue once for a pause in tissue, when a number of steps has been made."""
 
     def __init__(self, steps: int) -> None:
         self.steps = steps
@@ -435,7 +435,7 @@ def test_a_needle_that_missed_is_withdrawn_part_of_the_way_and_goes_on_elsewhere
 
 def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(tmp_path: Path) -> None:
     """The axes stop at the next step, nothing is withdrawn, the needle goes on, and the replay is identical."""
-    asks = Asks(4)
+    asks = AsksInTissue(4)
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, FROM_THE_BEGINNING)
     with bench(tmp_path, protocol, EVEN) as opened:
         rig = opened.opened.rig

@@ -8,7 +8,7 @@ from labrig.devices.operator import MountNeedle
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.events import InsertionStart, InsertionStop
-from labrig.experiments.insertion.schedule import BegunTrial, PlannedTrial, find_next_trial
+from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.record.check import check_run
@@ -25,17 +25,17 @@ from tests.runner.sessions import PROTOCOLS, Told, Watched, bench
 
 def test_what_remains_follows_from_what_was_made_and_decided() -> None:
     """An interrupted insertion, or one that a person had made again, comes next under a new number, and only once."""
-    first = BegunTrial(PlannedTrial(0, 0))
-    assert find_next_trial(2, [], NO_DECISIONS) == PlannedTrial(0, 0)
-    assert find_next_trial(2, [first], NO_DECISIONS) == PlannedTrial(1, 1)
-    broken = [first, BegunTrial(PlannedTrial(1, 1), interrupted=True)]
-    assert find_next_trial(2, broken, NO_DECISIONS) == PlannedTrial(2, 1, repeats=1)
-    again = [*broken, BegunTrial(PlannedTrial(2, 1, repeats=1))]
+    first = BegunInsertion(PlannedInsertion(0, 0))
+    assert find_next_trial(2, [], NO_DECISIONS) == PlannedInsertion(0, 0)
+    assert find_next_trial(2, [first], NO_DECISIONS) == PlannedInsertion(1, 1)
+    broken = [first, BegunInsertion(PlannedInsertion(1, 1), interrupted=True)]
+    assert find_next_trial(2, broken, NO_DECISIONS) == PlannedInsertion(2, 1, repeats=1)
+    again = [*broken, BegunInsertion(PlannedInsertion(2, 1, repeats=1))]
     assert find_next_trial(2, again, NO_DECISIONS) is None
     repeated = fold_decisions([Repeat(trial=2)])
-    assert find_next_trial(2, again, repeated) == PlannedTrial(3, 1, repeats=2)
+    assert find_next_trial(2, again, repeated) == PlannedInsertion(3, 1, repeats=2)
     assert find_next_trial(2, again, repeated.add(Skip(trial=3, repeats=2))) is None
-    assert find_next_trial(2, [], fold_decisions([Skip(trial=0)])) == PlannedTrial(1, 1)
+    assert find_next_trial(2, [], fold_decisions([Skip(trial=0)])) == PlannedInsertion(1, 1)
 
 
 def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def resume_run(
 
     def begin(rig: Rig, reporter: Reporter) -> Session:
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
-        return begin_session(rig, reopen, reporter, plan.workload)
+        return begin_session(rig, reopen, reporter, plan.workload.leave(share))
 
     job = RigJob(experiment, recorded, description, plan.work, command_line, attention)
     ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, remainder))

@@ -1,8 +1,9 @@
 """How much of a run is left: the rig's time and that of the person, learned from what has been done of it so far."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
 
 
@@ -26,6 +27,11 @@ class Workload:
     operator_steps: int = 0
     questions: Mapping[str, int] = field(default_factory=dict)
     trials: int = 0
+
+    def leave(self, share: float) -> "Workload":
+        """Return the work of a person who has this share of it left; the rig's is counted from the start of the run."""
+        questions = {kind: math.ceil(share * count) for kind, count in self.questions.items()}
+        return replace(self, operator_steps=math.ceil(share * self.operator_steps), questions=questions)
 
 
 NO_WORKLOAD = Workload()

@@ -94,6 +94,13 @@ def test_a_plan_that_does_not_name_its_questions_goes_by_their_number() -> None:
     assert left == TimeLeft(hands_s=40.0, rig_s=50.0)
 
 
+def test_a_resumed_run_has_a_share_of_its_questions_left() -> None:
+    """The person's work is that of the remaining trials, each kind rounded up."""
+    left = SWEEP.leave(10 / 72)
+    assert left.questions == {"MountNeedle": 1, "PlaceSpecimen": 1, "ShiftToHole": 10}
+    assert (left.operator_steps, left.duration_s) == (11, SWEEP.duration_s)
+
+
 def test_nothing_is_said_of_what_is_not_known() -> None:
     """Before any answer there is no time of the person, and without a plan none of the rig."""
     assert describe_time_left(estimate_time_left(Workload(), 0.0, Elapsed(0.0, 0.0), [])) == ""

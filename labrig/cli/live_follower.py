@@ -23,7 +23,8 @@ from labrig.record.reader import open_run
 from labrig.report.live_view import LiveView
 from labrig.report.record_drawing import RecordDrawing
 from labrig.report.rerun_view import end_stream, open_stream
-from labrig.report.viewer import LOCALHOST, RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
+from labrig.report.viewer import RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
+from labrig.report.web_page import LOCALHOST
 
 
 def main() -> None:

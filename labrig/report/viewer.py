@@ -15,8 +15,8 @@ from typing import Literal
 from labrig.clock import Clock
 from labrig.errors import MachineError
 from labrig.posix import end_with_parent
+from labrig.report.web_page import LOCALHOST, serve_page
 
-LOCALHOST = "127.0.0.1"
 DEFAULT_PORT, DEFAULT_WEB_PORT = 9876, 9090
 
 ViewerKind = Literal["window", "web", "server"]
@@ -95,13 +95,19 @@ def start_viewer(kind: ViewerKind, clock: Clock, program: str) -> RunningViewer:
     MachineError
         When it ends at once, or does not listen in time.
     """
-    port, web_port = find_free_port(DEFAULT_PORT), find_free_port(DEFAULT_WEB_PORT)
+    port, web_port, files_port = (
+        find_free_port(DEFAULT_PORT),
+        find_free_port(DEFAULT_WEB_PORT),
+        find_free_port(0),
+    )
     command = [program, "--bind", LOCALHOST, "--port", str(port)]
     if kind == "window":
         command += ["--hide-welcome-screen", "--expect-data-soon"]
     else:
         command += ["--server-memory-limit", _SERVER_MEMORY]
-        command += ["--serve-web", "--web-viewer-port", str(web_port)] if kind == "web" else ["--serve-grpc"]
+        command += (
+            ["--serve-web", "--web-viewer-port", str(files_port)] if kind == "web" else ["--serve-grpc"]
+        )
     viewer = RunningViewer(kind, _start(command, with_parent=kind != "window"), port, web_port)
     waited_from_s = clock.now_s()
     while not _listens(port):
@@ -114,6 +120,8 @@ def start_viewer(kind: ViewerKind, clock: Clock, program: str) -> RunningViewer:
             viewer.process.kill()
             raise MachineError(f"the rerun viewer did not listen within {_STARTS_WITHIN_S:.0f} s", "try it")
         clock.sleep(_LOOK_EVERY_S)
+    if kind == "web":
+        serve_page(web_port, files_port, port)
     return viewer
 
 
@@ -128,6 +136,8 @@ def find_free_port(wanted: int) -> int:
     """Return a port of this computer on which nothing listens, the wanted one if possible."""
     for port in (wanted, 0):
         with suppress(OSError), closing(socket.socket()) as free:
+            # Connections of the last run that linger do not keep its port from this one; a listener does.
+            free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(sys.platform != "win32"))
             free.bind((LOCALHOST, port))
             return int(free.getsockname()[1])
     raise MachineError("this computer has no free port", "close programs that listen on many")

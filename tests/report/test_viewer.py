@@ -3,6 +3,8 @@
 import socket
 import sys
 from collections.abc import Iterator
+from contextlib import closing
+from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
@@ -10,13 +12,13 @@ import pytest
 from labrig.devices.clocks import SystemClock
 from labrig.errors import MachineError
 from labrig.report.viewer import (
-    LOCALHOST,
     RunningViewer,
     ViewerKind,
     find_free_port,
     find_viewer,
     start_viewer,
 )
+from labrig.report.web_page import LOCALHOST
 
 _LISTEN = "0A"
 _LOCALHOST = "0100007F"
@@ -45,6 +47,18 @@ def test_a_viewer_listens_on_this_computer_alone_and_sends_no_usage_data(viewer:
     assert {address.split(":")[0] for address in listening} == {_LOCALHOST}
     environment = (process / "environ").read_bytes().split(b"\0")
     assert b"CI=1" in environment
+
+
+@pytest.mark.parametrize("viewer", ["web"], indirect=True)
+def test_the_page_for_a_browser_reaches_nothing_else(viewer: RunningViewer) -> None:
+    """Its policy lets the browser talk to this computer alone, so neither fonts nor usage data go out."""
+    with closing(HTTPConnection(LOCALHOST, viewer.web_port, timeout=10)) as browser:
+        browser.request("GET", "/")
+        page = browser.getresponse()
+        policy, content = page.getheader("Content-Security-Policy"), page.read()
+    assert b"<canvas" in content or b"re_viewer" in content
+    assert f"connect-src 'self' data: blob: http://{LOCALHOST}:{viewer.port}" in policy
+    assert "*" not in policy
 
 
 def test_a_port_in_use_is_left_to_its_user() -> None:

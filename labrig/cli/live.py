@@ -9,6 +9,7 @@ from threading import Thread
 
 from labrig.cli.options import LiveKind
 from labrig.cli.output import say
+from labrig.cli.signals import Interruption
 
 # What the viewer has not drawn by then is left to view.rrd.
 _DRAWN_WITHIN_S = 10.0
@@ -41,10 +42,11 @@ class LiveFollower:
         """Wait until the ended run is drawn, but not for long, and report a process that failed."""
         try:
             status = self._process.wait(within_s)
-        except subprocess.TimeoutExpired:
+        except (subprocess.TimeoutExpired, Interruption):
+            # Whoever interrupts here is tired of waiting. How the run ended is still to be told.
             self._process.kill()
             self._process.wait()
-            say("live view: the viewer did not take the end of the run; view.rrd has it")
+            say("live view: it was ended before all was drawn; view.rrd has the whole run")
         else:
             if status:
                 say(f"live view: it ended with status {status}; view.rrd has the whole run")

@@ -1,5 +1,6 @@
 """The view for the rerun viewer, made from the record."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -7,10 +8,14 @@ import pytest
 from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
 from labrig.devices.cia402_states import describe_statusword
 from labrig.errors import RecordError
+from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
 from tests.analysis.synthetic import record_sweep
 from tests.report.conftest import WrittenPage
+from tests.rerun_files import read_view
+
+RECORDS = Path(__file__).parents[1] / "records"
 
 
 def _lines(page: WrittenPage) -> CentreLines:
@@ -36,3 +41,14 @@ def test_a_damaged_picture_leaves_no_view(folder: Path) -> None:
     with pytest.raises(RecordError, match=r"000000\.png"):
         write_view(run, NO_LINES, NO_VIEW, describe_statusword)
     assert list(run.path.glob("*view.rrd*")) == []
+
+
+def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path: Path) -> None:
+    """The mark says at which depth it was taken, and goes with the next picture."""
+    run = open_run(shutil.copytree(RECORDS / "steerability", tmp_path / "run"))
+    shown = read_view(write_view(run, NO_LINES, NO_VIEW, describe_statusword))
+    trials = len(run.trials)
+    assert len(shown["/camera/old/words"]) == trials > 0
+    depth_mm = max(line.insertion_mm for line in run.frame_lines if line.insertion_mm is not None)
+    assert shown["/camera/old/words"][-1].startswith(f"OLD PICTURE: taken at {depth_mm:.1f} mm")
+    assert shown["/events"][0].startswith("run starts")

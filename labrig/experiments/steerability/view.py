@@ -4,6 +4,7 @@ Of a run that was measured they are the result's. While a run is made, its pictu
 measures them, but for what only the whole run tells: a sheath that was elsewhere, and the drift of the camera.
 """
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
@@ -156,12 +157,17 @@ def _place(gel: str, name: str) -> str:
 
 def _write_table(groups: Iterable[SpecimenResult], last: PictureResult) -> str:
     """Return the gels as a table in Markdown, under the last hole."""
-    hole = f"hole {(last.hole or 0) + 1} of {last.specimen}"
+    hole = f"hole {(last.hole or 0) + 1} of {_escape(str(last.specimen))}"
     found = f"{number(last.radius_mm, 2)} mm" if last.accepted else f"refused: {last.reason}"
     rows = (
-        f"| {group.name} | {group.n} | {number(group.mean_radius_mm, 2)} | {number(group.sd_radius_mm, 2)} "
+        f"| {_escape(group.name)} | {group.n} | {number(group.mean_radius_mm, 2)} | {number(group.sd_radius_mm, 2)} "
         f"| {interval(group.ci95_mm)} | {group.refused} |"
         for group in groups
     )
     head = "| gel | n | mean radius mm | SD mm | 95 % interval mm | refused |\n|---|---|---|---|---|---|"
     return "\n".join((f"**Last: {hole}, {found}**", "", head, *rows))
+
+
+def _escape(text: str) -> str:
+    """Return a text in which Markdown finds nothing of its own."""
+    return re.sub(r"([^\w\s])", r"\\\1", text)

@@ -7,13 +7,14 @@ import pytest
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.cia402_states import describe_statusword
-from labrig.experiments.registry import find_run_experiment, make_run_view
+from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
 from tests.analysis.insertions import record_insertion
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.pages import write_page
+from tests.rerun_files import read_view
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +82,14 @@ def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion also holds paths, plans and curves of the estimate."""
     run = record_insertion()
     analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
-    assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW, describe_statusword).read_bytes()
-    assert b"/estimate" in write_view(run, NO_LINES, make_run_view(run), describe_statusword).read_bytes()
+    assert (
+        not {"/nis/NIS", "/camera/plan"}
+        & read_view(write_view(run, NO_LINES, NO_VIEW, describe_statusword)).keys()
+    )
+    shown = read_view(write_view(run, NO_LINES, make_run_view(run), describe_statusword))
+    assert {"/nis/NIS", "/camera/plan", "/camera/target", "/depth/needle"} <= shown.keys()
+    followed = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
+    assert followed["/nis/NIS"] == pytest.approx(shown["/nis/NIS"])
 
 
 def test_what_a_person_wrote_stays_text(html: str) -> None:

@@ -3,9 +3,12 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
+from labrig.record.events import Continue, Event
 from labrig.record.layout import RUN_STOP, TRIAL_START, TRIAL_STOP
+from labrig.report.decisions import TOLD, describe_decision
 from labrig.report.view import Words
 
 Level = Literal["ERROR", "WARN", "INFO", "DEBUG"]
@@ -16,6 +19,7 @@ _UNITS = {
 _ENDED_WELL = frozenset({"success"})
 _DETAILS = frozenset({"move", "move_done", "observation"})
 """Kinds that there are so many of that they hide the others."""
+_DECIDED = frozenset(model.kind for model in TOLD)
 _HIDDEN = frozenset({"kind", "t_s", "trial"})
 
 
@@ -50,6 +54,8 @@ def _judge(kind: str, event: Mapping[str, Any]) -> Level:
     if kind in {RUN_STOP, TRIAL_STOP}:
         return "INFO" if event.get("exit_status") in _ENDED_WELL else "ERROR"
     if event.get("accepted") is False or event.get("believed") is False or event.get("confirmed") is False:
+        return "WARN"
+    if kind in _DECIDED:
         return "WARN"
     return "DEBUG" if kind in _DETAILS else "INFO"
 
@@ -106,8 +112,8 @@ def _describe_question(event: Mapping[str, Any]) -> str:
         str(value) for value in event["details"].values() if isinstance(value, str | int | float)
     )
     answer = f": {event['answer']}" if event["answer"] else ""
-    told = "confirmed" if event["confirmed"] else "refused"
-    return f"operator {told} “{asked}{f' ({details})' if details else ''}”{answer}"
+    told = event.get("choice") or ("confirmed" if event["confirmed"] else "refused")
+    return f"operator: {_plain(told)} “{asked}{f' ({details})' if details else ''}”{answer}"
 
 
 def _describe_position(event: Mapping[str, Any], name: str) -> str:
@@ -126,6 +132,10 @@ def _describe_arrival(event: Mapping[str, Any]) -> str:
     return f"{event['axis']} is at {_describe_position(event, 'position')}"
 
 
+def _describe_decision(model: type[Event], event: Mapping[str, Any]) -> str:
+    return describe_decision(model.read(event))
+
+
 _WORDS: Mapping[str, Words] = {
     "run_start": lambda event: f"run starts: {event['experiment']}",
     "run_resume": lambda event: f"run goes on: {event['experiment']}",
@@ -136,5 +146,7 @@ _WORDS: Mapping[str, Words] = {
     "move": _describe_move,
     "move_done": _describe_arrival,
     "withdrawal_start": lambda event: f"needle is withdrawn in {event['moves']} moves",
+    **{model.kind: partial(_describe_decision, model) for model in TOLD},
+    Continue.kind: lambda event: f"goes on after the pause, by {event['by']}",
     "withdrawal_stop": lambda _event: "needle is out",
 }

@@ -17,9 +17,10 @@ from labrig.report.event_words import describe_event
         ),
         (
             {"kind": "operator", "request": "ShiftToHole", "details": {"hole": 2}, "confirmed": False, "answer": ""},
-            "operator refused “shift to hole (2)”",
+            "operator: refused “shift to hole (2)”",
             "WARN",
         ),
+        ({"kind": "skip", "t_s": 1.0, "trial": 3}, "Trial 3 was skipped.", "WARN"),
         ({"kind": "odd_one", "t_s": 1.0, "depth_mm": 1.25, "done": True}, "odd one: depth 1.25 mm, done yes", "INFO"),
         ({"kind": "move", "axis": "linear", "note": "old line"}, "move: axis linear, note old line", "DEBUG"),
     ],

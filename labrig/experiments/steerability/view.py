@@ -22,7 +22,8 @@ from labrig.experiments.steerability.analysis import make_order
 from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_recorded_protocol
-from labrig.record.events import FrameLine, TrialStop, parse_events
+from labrig.record.decisions import NO_DECISIONS, READ, Decisions
+from labrig.record.events import Event, FrameLine, TrialStop, parse_events
 from labrig.record.following import LinedPicture, RecordLines
 from labrig.record.reader import Run
 from labrig.report.palette import mark
@@ -41,37 +42,43 @@ class _Drawing:
 
     roll_sd_deg: float
     trials: list[SweepTrialStart] = field(default_factory=list)
+    decisions: Decisions = NO_DECISIONS
     finals: dict[int, PictureResult] = field(default_factory=dict)
-    gels: list[str] = field(default_factory=list)
+    drawn: dict[str, SpecimenResult] = field(default_factory=dict)
+    last: str = ""
 
     def draw_final(self, stream: rr.RecordingStream, measured: PictureResult, t_s: float) -> None:
         """Draw a final picture's radius, and what is known of its gel by now."""
-        if measured.trial is None:
+        if measured.trial is None or self.decisions.explain_left_out(measured.trial):
             return
         self.finals[measured.trial] = measured
-        groups = summarise_specimens(self.trials, self.finals, self.roll_sd_deg)
+        self.last = _describe_hole(measured)
+        self.draw_gels(stream, t_s)
+        if measured.accepted and measured.radius_mm is not None and measured.specimen is not None:
+            stream.log(_place(measured.specimen, "hole"), rr.Scalars(measured.radius_mm))
+
+    def draw_gels(self, stream: rr.RecordingStream, t_s: float) -> None:
+        """Draw mean and interval of each gel that has changed; trials that a person had left out do not count."""
+        trials = [trial for trial in self.trials if not self.decisions.explain_left_out(trial.trial)]
+        groups = summarise_specimens(trials, self.finals, self.roll_sd_deg)
         set_time(stream, t_s)
-        stream.log("/gels", rr.TextDocument(_write_table(groups, measured), media_type="text/markdown"))
-        group = next((group for group in groups if group.name == measured.specimen), None)
-        if group is None or not measured.accepted or measured.radius_mm is None:
-            return
-        self._begin_gel(stream, group.name)
-        values = {
-            "hole": measured.radius_mm,
-            "mean": group.mean_radius_mm,
-            "low": None if group.ci95_mm is None else group.ci95_mm[0],
-            "high": None if group.ci95_mm is None else group.ci95_mm[1],
-        }
-        for name, value in values.items():
-            if value is not None:
-                stream.log(_place(group.name, name), rr.Scalars(value))
+        text = rr.TextDocument(_write_table(groups, self.last), media_type="text/markdown")
+        stream.log("/gels", text)
+        for group in groups:
+            if group.mean_radius_mm is not None and not _is_alike(group, self.drawn.get(group.name)):
+                self._draw_gel(stream, group, group.mean_radius_mm)
+
+    def _draw_gel(self, stream: rr.RecordingStream, group: SpecimenResult, mean_mm: float) -> None:
+        if group.name not in self.drawn:
+            self._begin_gel(stream, group.name)
+        self.drawn[group.name] = group
+        stream.log(_place(group.name, "mean"), rr.Scalars(mean_mm))
+        for name, bound_mm in zip(("low", "high"), group.ci95_mm or (), strict=False):
+            stream.log(_place(group.name, name), rr.Scalars(bound_mm))
 
     def _begin_gel(self, stream: rr.RecordingStream, gel: str) -> None:
         """Give a gel its colour: points for its holes, a line for the mean, thin ones for the interval."""
-        if gel in self.gels:
-            return
-        colour = int(mark(len(self.gels)).colour.lstrip("#") + "ff", 16)
-        self.gels.append(gel)
+        colour = int(mark(len(self.drawn)).colour.lstrip("#") + "ff", 16)
         points = rr.SeriesPoints(colors=[colour], marker_sizes=[5.0], markers=["circle"], names=[gel])
         stream.log(_place(gel, "hole"), points, static=True)
         for name, width in (("mean", 2.5), ("low", 1.0), ("high", 1.0)):
@@ -111,6 +118,7 @@ def _send(
     run: Run, content: CurvatureResult, drawing: _Drawing, stream: rr.RecordingStream, _timeline: str
 ) -> None:
     drawing.trials += [trial.start for trial in run.read_trials(SweepTrialStart, TrialStop)]
+    drawing.decisions = run.decisions
     for measured in content.measurements:
         if measured.role == NeedleRole.FINAL:
             drawing.draw_final(stream, measured, run.frame_line(measured.frame).t_s)
@@ -128,13 +136,20 @@ class _Measuring:
 
     def draw(self, stream: rr.RecordingStream, _timeline: str, lines: RecordLines) -> None:
         """Measure the pictures of the needle, and draw shaft and radius."""
-        self._drawing.trials += parse_events(self._run.path, lines.events, (SweepTrialStart,))
-        for picture in lines.pictures:
-            if picture.line.role in MEASURED_ROLES:
-                self._draw_measured(stream, picture)
-            else:
-                set_time(stream, picture.line.t_s)
-                draw_shaft(stream, [])
+        events = parse_events(self._run.path, lines.events, (SweepTrialStart, *READ))
+        told_in_order: list[Event | LinedPicture] = [*events, *lines.pictures]
+        for told in sorted(told_in_order, key=_time_of):
+            match told:
+                case SweepTrialStart():
+                    self._drawing.trials.append(told)
+                case Event():
+                    self._drawing.decisions = self._drawing.decisions.add(told)
+                    self._drawing.draw_gels(stream, told.t_s)
+                case LinedPicture() if told.line.role in MEASURED_ROLES:
+                    self._draw_measured(stream, told)
+                case LinedPicture():
+                    set_time(stream, told.line.t_s)
+                    draw_shaft(stream, [])
 
     def _draw_measured(self, stream: rr.RecordingStream, picture: LinedPicture) -> None:
         measured = measure_picture(picture.place, self._plane, self._settings, self._mask)
@@ -147,6 +162,10 @@ class _Measuring:
             self._drawing.draw_final(stream, result, picture.line.t_s)
 
 
+def _time_of(told: Event | LinedPicture) -> float:
+    return told.line.t_s if isinstance(told, LinedPicture) else told.t_s
+
+
 def _find_trial(trials: Iterable[SweepTrialStart], number: int | None) -> SweepTrialStart | None:
     return next((trial for trial in trials if trial.trial == number), None)
 
@@ -155,17 +174,28 @@ def _place(gel: str, name: str) -> str:
     return rr.new_entity_path(["radii", gel, name])
 
 
-def _write_table(groups: Iterable[SpecimenResult], last: PictureResult) -> str:
+def _is_alike(group: SpecimenResult, other: SpecimenResult | None) -> bool:
+    return other is not None and (group.mean_radius_mm, group.ci95_mm) == (
+        other.mean_radius_mm,
+        other.ci95_mm,
+    )
+
+
+def _describe_hole(measured: PictureResult) -> str:
+    hole = f"hole {(measured.hole or 0) + 1} of {_escape(str(measured.specimen))}"
+    found = f"{number(measured.radius_mm, 2)} mm" if measured.accepted else f"refused: {measured.reason}"
+    return f"{hole}, {found}"
+
+
+def _write_table(groups: Iterable[SpecimenResult], last: str) -> str:
     """Return the gels as a table in Markdown, under the last hole."""
-    hole = f"hole {(last.hole or 0) + 1} of {_escape(str(last.specimen))}"
-    found = f"{number(last.radius_mm, 2)} mm" if last.accepted else f"refused: {last.reason}"
     rows = (
         f"| {_escape(group.name)} | {group.n} | {number(group.mean_radius_mm, 2)} | {number(group.sd_radius_mm, 2)} "
         f"| {interval(group.ci95_mm)} | {group.refused} |"
         for group in groups
     )
     head = "| gel | n | mean radius mm | SD mm | 95 % interval mm | refused |\n|---|---|---|---|---|---|"
-    return "\n".join((f"**Last: {hole}, {found}**", "", head, *rows))
+    return "\n".join((f"**Last: {last or 'none yet'}**", "", head, *rows))
 
 
 def _escape(text: str) -> str:

@@ -8,23 +8,33 @@ from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.cia402_states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
+from labrig.record.events import MarkBad
 from labrig.record.reader import open_run
+from labrig.record.writer import Recorder
 from labrig.report.rerun_view import write_view
 from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 from tests.rerun_files import read_view
 
 
 def test_radii_that_are_measured_live_are_those_of_the_result(tmp_path: Path) -> None:
-    """Hole by hole, mean and interval of a gel grow to what the analysis finds; a refused picture adds nothing."""
-    run = record_sweep(tmp_path, SyntheticSweep(without_needle=frozenset({3})))
+    """Mean and interval of a gel grow to what the analysis finds, without refused pictures and bad holes."""
+    radii_mm = {"gel A": (28.0, 28.6, 40.0), "gel B": (27.0, 27.4)}
+    sweep = SyntheticSweep(radii_mm=radii_mm, without_needle=frozenset({4}), exit_status="aborted")
+    path = record_sweep(tmp_path, sweep).path
+    recorder = Recorder.reopen(path, "test")
+    recorder.record_event(MarkBad(trial=2, reason="the needle was bent"), 0.0)
+    recorder.close("success", "", NOW)
+    run = open_run(path)
     live = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
     result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     run = open_run(run.path)
     measured = read_view(write_view(run, NO_LINES, make_run_view(run), describe_statusword))
-    gels = [place for place in measured if place.startswith("/radii/")]
-    assert {place: live[place] for place in gels} == {place: measured[place] for place in gels}
+    of_gel_b = [place for place in measured if place.startswith("/radii/gel B")]
+    assert {place: live[place] for place in of_gel_b} == {place: measured[place] for place in of_gel_b}
     means = [group["mean_radius_mm"] for group in result.document["specimens"]]
-    assert [live[f"/radii/gel {name}/mean"][-1] for name in "AB"] == pytest.approx(means)
-    assert [len(live[f"/radii/gel {name}/hole"]) for name in "AB"] == [2, 1]
+    for shown in (live, measured):
+        assert [shown[f"/radii/gel {name}/mean"][-1] for name in "AB"] == pytest.approx(means)
+    # It was drawn before it was marked.
+    assert [len(shown["/radii/gel A/hole"]) for shown in (live, measured)] == [3, 2]
     assert "refused: " in live["/gels"][-1]
     assert "/camera/shaft" in live

@@ -55,7 +55,7 @@ def _show(path: Path, wanted: ViewerKind, program: str) -> None:
     end_stream(stream)
     if viewer.has_ended():
         _tell("the viewer was closed; the run goes on without it")
-    if shown.left_out:
+    elif shown.left_out:
         _tell(
             f"{shown.left_out} of {shown.drawn + shown.left_out} pictures were not shown live, because drawing was "
             "slower than the rig; view.rrd has them all"

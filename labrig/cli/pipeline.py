@@ -89,21 +89,24 @@ def perform(order: RunOrder) -> FinishedRun:
     with live_view(order.live) as watch:
         recorded = _record(order, plan, changes, watch)
     finished = finish(recorded, order.command_line)
-    if order.live is not None and not isinstance(finished.outcome.error, InterruptedRunError):
-        _keep_view(finished.path)
+    if order.live is not None:
+        _keep_view(finished)
     return finished
 
 
-def _keep_view(path: Path) -> None:
-    """Write the view of a run that was shown live; a failure costs the run nothing."""
+def _keep_view(finished: FinishedRun) -> None:
+    """Write the view of a run that was shown live; a failure, or a person who does not wait, costs the run nothing."""
     # Imported late, as the viewer's library is large.
     from labrig.cli.view_file import make_view_file
 
+    if isinstance(finished.outcome.error, InterruptedRunError):
+        say("note: view.rrd was not written; labrig view makes it")
+        return
     say("writing view.rrd")
     try:
-        make_view_file(open_run(path))
+        make_view_file(open_run(finished.path))
     except LabrigError as error:
-        say(f"note: view.rrd was not written: {error.message}")
+        say(f"note: view.rrd was not written: {error.message}; labrig view makes it")
     except Interruption:
         say("note: view.rrd was not written; labrig view makes it")
 

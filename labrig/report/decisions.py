@@ -11,7 +11,7 @@ _UNDONE = {
     Skip.kind: "the skip",
     Repeat.kind: "the repetition",
     MarkBad.kind: "the mark",
-    Note.kind: "the note",
+    OperatorNote.kind: "the note",
     OperatorQuestion.kind: "the answer to the question before",
 }
 

@@ -48,6 +48,7 @@ SETTINGS: dict[Any, Any] = {
     "legend.fontsize": 8.5,
 }
 _MEAN_MARK: dict[str, Any] = {"markersize": 6, "capsize": 3.5, "linewidth": 1.5}
+_SD_BAR: dict[str, Any] = {"linewidth": 6.0, "alpha": 0.22, "solid_capstyle": "butt"}
 _PAPER_MARK: dict[str, Any] = {
     "fmt": "D",
     "color": "#666666",
@@ -67,6 +68,7 @@ class GelSeries:
     paths_mm: tuple[FloatArray, ...]
     radii_mm: tuple[float, ...]
     mean_mm: float | None
+    sd_mm: float | None
     ci95_mm: tuple[float, float] | None
     paper_mm: tuple[float, float] | None
     drawn_mean_mm: float | None
@@ -146,20 +148,31 @@ def _draw_gel(axes: Axes, place: int, gel: GelSeries) -> None:
         sideways, gel.radii_mm, gel.mark.marker, color=colour, markersize=4.2, alpha=0.6, markeredgewidth=0
     )
     if gel.mean_mm is not None:
+        if gel.sd_mm is not None:
+            ends = [gel.mean_mm - gel.sd_mm, gel.mean_mm + gel.sd_mm]
+            axes.plot([place + 0.03] * 2, ends, color=colour, **_SD_BAR)
         low, high = gel.ci95_mm or (gel.mean_mm, gel.mean_mm)
         error = [[gel.mean_mm - low], [high - gel.mean_mm]]
         axes.errorbar(place + 0.03, gel.mean_mm, error, fmt=gel.mark.marker, color=colour, **_MEAN_MARK)
     if gel.drawn_mean_mm is not None:
         axes.plot([place + 0.10, place + 0.20], [gel.drawn_mean_mm] * 2, color="black", linewidth=1.6)
     if gel.paper_mm is not None:
-        axes.errorbar(place + 0.32, *gel.paper_mm, **_PAPER_MARK)
+        _draw_paper(axes, place + 0.32, *gel.paper_mm)
+
+
+def _draw_paper(axes: Axes, place: float, mean_mm: float, sd_mm: float) -> None:
+    """Draw the paper's mean with its standard deviation, dashed: it is no interval of a mean."""
+    _, _, bars = axes.errorbar(place, mean_mm, sd_mm, **_PAPER_MARK)
+    for bar in bars:
+        bar.set_linestyle((0, (2, 1.5)))
 
 
 def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
     """Add a legend of the marks in the figure."""
-    axes.errorbar([], [], [], fmt="o", color="#333333", label="mean, 95 % interval", **_MEAN_MARK)
+    axes.errorbar([], [], [], fmt="o", color="#333333", label="mean, 95 % interval of it", **_MEAN_MARK)
+    axes.plot([], [], color="#333333", label="± SD of the insertions", **_SD_BAR)
     if any(gel.paper_mm for gel in series):
-        axes.errorbar([], [], [], label="paper, mean ± SD", **_PAPER_MARK)
+        axes.errorbar([], [], [], label="paper: mean, ± SD dashed", **_PAPER_MARK)
     if any(gel.drawn_mean_mm is not None for gel in series):
         axes.plot([], [], color="black", linewidth=1.6, label="mean of the drawn radii")
     axes.legend(loc="lower left", handlelength=1.2)

@@ -56,13 +56,12 @@ def draw_sheath_view(run: Run, origin: TrialOrigin, plane: PlaneMap) -> SheathVi
     cut = image[corner[1] : corner[1] + size[1], corner[0] : corner[0] + size[0]]
     if not cut.size:
         return None
-    found = _make_arrow(
-        "found", _Ray(origin.tip_mm, origin.heading_rad, _FOUND_MM, -_ASIDE_MM), plane, corner
-    )
+    aside_mm = _place_name(origin)
+    found = _make_arrow("found", _Ray(origin.tip_mm, origin.heading_rad, _FOUND_MM, aside_mm), plane, corner)
     commanded = None
     if origin.expected_mm is not None:
         commanded = _make_arrow(
-            "command", _Ray(origin.expected_mm, 0.0, _COMMANDED_MM, _ASIDE_MM), plane, corner
+            "command", _Ray(origin.expected_mm, 0.0, _COMMANDED_MM, -aside_mm), plane, corner
         )
     return SheathView(
         origin=origin,
@@ -73,6 +72,14 @@ def draw_sheath_view(run: Run, origin: TrialOrigin, plane: PlaneMap) -> SheathVi
         found=found,
         commanded=commanded,
     )
+
+
+def _place_name(origin: TrialOrigin) -> float:
+    """Return the offset of the name `found` [mm]: to the side of the other arrow on which its own ends."""
+    if origin.tip_mm is None or origin.heading_rad is None or origin.expected_mm is None:
+        return -_ASIDE_MM
+    end_mm = origin.tip_mm[0] + _FOUND_MM * np.sin(origin.heading_rad)
+    return _ASIDE_MM if end_mm > origin.expected_mm[0] else -_ASIDE_MM
 
 
 def draw_sheath_views(

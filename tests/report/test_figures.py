@@ -19,8 +19,8 @@ DESIGN = Design(30.0, 40.0, -1)
 
 def _series() -> list[GelSeries]:
     path = np.column_stack((-np.linspace(0, 20, 30), np.linspace(0, 28, 30)))
-    full = GelSeries("10 %", mark(0), (path,), (28.1, 28.3), 28.2, (27.9, 28.5), (28.34, 0.247), 28.25)
-    empty = GelSeries("13 %", mark(1), (), (), None, None, None, None)
+    full = GelSeries("10 %", mark(0), (path,), (28.1, 28.3), 28.2, 0.14, (27.9, 28.5), (28.34, 0.247), 28.25)
+    empty = GelSeries("13 %", mark(1), (), (), None, None, None, None, None)
     return [full, empty]
 
 

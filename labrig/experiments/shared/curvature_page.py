@@ -117,6 +117,7 @@ def make_curvature_page(
             "refused": [measurement for measurement in content.measurements if _is_listed_alone(measurement)],
             "expected": _group_expected_refusals(content.measurements),
             "simulated": content.truth is not None,
+            "roll_sd_deg": content.settings.get("roll_sd_deg"),
             "steerability": design is not None,
         },
     )
@@ -185,6 +186,7 @@ def _make_series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLi
         ),
         radii_mm=tuple(result.radius_mm for result in own if result.radius_mm is not None),
         mean_mm=row.measured.mean_radius_mm,
+        sd_mm=row.measured.sd_radius_mm,
         ci95_mm=row.measured.ci95_mm,
         paper_mm=None if row.paper is None else (row.paper.mean_radius_mm, row.paper.sd_radius_mm),
         drawn_mean_mm=None if row.truth is None else row.truth.drawn_mean_radius_mm,

@@ -60,6 +60,8 @@ def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool)
         say_way_out(finished.needle)
         if finished.result is None:
             say(f"the record is kept: {finished.path}\nmeasure what it holds: labrig reanalyze {place}")
+            if finished.report is not None:
+                say(f"what happened: {finished.report}")
         if finished.result is None and outcome.exit_status != "success" and finished.can_resume:
             say(f"continue it: labrig resume {place}")
     if as_json:

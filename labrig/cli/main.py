@@ -34,7 +34,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "schema": ("protocols.schema", "Print the JSON Schema of protocol files or of rig files."),
     "plan": ("plan.plan", "Plan a path to a target around obstacles, or say why there is none."),
-    "report": ("record.report", "Write the report page of runs again from their newest result."),
+    "report": ("record.report", "Write the report page of runs again, from their newest result or another."),
     "view": ("record.view", "Make view.rrd from the record and open it in the rerun viewer."),
     "import": ("record.import_", "Turn folders of pictures into runs."),
     "reanalyze": (

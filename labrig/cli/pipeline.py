@@ -25,6 +25,7 @@ from labrig.durable import require_free_bytes
 from labrig.errors import (
     AnswerIsNoError,
     BugError,
+    DiskError,
     FileFormatError,
     InputError,
     InterruptedRunError,
@@ -125,7 +126,7 @@ def finish(ended: FinishedRun, command_line: tuple[str, ...]) -> FinishedRun:
     """Measure a recorded run and write the report, if the run came to its end."""
     path, outcome = ended.path, ended.outcome
     if outcome.error is not None and not _is_measurable(outcome.error):
-        return ended
+        return _show_failure(ended)
     ended = replace(ended, needle=None, can_resume=False)
     if ended.signal_name is not None:
         return _leave_unmeasured(ended, ended.signal_name)
@@ -141,6 +142,23 @@ def finish(ended: FinishedRun, command_line: tuple[str, ...]) -> FinishedRun:
     except AnswerIsNoError as error:
         return replace(ended, outcome=Outcome(outcome.exit_status, error.message, error))
     return replace(ended, report=report, result=result.document)
+
+
+def _show_failure(ended: FinishedRun) -> FinishedRun:
+    """Write the page of a run that failed, which says why; not after a fault of the disk, or a bug.
+
+    Nothing that goes wrong with the page hides why the run failed.
+    """
+    error = ended.outcome.error
+    if ended.outcome.exit_status != "failed" or isinstance(error, DiskError | BugError):
+        return ended
+    from labrig.cli.reporting import write_page
+
+    try:
+        return replace(ended, report=write_page(open_run(ended.path), None))
+    except (LabrigError, Interruption) as failure:
+        say(f"note: the page was not written: {failure}")
+        return ended
 
 
 def _is_measurable(error: LabrigError) -> bool:

@@ -29,6 +29,12 @@ from labrig.errors import RecordError
 
 def report(
     run_paths: LocalRunsArgument,
+    result: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Number of the result to show. Default: the newest.", show_default=False
+        ),
+    ] = None,
     private: Annotated[
         bool,
         typer.Option("--private", help="Leave out host, account, command line and the authors of notes."),
@@ -46,7 +52,7 @@ def report(
         loaded = open_run(path, read_pictures=True)
         note_unused(loaded.problems, loaded.damage)
         with name_damage(loaded):
-            page = write_page(loaded, load_run_result(loaded), private=private)
+            page = write_page(loaded, load_run_result(loaded, result), private=private)
         if not as_json:
             print_line(str(page))
         damage = (*loaded.damage, *find_damaged_annotations(path))

@@ -8,6 +8,7 @@ from datetime import datetime
 from markupsafe import Markup
 
 from labrig import __version__
+from labrig.analysis.calibration import MASK_FILE
 from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
@@ -23,6 +24,8 @@ _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed"
 @dataclass(frozen=True)
 class Heading:
     """Title, status and facts of a run; `verdict` summarises the page in a sentence or two.
+
+    `status` is that of the run, or the operator's verdict on a complete run: doubtful or bad.
 
     `annotations` are tags, verdict and notes, each with a heading; `decisions` are what a person did during the run,
     each with its time; `problems` are the faults of the record now (place, message, hint), `damage` further faults when
@@ -74,18 +77,21 @@ def make_heading(
     known = {f"{where}: {message}" for where, message, _ in problems}
     measured = () if result is None else result.content.damage
     status = str(run.manifest.get("exit_status", "incomplete"))
+    judged = _find_judgement(run)
+    word = _STATUS_WORDS.get(status, status)
     return Heading(
         eyebrow=kind,
         title=str(run.protocol.get("title") or run.path.name),
         run_name=run.path.name,
-        status=status,
-        status_word=_STATUS_WORDS.get(status, status),
+        status=judged if judged is not None and status == "success" else status,
+        status_word=word if judged is None else f"{word}, judged {judged}",
         simulated=_is_simulated(run),
         recorded_pictures=_has_recorded_pictures(run),
         verdict=(
             *_describe_ending(run, status),
             *_warn_of_needle(run, status),
             *_list_next_steps(run, status, can_resume=can_resume),
+            *_describe_result(run, result),
             *verdict,
         ),
         facts=tuple((term, value) for term, value in _list_facts(run, facts) if value != UNKNOWN),
@@ -96,6 +102,33 @@ def make_heading(
         problems=problems,
         damage=tuple(fault for fault in measured if fault not in known),
     )
+
+
+def _find_judgement(run: Run) -> str | None:
+    """Return the operator's verdict if it is one against the run."""
+    try:
+        verdict = run.annotations.verdict
+    except RecordError:  # the page says so under its annotations
+        return None
+    return verdict if verdict in {"doubtful", "bad"} else None
+
+
+def _describe_result(run: Run, result: AnyResult | None) -> tuple[str, ...]:
+    """Say which result is shown if it is not the newest, or was not measured with the run's own settings."""
+    if result is None:
+        return ()
+    shown, newest = int(result.path.name), max(run.result_numbers, default=0)
+    own_mask = any(name.startswith(f"{MASK_FILE}.") for name in run.calibration_files)
+    masked = "mask" in result.content.settings and not own_mask
+    changed = (*result.content.overrides, *(("a mask",) if masked else ()))
+    sentences = []
+    if shown < newest:
+        sentences.append(f"Result {shown} is shown; the newest is {newest}.")
+    if changed:
+        others = Markup("<code>labrig report {} --result N</code>").format(shlex.quote(run.shown_path))
+        told = Markup("Result {} was measured with settings changed after the run: {}. {} shows another.")
+        sentences.append(told.format(shown, ", ".join(changed), others))
+    return tuple(sentences)
 
 
 def _list_annotations(run: Run) -> tuple[tuple[str, str], ...]:

@@ -42,6 +42,8 @@ def test_motion_place_remedy_and_record_are_said_in_this_order(
     assert needle["axes"][0]["position"] == pytest.approx(35, abs=1)
     assert (needle["axes"][0]["age_s"] > 0) is is_lost
     assert done.json()["run"] in done.err
+    page = Path(done.json()["report"]).read_text(encoding="utf-8")
+    assert ('class="pill failed"' in page, "The run failed: " in page) == (True, True)
 
 
 def test_a_run_that_succeeds_says_nothing_of_the_needle(labrig: Labrig, tmp_path: Path) -> None:

@@ -146,3 +146,23 @@ def test_a_folder_without_pictures_is_refused(labrig: Labrig, tmp_path: Path) ->
     done = labrig("import", tmp_path, "--px-per-mm", 5, "--origin-px", 0, 0, "--json")
     assert done.exit_code == 2
     assert str(tmp_path) in done.json()["error"]["message"]
+
+
+def test_the_headline_names_a_result_that_was_chosen_or_has_other_settings(
+    labrig: Labrig, tmp_path: Path
+) -> None:
+    """`report --result` shows another one; a verdict against the run changes the badge; an unknown number is wrong."""
+    run = shutil.copytree(ROOT / "tests" / "records" / "import", tmp_path / "import")
+    labrig("reanalyze", run, "--set", "analysis.window_start_mm=5")
+    labrig("runs", "verdict", run, "doubtful")
+    headers = []
+    for choice in ((), ("--result", 1)):
+        assert labrig("report", run, *choice).exit_code == 0
+        headers.append((run / "report.html").read_text(encoding="utf-8").split("</header>")[0])
+    assert (
+        "Result 4 was measured with settings changed after the run: analysis.window_start_mm=5." in headers[0]
+    )
+    assert '<span class="pill doubtful">complete, judged doubtful</span>' in headers[0]
+    assert "Result 1 is shown; the newest is 4." in headers[1]
+    assert "settings changed" not in headers[1]
+    assert labrig("report", run, "--result", 9).exit_code == 2

@@ -315,7 +315,8 @@ def _find_differing_settings(runs: Sequence[MeasuredRun]) -> dict[str, dict[str,
     for key in keys:
         values: dict[str, tuple[str, ...]] = {}
         for run in runs:
-            text = "not stated" if key not in run.settings else str(run.settings[key])
+            value = run.settings.get(key)
+            text = "not stated" if value is None else str(value)
             values[text] = (*values.get(text, ()), run.name)
         if len(values) > 1:
             found[key] = values

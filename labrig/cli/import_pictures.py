@@ -166,6 +166,7 @@ def _make_protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
             "window_end_mm": 2.0,
             "min_window_mm": 15.0,
             "max_radius_sigma_mm": 0.5,
+            "max_radius_sigma_percent": 2.0,
             "roll_sd_deg": order.roll_sd_deg,
         },
     }

@@ -253,6 +253,13 @@ class AnalysisWindow(Model):
     max_radius_sigma_mm: PositiveMm = Field(
         description="Largest standard deviation at which the radius is accepted [mm]."
     )
+    max_radius_sigma_percent: float | None = Field(
+        None,
+        gt=0,
+        le=50,
+        description="Its largest share of the radius [%]: a radius is accepted within either limit, so that gentle "
+        "arcs are stated too; null: only max_radius_sigma_mm counts.",
+    )
     roll_sd_deg: float = Field(
         2.0,
         ge=0,

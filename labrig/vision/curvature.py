@@ -80,6 +80,8 @@ class CurvatureSettings:
         Shortest window for a radius; at least 15 mm, which the interval needs.
     max_radius_sigma_mm : float
         Largest standard deviation of an accepted radius.
+    max_radius_sigma_percent : float or None
+        Its largest share of the radius; a radius is accepted within either limit. None: only the first counts.
     roll_sd_rad : float or None
         Standard deviation of the bevel's roll out of the plane of the map; None if it is not known.
 
@@ -95,6 +97,7 @@ class CurvatureSettings:
     window_end_mm: float = 2.0
     min_window_mm: float = 15.0
     max_radius_sigma_mm: float = 0.5
+    max_radius_sigma_percent: float | None = None
     roll_sd_rad: float | None = None
 
     def __post_init__(self) -> None:
@@ -456,10 +459,12 @@ def _judge_circle(
     circle: Circle, points: FloatArray, sigma_mm: float, settings: CurvatureSettings
 ) -> str | None:
     """Return why the radius is refused, or None."""
-    if sigma_mm > settings.max_radius_sigma_mm:
+    share = (settings.max_radius_sigma_percent or 0.0) / 100.0
+    if sigma_mm > max(settings.max_radius_sigma_mm, share * circle.radius):
+        relative = f" or {100.0 * share:g} % of it" if share else ""
         return (
-            f"The standard deviation of the radius is {sigma_mm:.2f} mm, and {settings.max_radius_sigma_mm:g} mm "
-            "is the most: the arc is too gentle, too short or too rough."
+            f"The standard deviation of the radius is {sigma_mm:.2f} mm, and {settings.max_radius_sigma_mm:g} mm"
+            f"{relative} is the most: the arc is too gentle, too short or too rough."
         )
     largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
     on_circle = _share_on_circle(circle, points, settings)

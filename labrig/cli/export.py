@@ -4,13 +4,15 @@ from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.damage import note_unused, report_damage, require_undamaged
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError, Problem, RecordError
+
+_LATEX, _FIGURES = "latex", "figures"
 
 
 def export(
@@ -21,6 +23,15 @@ def export(
     mat: Annotated[bool, typer.Option("--mat", help="run.mat, which data/read_run.m reads.")] = False,
     mcap: Annotated[
         bool, typer.Option("--mcap", help="run.mcap, with the pictures; needs labrig's extra mcap.")
+    ] = False,
+    latex: Annotated[
+        bool,
+        typer.Option(
+            "--latex", help="Tables of the newest result, and a paragraph on methods with all settings."
+        ),
+    ] = False,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="The figures of the newest result's page, as SVG and PDF.")
     ] = False,
     record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
     private: Annotated[
@@ -39,6 +50,7 @@ def export(
     from labrig.record.urls import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
+    formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures)) if wanted]
     _check_formats(formats, mcap=mcap, record=record, private=private)
     source = fetch_folder(run)
     write, damage = (
@@ -77,10 +89,13 @@ def _prepare_tables(
     shown = opened.without_personal_data() if private else opened
 
     def write(folder: Path) -> None:
-        if formats:
+        tables = [name for name in formats if name not in {_LATEX, _FIGURES}]
+        if tables:
             from labrig.report.export import write_tables
 
-            write_tables(shown, formats, folder)
+            write_tables(shown, tables, folder)
+        if len(tables) < len(formats):
+            _write_for_paper(shown, formats, folder)
         if mcap:
             from labrig.report.mcap_file import write_mcap
 
@@ -89,9 +104,27 @@ def _prepare_tables(
     return write, opened.damage
 
 
+def _write_for_paper(run: Any, formats: list[str], folder: Path) -> None:
+    """Write LaTeX and figures of the newest result."""
+    from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
+    from labrig.report.figure_files import write_figures
+    from labrig.report.latex import write_latex
+
+    experiment, result = find_run_experiment(run), load_run_result(run)
+    if result is not None and run.private:
+        result = result.without_personal_data()
+    if _LATEX in formats:
+        summary = None if result is None else experiment.summarise(result.document)
+        write_latex(folder, run, result, summary)
+    if _FIGURES in formats:
+        write_figures(folder, run, experiment.page(run, load_run_protocol(run), result))
+
+
 def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:
     if not formats and not mcap and not record:
-        raise InputError("nothing to write", "name --csv, --parquet, --mat, --mcap or --record")
+        raise InputError(
+            "nothing to write", "name --csv, --parquet, --mat, --mcap, --latex, --figures or --record"
+        )
     if record and (formats or mcap):
         raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
     if record and private:

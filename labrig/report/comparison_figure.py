@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labrig.analysis.comparison_result import Comparison, Group
-from labrig.report.figures import SETTINGS, svg
+from labrig.report.figures import SETTINGS, DrawnFigure, svg
 from labrig.report.palette import Mark, mark
 
 MOST_GROUPS = 40
@@ -24,7 +23,7 @@ def mark_groups(groups: Sequence[Group]) -> tuple[Mark, ...]:
     return tuple(mark(index) for index in range(len(groups))) if len(groups) <= MOST_GROUPS else ()
 
 
-def draw_groups(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup | None:
+def draw_groups(comparison: Comparison, table: pd.DataFrame, name: str) -> DrawnFigure | None:
     """Draw every measurement and the mean of each group; None for more groups than a figure can show."""
     groups = comparison.groups
     if len(groups) > MOST_GROUPS:
@@ -73,7 +72,7 @@ def _draw_group(
     axes.plot(group.mean, place + 0.2, look.marker, color=look.colour, markersize=7)
 
 
-def draw_drift(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup | None:
+def draw_drift(comparison: Comparison, table: pd.DataFrame, name: str) -> DrawnFigure | None:
     """Draw measurements less the mean of their block over their hole, with the slopes; None without a slope."""
     slopes = {drift.group: drift.slope for drift in comparison.drift if drift.over == "hole"}
     if not slopes or len(comparison.groups) > MOST_GROUPS:

@@ -9,11 +9,14 @@ from pathlib import Path
 from labrig import __version__
 from labrig.analysis.comparison import ComparedRuns
 from labrig.analysis.comparison_result import Comparison
+from labrig.analysis.summary import TextTable
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import escape_formula
 from labrig.report.comparison_figure import draw_drift, draw_groups, mark_groups
-from labrig.report.formatting import UNKNOWN, format_time, join_words, number, signed
+from labrig.report.figure_files import write_figure
+from labrig.report.formatting import UNKNOWN, format_time, interval, join_words, number, signed
+from labrig.report.latex import make_latex_table
 from labrig.report.writing import REPORT_FILE, TEMPLATES, render
 from labrig.text import format_count
 
@@ -40,7 +43,13 @@ class SharedSource:
 
 
 def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) -> None:
-    """Write report.html, measurements.csv, measurements.json and comparison.json. Raises `DiskError`."""
+    """Write report.html, comparison.json, measurements.csv and .json, tables as .tex and figures as .svg and .pdf.
+
+    Raises
+    ------
+    DiskError
+        When one of them cannot be written.
+    """
     content = compared.comparison
     rows = compared.table.drop(
         columns=[name for name in compared.table.columns if str(name).startswith("by_")]
@@ -53,19 +62,42 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
+    for name, table in _make_tables(content).items():
+        write_atomically(folder / f"{name}.tex", make_latex_table(table).encode())
+    figures = draw_groups(content, compared.table, "groups"), draw_drift(content, compared.table, "drift")
+    for figure in figures:
+        if figure is not None:
+            write_figure(folder, figure)
     shown = {
         "content": content,
         "title": _make_title(content),
         "verdict": _summarise(content),
         "marks": mark_groups(content.groups),
-        "figure": draw_groups(content, compared.table, "groups"),
-        "drift_figure": draw_drift(content, compared.table, "drift"),
+        "figure": figures[0],
+        "drift_figure": figures[1],
         "sources": _list_sources(content),
         "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
     }
     filters = _make_filters(content)
     page = render(TEMPLATES / "comparison.html.jinja", shown, filters)
     write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
+
+
+def _make_tables(content: Comparison) -> dict[str, TextTable]:
+    """Return groups and pairs as tables for a paper."""
+    groups = tuple(
+        (group.name, group.n, group.insertions, group.mean, group.sd, interval(group.ci95, 3))
+        for group in content.groups
+    )
+    pairs = tuple(
+        (pair.a, pair.b, pair.difference, interval(pair.ci95, 3), _format_p(pair.p), number(pair.hedges_g))
+        for pair in content.pairs
+    )
+    counted = f"n ({content.unit_of_analysis}s)"
+    return {
+        "groups": TextTable(("group", counted, "insertions", "mean", "SD", "95 % interval"), groups),
+        "pairs": TextTable(("a", "b", "a - b", "95 % interval", "p", "Hedges' g"), pairs),
+    }
 
 
 def _make_title(content: Comparison) -> str:

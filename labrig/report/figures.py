@@ -217,7 +217,14 @@ def draw_residual_figure(views: Sequence[tuple[str, float]], overall_px: float, 
         return svg(figure, name)
 
 
-def svg(figure: Figure, name: str) -> Markup:
+class DrawnFigure(Markup):
+    """A figure as an element of a page, and what it was drawn from, so that it can be written as a file too."""
+
+    name: str
+    figure: Figure
+
+
+def svg(figure: Figure, name: str) -> DrawnFigure:
     """Return the figure as an element of the page; its identifiers are unique within the page."""
     buffer = io.StringIO()
     # Not `savefig`, which draws everything twice, first into nothing.
@@ -229,4 +236,6 @@ def svg(figure: Figure, name: str) -> Markup:
     text = text.replace("xlink:href", "href")
     text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
     # Safe: drawn here from numbers and from text that matplotlib escapes.
-    return Markup(text)  # noqa: S704
+    drawn = DrawnFigure(text)
+    drawn.name, drawn.figure = name, figure
+    return drawn

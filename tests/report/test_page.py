@@ -310,7 +310,7 @@ def test_imported_pictures_have_a_page_of_their_own(folder: Path) -> None:
     words = _words(make_page(record_import(folder, (28.0, None))).html)
     assert "Shaft and tip were found in 1 of 2 pictures; a radius can be stated in 1." in words
     assert re.search(r"photo0\.jpg yes −\d\d\.\d\d \d\d\.\d\d \d\d\.\d 2[78]\.\d\d", words)
-    assert re.search(r"photo1\.jpg no – – – – – no No needle", words)
+    assert re.search(r"photo1\.jpg no – – – – – – no No needle", words)
 
 
 @pytest.mark.parametrize("views", [0, 10])

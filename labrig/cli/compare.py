@@ -2,13 +2,12 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, find_run_folder
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, require_run_folder
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
 from labrig.cli.progress import progress_if_slow, show_working
 from labrig.devices.clocks import SystemClock
@@ -106,26 +105,13 @@ def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> li
             'for example labrig compare A B, or labrig compare --where "tag=pilot"',
         )
     if where is None:
-        return [_find_run(run, runs_dir) for run in named]
+        return [require_run_folder(run, runs_dir) for run in named]
     from labrig.record.search import find_runs
 
     found = [run.summary.run for run in find_runs(runs_dir, where)]
     if not found:
         raise InputError(f"no run in {runs_dir} fits {where!r}", "labrig runs lists them")
     return found
-
-
-def _find_run(run: Path, runs_dir: Path) -> Path:
-    """Return the folder of a run. Raises `InputError` with the name that was probably meant."""
-    folder = find_run_folder(run, runs_dir)
-    if folder.exists():
-        return folder
-    known = [path.name for path in runs_dir.iterdir()] if runs_dir.is_dir() else []
-    near = get_close_matches(run.name, known, 1)
-    raise InputError(
-        f"there is no run {run}, neither here nor in {runs_dir}",
-        f"did you mean {near[0]}?" if near else "labrig runs lists them",
-    )
 
 
 def _write(compared: Any, out: Path | None, *, force: bool) -> Path:

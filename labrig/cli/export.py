@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.damage import note_unused, report_damage, require_undamaged
+from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError, Problem, RecordError
 
@@ -16,7 +17,7 @@ _LATEX, _FIGURES = "latex", "figures"
 
 
 def export(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Folder of a run, or its URL (fsspec).")],
+    run: RunUrlArgument,
     out: Annotated[str, typer.Option(metavar="DIR", help="Folder to write to, or its URL.")],
     csv: Annotated[bool, typer.Option("--csv", help="A CSV file for each table.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file for each table.")] = False,

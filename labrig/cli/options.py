@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from difflib import get_close_matches
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -54,8 +55,36 @@ def find_run_folder(run: Path, runs_dir: Path) -> Path:
     return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
 
 
+def require_run_folder(run: Path, runs_dir: Path) -> Path:
+    """Return the folder of a run as `find_run_folder` does.
+
+    Raises
+    ------
+    InputError
+        When a name is neither here nor in `runs_dir`; says which name was probably meant.
+    """
+    folder = find_run_folder(run, runs_dir)
+    if folder.exists() or len(run.parts) != 1:
+        return folder
+    known = [path.name for path in runs_dir.iterdir()] if runs_dir.is_dir() else []
+    near = get_close_matches(run.name, known, 1)
+    raise InputError(
+        f"there is no run {run}, neither here nor in {runs_dir}",
+        f"did you mean {near[0]}?" if near else "labrig runs lists them",
+    )
+
+
 def _find_run(run: Path) -> Path:
-    return find_run_folder(run, DEFAULT_RUNS_DIR)
+    return require_run_folder(run, DEFAULT_RUNS_DIR)
+
+
+def _find_run_or_url(run: str) -> str:
+    return run if ":" in run else str(_find_run(Path(run)))
+
+
+def find_run_or_picture(source: Path) -> Path:
+    """Return the folder of a run that is named, or a file as it is."""
+    return find_run_folder(source, DEFAULT_RUNS_DIR)
 
 
 def _find_all(runs: list[Path]) -> list[Path]:
@@ -79,6 +108,12 @@ RunArgument = Annotated[
     Path,
     typer.Argument(
         metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_find_run
+    ),
+]
+RunUrlArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_find_run_or_url
     ),
 ]
 RunsArgument = Annotated[

@@ -19,6 +19,7 @@ from labrig.cli.options import (
     LocalRunsArgument,
     RunArgument,
     RunsDirOption,
+    RunUrlArgument,
 )
 from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
 from labrig.cli.progress import ShareReporter, progress_if_slow
@@ -66,6 +67,10 @@ def list_(
         str | None, typer.Option(metavar="FIELD", help="Sort by a field, smallest first.", show_default=False)
     ] = None,
     reverse: Annotated[bool, typer.Option("--reverse", help="Reverse the order.")] = False,
+    limit: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="List only the first N of them.", show_default=False),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List every run of a folder that fits, damaged runs too."""
@@ -75,13 +80,16 @@ def list_(
     # The modules stay until the end. Without this, collections during a list of 5,000 runs take a tenth of its time.
     gc.freeze()
     with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
-        found = _find(runs_dir, where, sort, reverse, progress)
+        every = _find(runs_dir, where, sort, reverse, progress)
+    found = every[:limit]
     if as_json:
         print_json([_make_row(run) for run in found])
     elif found:
         _print_runs(found)
         for line in list_next_steps([run.summary for run in found]):
             say(line)
+        if len(found) < len(every):
+            say(f"{len(every) - len(found)} more fit")
     elif where is not None and list_runs(runs_dir):
         say("no run fits")
     else:
@@ -224,8 +232,8 @@ def verdict(
 
 @app.command("diff", help="Compare two runs: protocol, rig, calibration, versions, devices and results.")
 def diff(
-    a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or its URL.")],
-    b: Annotated[str, typer.Argument(metavar="B", help="Folder of another run, or its URL.")],
+    a: RunUrlArgument,
+    b: RunUrlArgument,
     as_json: AsJson = False,
 ) -> int:
     """Print each value in which they differ; exit with 4 when a record is damaged."""

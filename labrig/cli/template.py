@@ -14,13 +14,21 @@ from labrig.cli.options import (
     OriginOption,
     PlaneOption,
     PxPerMmOption,
+    find_run_or_picture,
 )
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError
 
 
 def template(
-    source: Annotated[Path, typer.Argument(metavar="RUN|IMAGE", help="Folder of a run, or a picture.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN|IMAGE",
+            help="Folder of a run, its name in data/runs, or a picture.",
+            callback=find_run_or_picture,
+        ),
+    ],
     out: Annotated[
         Path,
         typer.Option(

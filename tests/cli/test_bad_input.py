@@ -71,9 +71,19 @@ def test_a_run_is_found_by_the_name_that_the_list_shows(
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "runs").symlink_to(sweep.run.parent, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
-    for command in (("reanalyze",), ("report",), ("runs", "check"), ("replay",)):
-        done = labrig(*command, "no-such-run")
-        assert (done.exit_code, "no-such-run" in done.err) == (4, True), command
+    near = f"{sweep.run.name}x"
+    for command in (
+        ("reanalyze",),
+        ("report",),
+        ("runs", "check"),
+        ("replay",),
+        ("runs", "diff", sweep.run.name),
+    ):
+        done = labrig(*command, near)
+        assert (done.exit_code, f"did you mean {sweep.run.name}?" in done.err) == (2, True), command
+    assert labrig("export", sweep.run.name, "--csv", "--out", tmp_path / "tables").exit_code == 0
+    assert labrig("calibrate", "template", sweep.run.name, "--out", tmp_path / "tip.png").exit_code == 0
+    assert len(labrig("runs", "--limit", 1, "--json").json()) == 1
     done = labrig("runs", "check", sweep.run.name, "--json")
     assert done.json()[0]["run"] == str(Path("data/runs") / sweep.run.name)
 

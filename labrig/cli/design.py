@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, require_run_folder
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, find_run_folder
 from labrig.cli.output import AsJson, print_json
 from labrig.needle.tube import Tube
 
@@ -75,7 +75,7 @@ def design(
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)
-    run = None if from_run is None else require_run_folder(from_run, runs_dir)
+    run = None if from_run is None else find_run_folder(from_run, runs_dir)
     radius = find_measured_radius(measured_radius_mm, run, beta_cut_deg)
     order = DesignOrder(
         tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),

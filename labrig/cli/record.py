@@ -1,6 +1,8 @@
 """`labrig report`, `view` and `import`: show a run, or make a run from pictures."""
 
+import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -22,9 +24,12 @@ from labrig.cli.options import (
     RunsDirOption,
     SheathDiameterOption,
 )
-from labrig.cli.output import AsJson, print_json, print_line
+from labrig.cli.output import AsJson, print_json, print_line, say
 from labrig.cli.several_runs import add_damage, do_for_each_run
 from labrig.errors import RecordError
+
+_MOST_NAMED = 3
+"""Imported runs that the next command names."""
 
 
 def report(
@@ -133,4 +138,12 @@ def import_(
             print_line(f"{imported['run']}" + (f"  ({imported['reason']})" if imported["reason"] else ""))
     if as_json:
         print_json(rows)
+    else:
+        _say_next([str(row["run"]) for row in rows])
     return 0 if all(row["ok"] for row in rows) else 1
+
+
+def _say_next(runs: Sequence[str]) -> None:
+    """Say what to do with imported runs; of many, the first is an example."""
+    place = " ".join(shlex.quote(run) for run in runs[:_MOST_NAMED]) + (" ..." if runs[_MOST_NAMED:] else "")
+    say(f"measure the pictures: labrig reanalyze {place}\nthen write the page: labrig report {place}")

@@ -29,6 +29,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, list_runs
+from labrig.record.difference import Difference
 
 app = typer.Typer()
 
@@ -47,7 +48,7 @@ ByOption = Annotated[
 
 LONGEST_CELL = 24
 LONGEST_SECTION = 15
-"""Lines printed of a section of differences; --json has all of them."""
+"""Differences of a section that are printed one by one; of more, those in lists are summed up. --json has all."""
 
 
 @app.callback(invoke_without_command=True)
@@ -253,12 +254,36 @@ def diff(
     if not differences:
         print_line("no difference")
     for section, group in groupby(differences, key=lambda difference: difference.section):
-        rows = [[value.key, _shorten(value.a), _shorten(value.b)] for value in group]
-        print_table((section, "A", "B"), rows[:LONGEST_SECTION])
-        if len(rows) > LONGEST_SECTION:
-            print_line(f"... and {len(rows) - LONGEST_SECTION} more; --json prints all of them")
-        print_line("")
+        _print_section(section, list(group))
     return exit_code
+
+
+def _print_section(section: str, differences: Sequence[Difference]) -> None:
+    """Print the differences of a section; of a long one, those of a list's items together."""
+    from labrig.record.difference import group_differences
+
+    groups = group_differences(differences)
+    if len(differences) <= LONGEST_SECTION:
+        single, several = list(differences), []
+    else:
+        single = [group.first for group in groups if group.count == 1]
+        several = [group for group in groups if group.count > 1]
+    if single:
+        print_table(
+            (section, "A", "B"), [[found.key, _shorten(found.a), _shorten(found.b)] for found in single]
+        )
+        print_line("")
+    if several:
+        rows = [
+            [group.key, group.count, _format_size(group.mean), _format_size(group.largest)]
+            for group in several
+        ]
+        print_table((f"{section}, in lists", "differ", "by on average", "by at most"), rows)
+        print_line("")
+
+
+def _format_size(value: float | None) -> str | None:
+    return None if value is None else f"{value:.4g}"
 
 
 def _list_damage(name: str, damage: Sequence[Problem]) -> list[str]:

@@ -1,9 +1,10 @@
 """Compare two runs: endings, protocols, rigs, calibrations, versions, devices and results."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import TypeGuard
 
 from labrig.errors import RecordError
 from labrig.input_file import parse_json, read_file
@@ -64,6 +65,53 @@ def compare_runs(a: Path, b: Path) -> tuple[Difference, ...]:
             _compare_section(section, sections_a[section], sections_b[section]) for section in sections_a
         )
     )
+
+
+@dataclass(frozen=True)
+class DifferenceGroup:
+    """The differences of the items of a list in one value.
+
+    Attributes
+    ----------
+    key : str
+        Dotted path, with `*` in place of the numbers of items.
+    first : Difference
+        The first of them.
+    count : int
+        How many differ.
+    mean, largest : float or None
+        Mean and largest size of the differences of those that are numbers in both runs; None without any.
+    """
+
+    key: str
+    first: Difference
+    count: int
+    mean: float | None
+    largest: float | None
+
+
+def group_differences(differences: Iterable[Difference]) -> tuple[DifferenceGroup, ...]:
+    """Return differences with those of a list's items together, in the order in which each first occurs."""
+    groups: dict[str, list[Difference]] = {}
+    for difference in differences:
+        parts = difference.key.split(".")
+        key = ".".join("*" if part.isdigit() else part for part in parts)
+        groups.setdefault(key, []).append(difference)
+    return tuple(_summarise(key, group) for key, group in groups.items())
+
+
+def _summarise(key: str, group: Sequence[Difference]) -> DifferenceGroup:
+    sizes = [
+        abs(difference.b - difference.a)
+        for difference in group
+        if _is_number(difference.a) and _is_number(difference.b)
+    ]
+    mean = sum(sizes) / len(sizes) if sizes else None
+    return DifferenceGroup(key, group[0], len(group), mean, max(sizes, default=None))
+
+
+def _is_number(value: Value) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:

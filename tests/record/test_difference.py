@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from labrig.errors import RecordError
-from labrig.record.difference import Difference, compare_runs
+from labrig.record.difference import Difference, compare_runs, group_differences
 from labrig.record.json_lines import encode_document
 from labrig.record.writer import Recorder
 from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, add_result, closed_run
@@ -58,3 +58,14 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     """Both have to be runs."""
     with pytest.raises(RecordError, match="is no run"):
         compare_runs(closed_run(tmp_path, "a"), tmp_path)
+
+
+def test_the_differences_of_items_are_summed_up() -> None:
+    """How many items of a list differ in a value, and by how much; texts differ by no number."""
+    found = [
+        Difference("results", "steps.0.nis", 1.0, 2.0),
+        Difference("results", "steps.1.nis", 1.0, 4.0),
+        Difference("results", "steps.1.reason", None, "lost"),
+    ]
+    summed = [(group.key, group.count, group.mean, group.largest) for group in group_differences(found)]
+    assert summed == [("steps.*.nis", 2, 2.0, 3.0), ("steps.*.reason", 1, None, None)]

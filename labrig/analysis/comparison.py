@@ -149,7 +149,9 @@ def _read_rows(runs: Sequence[MeasuredRun], quantity: str) -> pd.DataFrame:
         value = pd.to_numeric(rows[column], errors="coerce")
         if rows[column].notna().any() and value.isna().all():
             raise InputError(f"{column} is no number in {run.name}", _hint_at_quantities(runs))
-        accepted = rows["accepted"].astype("boolean").fillna(value=False) if "accepted" in rows else True
+        accepted = rows["left_out"].isna()
+        if "accepted" in rows:
+            accepted &= rows["accepted"].astype("boolean").fillna(value=False)
         tables.append(rows.assign(value=value.astype("float64").where(accepted & np.isfinite(value))))
     joined = join_measurements(tables)
     if joined.empty or joined["value"].notna().sum() == 0:

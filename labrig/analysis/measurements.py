@@ -127,8 +127,9 @@ class MeasuredRun:
     def read_measurements(self, table: str) -> pd.DataFrame:
         """Return the rows of a table that count, one for each trial or imported picture.
 
-        Columns: `run`, `experiment`, `result`, `started` (UTC; of an import, of the run), those of the table, then
-        those of the beginning of each trial that the table lacks.
+        Columns: `run`, `experiment`, `result`, `started` (UTC; of an import, of the run), `left_out` (why a person had
+        the trial not evaluated; else empty), those of the table, then those of the beginning of each trial that the
+        table lacks.
 
         Raises
         ------
@@ -146,6 +147,7 @@ class MeasuredRun:
             "experiment": str(self.run.manifest.get("experiment")),
             "result": self.number,
             "started": [_find_time(self.run, t_s) for t_s in rows.get("start_t_s", [None] * len(rows))],
+            "left_out": _explain_left_out(self.run, rows["trial"]),
         }
         rest = rows.drop(columns=["start_t_s", "final_frame"], errors="ignore")
         return pd.concat([pd.DataFrame(about, index=rest.index), rest], axis=1)
@@ -317,6 +319,12 @@ def _take_final_rows(rows: pd.DataFrame, trials: pd.DataFrame) -> pd.DataFrame:
         return rows
     finals = set(trials["final_frame"].dropna()) if "final_frame" in trials.columns else set()
     return rows[~several | rows["frame"].isin(finals)]
+
+
+def _explain_left_out(run: Run, trials: "pd.Series[float]") -> list[str | None]:
+    """Return why each trial is not to be evaluated; None if it is, or for a picture without a trial."""
+    decisions = run.decisions
+    return [None if pd.isna(trial) else decisions.explain_left_out(int(trial)) or None for trial in trials]
 
 
 def _find_time(run: Run, t_s: float | None) -> str | None:

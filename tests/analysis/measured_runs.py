@@ -42,6 +42,7 @@ def write_measured_run(
     settings: Mapping[str, object] | None = None,
     overrides: Sequence[str] = (),
     result: bool = True,
+    bad: Mapping[int, str] | None = None,
 ) -> Path:
     """Write a run with these radii in each (specimen, gelatin %), None for a refused one, and return its folder.
 
@@ -62,6 +63,8 @@ def write_measured_run(
                 )
             stopped = {"trial": trial, "exit_status": "success", "final_frame": frame + 1}
             recorder.event("trial_stop", 60.0 * trial + 50.0, **stopped)
+            if trial in (bad or {}):
+                recorder.event("mark_bad", 60.0 * trial + 55.0, trial=trial, reason=(bad or {})[trial])
             named = [trial, specimen, gelatin, hole, needle_id]
             rows.append([frame, "advance", *named, True, None, 99.0, *SIGMAS_MM.values()])
             reason = "too faint" if radius_mm is None else None

@@ -150,3 +150,13 @@ def test_load_runs_gives_the_measurements_as_one_table(tmp_path: Path) -> None:
     ]
     assert list(table.attrs["left_out"]) == [str(empty)]
     assert list(load_runs("seed=7 and title=b", runs_dir=tmp_path)["needle_id"]) == ["N2"]
+
+
+def test_an_insertion_that_was_marked_as_bad_does_not_count(tmp_path: Path) -> None:
+    """It is in the table with the reason, and in no mean."""
+    run = write_measured_run(
+        tmp_path, "a", {SOFT: (28.0, 28.4, 35.0), HARD: (27.0, 27.2)}, bad={2: "a bubble"}
+    )
+    compared = _compare(run)
+    assert [(group.n, group.refused) for group in compared.comparison.groups] == [(2, 1), (2, 0)]
+    assert list(compared.table["left_out"].dropna()) == ["marked as bad: a bubble"]

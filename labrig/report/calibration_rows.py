@@ -21,6 +21,7 @@ def _list_lens_rows(lens: Intrinsics | None) -> Rows:
             (name, f"{number(getattr(lens, name), 3)} ± {number(lens.sigma.get(name), 3)} px (1 sigma)")
             for name in ("fx", "fy", "cx", "cy")
         ),
+        *((("1 sigma", lens.sigma_sentence()),) if lens.sigma.get("fx") is not None else ()),
         ("k1, k2, p1, p2, k3", ", ".join(signed(value, 5) for value in lens.distortion)),
         *(() if lens.board_warp is None else (("board", lens.board_warp.sentence()),)),
         (

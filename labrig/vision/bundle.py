@@ -301,18 +301,32 @@ class _NormalEquations:
         return matrix, side
 
 
+def linearise_view(
+    fit: Fit, view: ObservedView, pose: _FloatArray
+) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+    """Return the derivatives of a view's pixels, and its residuals (2N,) [px].
+
+    The derivatives are with respect to the free parameters of the lens and the warp, (2N, F + W), and to the view's own
+    pose, (2N, 6).
+    """
+    pixels, by_lens, by_pose = _project(fit, pose, view)
+    shared = np.concatenate(
+        (by_lens[:, :, FREE[fit.model]], _differentiate_warp(view, pose, by_pose)), axis=2
+    )
+    residuals = (view.pixels - pixels).ravel()
+    return shared.reshape(len(residuals), -1), by_pose.reshape(-1, _POSE), residuals
+
+
 def _build_normal_equations(fit: Fit, views: Sequence[ObservedView]) -> _NormalEquations:
     free = FREE[fit.model]
     shared = len(free) + len(fit.warp)
     count = shared + _POSE * len(views)
     normal, side, squares = np.zeros((count, count)), np.zeros(count), 0.0
     for index, (view, pose) in enumerate(zip(views, fit.poses, strict=True)):
-        pixels, by_lens, by_pose = _project(fit, pose, view)
         start = shared + _POSE * index
         columns = np.concatenate((np.arange(shared), np.arange(start, start + _POSE)))
-        by_warp = _differentiate_warp(view, pose, by_pose)
-        jacobian = np.concatenate((by_lens[:, :, free], by_warp, by_pose), axis=2).reshape(-1, len(columns))
-        residuals = (view.pixels - pixels).ravel()
+        by_shared, by_pose, residuals = linearise_view(fit, view, pose)
+        jacobian = np.concatenate((by_shared, by_pose), axis=1)
         normal[np.ix_(columns, columns)] += jacobian.T @ jacobian
         side[columns] += jacobian.T @ residuals
         squares += float(residuals @ residuals)

@@ -18,7 +18,7 @@ from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
 from labrig.vision.board_warp import BoardWarp
-from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.intrinsics import Intrinsics, SigmaSource, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
 from labrig.vision.refraction import Gel, GelMeasurement
 from labrig.vision.scale_check import PlaneScale, ScaleComparison, compare_scales
@@ -59,6 +59,7 @@ class _IntrinsicsDocument(_Section):
     different_views: int | None = None
     tilt_spread_deg: float | None = None
     board_warp: BoardWarp | None = None
+    sigma_from: SigmaSource = "corners"
 
 
 class _VariationPart(_Section):

@@ -8,7 +8,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from labrig.errors import InputError, MeasurementRefusedError
 from labrig.vision.board_warp import BoardWarp
 
 _FloatArray = NDArray[np.float64]
+SigmaSource = Literal["corners", "views"]
 
 # Newton steps to undo the distortion; an invertible lens takes four or five.
 _MAX_NEWTON_STEPS = 30
@@ -88,6 +89,9 @@ class Intrinsics:
         Largest angle between two boards.
     board_warp : BoardWarp or None
         How far the board is from flat; None where it was taken for flat, as in calibrations of earlier versions.
+    sigma_from : "corners" or "views"
+        What the standard deviations rest on: the noise of corners that err independently, as in calibrations of earlier
+        versions, or the scatter between views, where that is significantly larger.
     """
 
     image_size: tuple[int, int]
@@ -109,6 +113,7 @@ class Intrinsics:
     different_views: int | None = None
     tilt_spread_deg: float | None = None
     board_warp: BoardWarp | None = None
+    sigma_from: SigmaSource = "corners"
 
     def camera_matrix(self) -> _FloatArray:
         """Return the matrix (3, 3) from directions to ideal pixels."""
@@ -152,6 +157,12 @@ class Intrinsics:
             )
         return self.to_px(found)
 
+    def sigma_sentence(self) -> str:
+        """Return what the standard deviations rest on."""
+        if self.sigma_from == "views":
+            return "by the scatter between views: the errors of the corners of a view are not independent"
+        return "by the noise of the corners, taken for independent"
+
     def fingerprint(self) -> str:
         """Return the SHA-256 of size, matrix and distortion, by which a plane map identifies its lens."""
         numbers = [*self.image_size, self.fx, self.fy, self.cx, self.cy, *self.distortion]
@@ -169,6 +180,8 @@ class Intrinsics:
             "cx": self.cx,
             "cy": self.cy,
             "sigma": dict(self.sigma),
+            "sigma_from": self.sigma_from,
+            "sigma_sentence": self.sigma_sentence(),
             "distortion": list(self.distortion),
             "rms_px": self.rms_px,
             "holdout_rms_px": self.holdout_rms_px,

@@ -1,7 +1,8 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
 Corners come from `boards`, camera and covariance from `bundle`, the board's warp from `board_warp`. This file checks
-the views, has the bad ones left out (`view_selection`), and has the result judged (`lens_evidence`).
+the views, has the bad ones left out (`view_selection`) and the covariance compared with the scatter between views
+(`view_scatter`), and has the result judged (`lens_evidence`).
 """
 
 from collections import Counter
@@ -21,6 +22,7 @@ from labrig.vision.lens_evidence import judge_lens
 from labrig.vision.mixed_settings import OtherSetting, describe_change
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.rounding import round_up
+from labrig.vision.view_scatter import widen_by_views
 from labrig.vision.view_selection import BadView, Selection, measure_rms_px, select_views
 
 _FloatArray = NDArray[np.float64]
@@ -159,11 +161,14 @@ def calibrate_intrinsics(
         views = [replace(view, warp_shapes=warp.shapes(view.board[:, :2])) for view in views]
     selection = select_views(views, image_size, model)
     chosen = [views[index] for index in selection.kept]
+    fit, by_views = widen_by_views(selection.fit, chosen)
     predicted = selection.predicted_px
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
-    found = judge_lens(chosen, selection.fit, holdout, image_size, _describe_views(views, selection))
+    found = judge_lens(chosen, fit, holdout, image_size, _describe_views(views, selection))
+    if by_views:
+        found = replace(found, sigma_from="views")
     if warp is not None:
-        found = replace(found, board_warp=_describe_warp(warp, selection.fit))
+        found = replace(found, board_warp=_describe_warp(warp, fit))
     return _judge_views(found, selection)
 
 

@@ -347,14 +347,18 @@ def test_forced_window_is_found_out_by_the_views_it_spoils():
     assert "1.23 px" in found.views[1].reason
 
 
-def test_uncertainty_over_the_picture_is_about_what_mrcal_says():
-    """The uncertainty is about 0.026 px in the middle, 0.14 at (100, 100), and some pixels in the corner."""
+def test_uncertainty_over_the_picture_is_up_to_twice_what_mrcal_says():
+    """mrcal takes corners for independent: 0.026 px in the middle, 0.14 at (100, 100). These views scatter more.
+
+    In the corner of the picture it is some pixels.
+    """
     found = calibrate_from_pictures(photographs(), 9, 6, 25.0)
+    assert found.sigma_from == "views"
     corners = np.vstack([view.corners_px for view in found.views])
     sigma = projection_sigma_px(found, [(320.0, 240.0), (100.0, 100.0), (5.0, 5.0)], corners)
-    assert 0.01 < sigma[0] < 0.04
-    assert sigma[1] == pytest.approx(0.14, abs=0.03)
-    assert 5.0 < sigma[2] < 15.0
+    assert 0.026 < sigma[0] < 0.052
+    assert 0.14 < sigma[1] < 0.28
+    assert 5.0 < sigma[2] < 30.0
     assert np.array(found.projection_sigma_px).shape == (7, 9)
 
 

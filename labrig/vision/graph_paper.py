@@ -27,6 +27,7 @@ from labrig.vision.line_density import Density, blur, clip, halve, measure_darkn
 from labrig.vision.picture import Picture
 from labrig.vision.ruling import Ruling, read_ruling
 from labrig.vision.second_grid import require_single_grid
+from labrig.vision.second_ink import require_one_ink
 
 _FloatArray = NDArray[np.float64]
 
@@ -126,12 +127,12 @@ def find_crossings(image: Picture) -> Crossings:
 
 
 def _find_crossings(image: Picture, darkness: Density) -> Crossings:
-    best = _find_grid(darkness)
+    best = _find_grid(darkness, image)
     if best is not None and best[1] >= _MANY_CONFIRMED:
         return best[0]
     # What the ink is refused for says nothing against a grid that darkness shows.
     with suppress(MeasurementRefusedError) if best is not None else nullcontext():
-        ink = _find_grid(measure_ink(image))
+        ink = _find_grid(measure_ink(image), image)
         if ink is not None and (best is None or ink[1] > best[1]):
             return _doubt_fine_lines(ink[0])
     if best is not None:
@@ -147,7 +148,7 @@ def _doubt_fine_lines(found: Crossings) -> Crossings:
     return replace(found, ruling=replace(found.ruling, thickness=0.0))
 
 
-def _find_grid(density: Density) -> tuple[Crossings, float] | None:
+def _find_grid(density: Density, image: Picture) -> tuple[Crossings, float] | None:
     """Return the crossings that a density shows, and which share of those expected they are; None for too few.
 
     Raises MeasurementRefusedError.
@@ -157,6 +158,7 @@ def _find_grid(density: Density) -> tuple[Crossings, float] | None:
         return None
     ruling = read_ruling(clip(density, _HEAVIEST), tracked)
     require_single_grid(clip(density, _HEAVIEST), tracked, ruling)
+    ruling = require_one_ink(image, tracked, ruling, _HEAVIEST)
     found = _remove_outliers(_locate_crossings(density, tracked, ruling, _SHARP))
     expected = _expect_crossings(tracked, found, density.size)
     if len(found.pixels) < _MANY_CONFIRMED * expected:

@@ -32,13 +32,19 @@ _LEAST_NOISE = 0.0025
 
 def measure_darkness(image: Picture) -> Density:
     """Return the optical density (H, W) of the lines without uneven light."""
-    if image.ndim == 2:
-        return _remove_slow_light(_density(image))
-    channels = [_remove_slow_light(_density(image[..., channel])) for channel in range(3)]
+    channels = measure_channels(image)
+    if len(channels) == 1:
+        return channels[0]
     weights = np.array([_weigh_channel(channel) for channel in channels])
     weights /= weights.sum()
     mixed = sum(weight * channel for weight, channel in zip(weights, channels, strict=True))
     return np.asarray(mixed, dtype=np.float32)
+
+
+def measure_channels(image: Picture) -> list[Density]:
+    """Return the optical density (H, W) of the lines without uneven light in each channel."""
+    channels = image[..., None] if image.ndim == 2 else image
+    return [_remove_slow_light(_density(channels[..., number])) for number in range(channels.shape[2])]
 
 
 def _weigh_channel(density: Density) -> float:
@@ -94,9 +100,18 @@ def _density(channel: Picture) -> Density:
     return np.asarray(-np.log(np.maximum(channel.astype(np.float32), 1.0)), dtype=np.float32)
 
 
+def keep_of_wave(shape: tuple[int, ...], waves_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the share (N,) of waves of these lengths that is left where slow changes of light are removed."""
+    return np.asarray(1.0 - np.exp(-2.0 * (np.pi * _slow_sigma_px(shape) / waves_px) ** 2))
+
+
+def _slow_sigma_px(shape: tuple[int, ...]) -> float:
+    return max(min(shape) * _SLOW_SHARE, _LEAST_SLOW_PX)
+
+
 def _remove_slow_light(density: Density) -> Density:
     """Return the density without uneven light, its slowly varying part."""
-    sigma_px = max(min(density.shape) * _SLOW_SHARE, _LEAST_SLOW_PX)
+    sigma_px = _slow_sigma_px(density.shape)
     height, width = density.shape
     factor = max(int(sigma_px / _COARSE_SIGMA_PX), 1)
     size = -(-width // factor), -(-height // factor)

@@ -24,8 +24,8 @@ _SAMPLE_PX = 0.8
 _LEAST_SAMPLES, _MOST_SAMPLES = 30, 160
 _MOST_WINDOWS = 500
 _LEAST_COUNT = 3
-# Places between the harmonics where the spectrum holds noise alone.
-_NOISE_AT = (-0.43, -0.37, -0.27, 0.27, 0.37, 0.43)
+# Places between the harmonics where the spectrum holds noise alone: heavier lines every 5 or 10 have theirs at tenths.
+_NOISE_AT = (-0.45, -0.35, -0.25, 0.25, 0.35, 0.45)
 # The samples of a line's profile, in steps from the line.
 ACROSS = (np.arange(60) + 0.5) / 60.0 - 0.5
 
@@ -110,13 +110,14 @@ class Harmonics:
         waves = np.exp(2j * np.pi * np.array(list(frequencies))[:, None] * places)
         return np.asarray(2.0 * (waves @ (taper * density)) / taper.sum())
 
-    def excess(self, number: int) -> tuple[float, float, float]:
-        """Return a harmonic's excess over what its neighbours predict, the noise of that, and the neighbours' size."""
+    def excess(self, number: int) -> tuple[float, float, float, float]:
+        """Return a harmonic's excess over what its neighbours predict, the noise of that, their size and the least."""
         near = self.at(number + np.arange(-2.0, 3.0)).real
         # Harmonics of a broad line fall so steeply that their trend runs below zero: nothing would exceed it by itself.
         predicted = max((4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0, 0.0)
         noise = 1.4 * self.noise(number)
-        return float(near[2] - predicted), noise, float(np.abs(np.delete(near, 2)).mean())
+        beside = np.delete(near, 2)
+        return float(near[2] - predicted), noise, float(np.abs(beside).mean()), float(beside.min())
 
     def noise(self, number: int) -> float:
         """Return the standard deviation of the noise of a harmonic, from what is beside it."""
@@ -132,9 +133,11 @@ class Harmonics:
         return float(0.5 * self.at((1.0,))[0].real * np.exp(2.0 * (np.pi * self.width()) ** 2))
 
 
-def measure_profile(density: Density, grid: TrackedGrid, axis: int) -> Profile:
-    """Return the mean density across the lines of one family, averaged along them."""
-    chosen = slice(None, None, len(grid.pixels) // _MOST_WINDOWS + 1)
+def measure_profile(
+    density: Density, grid: TrackedGrid, axis: int, most_windows: int = _MOST_WINDOWS
+) -> Profile:
+    """Return the mean density across the lines of one family, averaged along them over so many windows."""
+    chosen = slice(None, None, len(grid.pixels) // most_windows + 1)
     across, along = (np.linalg.inv(grid.waves[chosen])[:, :, family] for family in (axis, 1 - axis))
     step_px = float(np.median(np.linalg.norm(across, axis=1)))
     samples = int(np.clip(np.ceil(step_px / _SAMPLE_PX), _LEAST_SAMPLES, _MOST_SAMPLES))

@@ -26,8 +26,10 @@ _LEAST_CELLS = 4
 _LEAST_HEIGHT, _LEAST_SIGMAS = 0.02, 5.0
 # Harmonics that are compared with those beside them, and the least logarithm of their ratio: lines as thick as 0.3 of
 # their distance have 0.04. The weaker one is above its noise by this factor, and its waves are so long at the least.
-_HARMONICS = (2, 3)
-_LEAST_RATIO, _LEAST_OVER_NOISE, _LEAST_WAVE_PX = 0.15, 8.0, 2.1
+_HARMONICS = (2, 3, 4)
+_LEAST_RATIO, _LEAST_OVER_NOISE, _LEAST_WAVE_PX = 0.1, 5.0, 1.9
+# Of lines further apart the removal of slow light weakens the first harmonic; what is between them is seen.
+_MOST_SPACING_PX = 24.0
 _MOST_BELOW_ZERO = 3.0
 # Standard error of a median, in median absolute deviations over the square root of the number.
 _MAD_TO_SIGMA, _MEDIAN_TO_MEAN = 1.4826, 1.2533
@@ -67,19 +69,33 @@ def _see_lines(profiles: Sequence[Profile], combs: Sequence[Comb], number: int) 
 
 def _infer_lines(harmonics: Sequence[Harmonics], number: int, spacing_px: float) -> bool:
     """Return whether a harmonic is larger than those of single lines, whatever their blur."""
-    if spacing_px / (number + 1) < _LEAST_WAVE_PX:
+    if not can_infer(number, spacing_px):
         return False
+    ratios = [compare_harmonic(family, number) for family in harmonics]
+    return all(ratio is not None for ratio in ratios) and bool(
+        np.mean([ratio[0] for ratio in ratios if ratio is not None]) > _LEAST_RATIO
+    )
+
+
+def can_infer(number: int, spacing_px: float) -> bool:
+    """Return whether the harmonics that tell so many lines from one are neither too fine nor taken for light."""
+    return spacing_px / (number + 1) >= _LEAST_WAVE_PX and spacing_px <= _MOST_SPACING_PX
+
+
+def compare_harmonic(family: Harmonics, number: int) -> tuple[float, float] | None:
+    """Return the logarithm of a harmonic over what those beside it predict of single lines, and its standard error.
+
+    None if one of them is lost in noise.
+    """
     near = number + np.array([-1.0, 0.0, 1.0])
     after = (near[1] ** 2 - near[0] ** 2) / (near[2] ** 2 - near[0] ** 2)
-    ratios = []
-    for family in harmonics:
-        before, here, beyond, double = family.at((*near, 2.0 * number)).real
-        noise = family.noise(number + 1)
-        # Thick lines have harmonics below zero, and next to these a weak one.
-        if min(before, here, beyond) < _LEAST_OVER_NOISE * noise or double < -_MOST_BELOW_ZERO * noise:
-            return False
-        ratios.append(np.log(here) - (1.0 - after) * np.log(before) - after * np.log(beyond))
-    return bool(np.mean(ratios) > _LEAST_RATIO)
+    before, here, beyond, double = family.at((*near, 2.0 * number)).real
+    noise = family.noise(number + 1)
+    # Thick lines have harmonics below zero, and next to these a weak one.
+    if min(before, here, beyond) < _LEAST_OVER_NOISE * noise or double < -_MOST_BELOW_ZERO * noise:
+        return None
+    ratio = np.log(here) - (1.0 - after) * np.log(before) - after * np.log(beyond)
+    return float(ratio), float(noise * np.hypot(1.0 / here, after / beyond))
 
 
 def _measure_least(profile: Profile, comb: Comb, number: int) -> tuple[float, float]:

@@ -20,6 +20,10 @@ _ORDINALS = {2: "2nd", 3: "3rd"}
 # every 10 mm are thinner for their distance, on sheets up to A0.
 _LARGEST_SHEET_MM = {5: (594.0, 420.0), 10: (1189.0, 841.0)}
 _THICKEST = {5: 0.05, 10: 0.02}
+# Lines with heavier ones every 5 mm, all alike, could be drawn over every second line of paper with heavier ones every
+# 10 mm. Lines so far apart [px] show what is between them.
+_PAIR = 2
+_LEAST_ALIKE_PX = 8.0
 # A known scale tells one multiple from another: they differ by two or more.
 _SAME_SCALE = 1.3
 
@@ -37,12 +41,20 @@ def judge_pitch(found: Crossings, pitch_mm: float, known_pitch_px: float | None 
     reasons = _judge_rhythm(found, pitch_mm)
     if known_pitch_px is not None and 1.0 / _SAME_SCALE < found.pitch_px / known_pitch_px < _SAME_SCALE:
         return reasons
+    reasons += _judge_alike(found, pitch_mm)
     ruling = found.ruling
+    if _PAIR in ruling.unresolved:
+        reasons.append(
+            f"the lines {found.pitch_px:.1f} px apart are too blurred to tell whether there are others between them: "
+            f"focus the camera, come closer until the lines are {_LEAST_ALIKE_PX:g} px apart, or use paper with "
+            "heavier lines every 10 mm"
+        )
     size_mm = np.sort(np.ptp(found.indices, axis=0) * pitch_mm)[::-1]
     open_to = [
         number
         for number in (ruling.unresolved if ruling.rhythm is None else ())
-        if _is_heavy(number * pitch_mm)
+        if number in _LARGEST_SHEET_MM
+        and _is_heavy(number * pitch_mm)
         and (number * size_mm <= _LARGEST_SHEET_MM[number]).all()
         and ruling.thickness < _THICKEST[number]
     ]
@@ -53,6 +65,22 @@ def judge_pitch(found: Crossings, pitch_mm: float, known_pitch_px: float | None 
             "come closer, or use paper with heavier lines every 5 or 10 mm"
         )
     return reasons
+
+
+def _judge_alike(found: Crossings, pitch_mm: float) -> list[str]:
+    """Return why lines are refused that could be every second of the paper's: heavier ones at twice the distance."""
+    rhythm = found.ruling.rhythm
+    if rhythm is None or rhythm.heavy != rhythm.heaviest or found.pitch_px >= _LEAST_ALIKE_PX:
+        return []
+    heavy_mm = rhythm.heavy * pitch_mm
+    if not (_is_heavy(heavy_mm) and _is_heavy(2.0 * heavy_mm)):
+        return []
+    reason = (
+        f"the lines {found.pitch_px:.1f} px apart have heavier ones every {heavy_mm:.4g} mm, all alike: they could be "
+        f"drawn over every second line of paper with heavier ones every {2.0 * heavy_mm:.4g} mm: come closer until "
+        f"they are {_LEAST_ALIKE_PX:g} px apart, or use paper whose every 10th line is the heaviest"
+    )
+    return [reason]
 
 
 def _judge_rhythm(found: Crossings, pitch_mm: float) -> list[str]:

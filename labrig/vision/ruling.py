@@ -20,7 +20,8 @@ from labrig.errors import MeasurementRefusedError
 from labrig.vision.grid_tracking import TrackedGrid
 from labrig.vision.line_density import Density
 from labrig.vision.line_profile import ACROSS, Comb, Harmonics, LineTable, Profile, measure_profile, sample
-from labrig.vision.lines_between import require_no_lines_between
+from labrig.vision.lines_between import can_infer, compare_harmonic, require_no_lines_between
+from labrig.vision.uneven_lines import require_even_lines
 
 _FloatArray = NDArray[np.float64]
 
@@ -46,10 +47,16 @@ _EXCESS_SIGMAS, _LEAST_EXCESS = 6.0, 0.004
 _SURE = 1.25
 # Finer lines double a harmonic, or more; less is the lines' own width.
 _BESIDE = 0.5
+_BELOW_ZERO = 5.0
+# Harmonics of lines so close are so weak that a profile over more windows has to show them.
+_CLOSE_PX, _MANY_WINDOWS = 13.0, 2000
+# Blur can hide a line midway between two that are so close, and what is between closer ones leaves no trace.
+_BLURRED_PX, _LEAST_PAIR_PX = 8.0, 2.5
 # Five and ten: a rhythm of two says that the finest lines are not seen, or that there are none.
 _PAIR = 2
-# Weight of the finest lines of a sheet as a share of the heaviest, at the least: width times darkness.
-_FAINTEST_FINE = 0.2
+# Weight of the finest lines of a sheet as a share of the heaviest, at the least: width times darkness. Lines that a pen
+# has drawn over are heavier than printed ones.
+_FAINTEST_FINE = 0.12
 _RHYTHMS = tuple(range(2, 13))
 # Least share of the variance of the lines' weights that a rhythm explains, and how little less than the best it may.
 _LEAST_RHYTHM, _AS_GOOD = 0.5, 0.9
@@ -141,22 +148,51 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
             f"the lines are {min(spacings):.1f} px apart, and {_LEAST_SPACING_PX:g} px is the least to count them",
             "come closer with the camera",
         )
-    _require_lines(density, grid, [Comb(*comb) for comb in zip(steps, offsets, strict=True)], rhythm)
-    harmonics = [Harmonics.of(profile, comb) for profile, comb in zip(profiles, combs, strict=True)]
+    lines = [Comb(*comb) for comb in zip(steps, offsets, strict=True)]
+    _require_lines(density, grid, lines, rhythm)
+    harmonics = [Harmonics.of(profile, comb) for profile, comb in zip(profiles, lines, strict=True)]
     thickness = float(np.mean([family.thickness() for family in harmonics]))
     if thickness > _THICKEST:
         raise _no_lines_error()
     width = float(np.mean([family.width() for family in harmonics]))
-    if rhythm is not None and rhythm.heavy > _PAIR:
-        require_no_lines_between(profiles, combs, harmonics)
-        return Ruling(steps, offsets, 1, rhythm, (), thickness, width)
-    hidden, unresolved = _find_hidden(harmonics, width, float(np.mean(spacings)))
+    hidden, unresolved = (
+        (1, ())
+        if rhythm is not None and rhythm.heavy > _PAIR
+        else _find_hidden(harmonics, width, float(np.mean(spacings)))
+    )
     if hidden == 1:
-        require_no_lines_between(profiles, combs, harmonics)
+        unresolved = (*_require_no_others(density, grid, profiles, lines, rhythm), *unresolved)
     if hidden > 1:
         # With a rhythm of two, these are lines of 5 and 10 mm: the finest lie between all of them.
         rhythm, unresolved = Rhythm(hidden, hidden * (rhythm.heaviest if rhythm else 1)), ()
     return Ruling(steps, offsets, hidden, rhythm, unresolved, thickness, width)
+
+
+def _require_no_others(
+    density: Density,
+    grid: TrackedGrid,
+    profiles: Sequence[Profile],
+    lines: Sequence[Comb],
+    rhythm: Rhythm | None,
+) -> tuple[int, ...]:
+    """Refuse lines between or beside which others are seen.
+
+    Returns 2 where a line midway between two would not be seen, or nothing.
+    """
+    spacing_px = min(line.step * profile.step_px for line, profile in zip(lines, profiles, strict=True))
+    if spacing_px < _CLOSE_PX:
+        finer = [measure_profile(density, grid, axis, _MANY_WINDOWS) for axis in (0, 1)]
+    else:
+        finer = list(profiles)
+    harmonics = [Harmonics.of(profile, line) for profile, line in zip(finer, lines, strict=True)]
+    require_no_lines_between(profiles, lines, harmonics)
+    period, heavy = (1, 1) if rhythm is None else (rhythm.heaviest, rhythm.heavy)
+    require_even_lines(harmonics, period, heavy, density.shape)
+    blurred = _PAIR * _LEAST_PAIR_PX <= spacing_px < _BLURRED_PX
+    told = can_infer(_PAIR, spacing_px) and all(
+        compare_harmonic(family, _PAIR) is not None for family in harmonics
+    )
+    return (_PAIR,) if rhythm is None and blurred and not told else ()
 
 
 def _find_combs(profiles: Sequence[Profile]) -> tuple[tuple[Comb, Comb], int]:
@@ -235,10 +271,16 @@ def _find_hidden(harmonics: list[Harmonics], width: float, spacing_px: float) ->
     for number in _HIDDEN:
         if spacing_px / number > _RESOLVED_PX:
             continue
-        excesses, noises, neighbours = zip(*(family.excess(number) for family in harmonics), strict=True)
+        excesses, noises, neighbours, lowest = zip(
+            *(family.excess(number) for family in harmonics), strict=True
+        )
         least = max(_EXCESS_SIGMAS * float(np.linalg.norm(noises)), _LEAST_EXCESS * level)
+        # Thick lines, of a pen for instance, have harmonics below zero, and exceed those by themselves.
+        thick = min(lowest) < -_BELOW_ZERO * max(noises)
         seen = (
-            sum(excesses) > max(least, _BESIDE * sum(neighbours)) and spacing_px / number >= _LEAST_HIDDEN_PX
+            sum(excesses) > max(least, _BESIDE * sum(neighbours))
+            and spacing_px / number >= _LEAST_HIDDEN_PX
+            and not thick
         )
         if seen and (found == 1 or number % found):
             found = number

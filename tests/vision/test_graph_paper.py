@@ -12,7 +12,7 @@ from labrig.vision.graph_paper import find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane_calibration import calibrate_plane
 from tests.vision import no_graph_paper
-from tests.vision.paper_renderer import Camera, Sheet, draw_sheet
+from tests.vision.paper_renderer import Camera, PenGrid, Sheet, draw_sheet
 
 CAMERA = Camera(size=(800, 480), focal_px=1100.0, centre_px=(404.0, 236.0))
 MIDDLE = (400.0, 240.0)
@@ -159,6 +159,37 @@ def test_the_same_paper_without_a_second_grid_is_accepted():
     """The drawing that the second grid was drawn on is good graph paper."""
     picture = no_graph_paper.photograph(no_graph_paper.draw_ruled_paper())
     assert find_crossings(picture).ruling.rhythm.heavy == 10
+
+
+@pytest.mark.parametrize(
+    ("ruling", "px_per_mm", "pen", "how", "reason"),
+    [
+        (
+            "1/10",
+            3.0,
+            PenGrid(2, width_mm=0.35, density=0.8),
+            {"grey": True},
+            "heavier ones every 5 mm, all alike",
+        ),
+        (
+            "1/10",
+            2.6,
+            PenGrid(3, width_mm=0.48, colour="red"),
+            {"blur_px": 1.2},
+            "others at uneven distances",
+        ),
+        ("1/5/10", 3.1, PenGrid(4, width_mm=0.27, colour="pencil"), {}, "there are fainter ones"),
+        ("1", 2.1, PenGrid(3, width_mm=0.4, colour="pencil"), {"ink": "green"}, "ink of another colour"),
+    ],
+)
+def test_a_pen_grid_over_lines_too_fine_to_see_is_refused(ruling, px_per_mm, pen, how, reason):
+    """Lines drawn exactly over every second to fourth printed line are not taken for the paper's."""
+    sheet = sheet_of(ruling, px_per_mm, pen=pen, **how)
+    try:
+        reasons = calibrate(sheet).reasons
+    except CalibrationRefusedError as refusal:
+        reasons = (refusal.message,)
+    assert any(reason in found for found in reasons)
 
 
 def test_crossings_end_at_the_edge_of_the_paper():

@@ -240,18 +240,17 @@ def _bound_error(
     """Return the distance from the target as the policy knows it at the end."""
     seen = _see_end(drawn, settings, state, path)
     budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, drawn.told)
-    return bound_error(seen, budget, settings.problem.target_mm)
+    target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
+    return bound_error(seen, budget, settings.problem.target_mm, target_sd_mm)
 
 
 def _see_end(
     drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, path: TracedPath
 ) -> SeenEnd:
-    """Return the end as a last picture shows it; the standard deviation of a tracked target is added to its own."""
+    """Return the end as a last picture shows it."""
     truth: Any = drawn.world.truth()
     description, plane = drawn.world.description, load_plane()
     end = draw_shaft(truth["path_mm"], description.lens, description.needle.diameter_mm, drawn.noise)
     estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
     depth = find_depth(end, plane, path, settings, drawn.told)
-    seen = SeenEnd.of_shaft(end, estimate, path, plane, depth=depth)
-    target_sd_mm = TARGET_SD_MM if description.target_moves_mm else 0.0
-    return replace(seen, sd_mm=np.hypot(seen.sd_mm, target_sd_mm))
+    return SeenEnd.of_shaft(end, estimate, path, plane, depth=depth)

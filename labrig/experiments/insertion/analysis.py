@@ -297,7 +297,8 @@ def _bound_error(
     else:
         return None
     budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen)
-    return bound_error(seen, budget, move_target(start.target_mm, settings.motion, stop.depth_mm))
+    target_mm = move_target(start.target_mm, settings.motion, stop.depth_mm)
+    return bound_error(seen, budget, target_mm, source.protocol.target.sd_mm)
 
 
 def _decide_ending(

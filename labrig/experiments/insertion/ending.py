@@ -1,8 +1,8 @@
 """How an insertion ended: decided at its end, and again in the analysis, by the same functions.
 
 The camera shows where the needle's end is in the plane. How far it may be out of the plane follows from the path and
-from the standard deviations under `out_of_plane:` in the protocol. The target is reached if the 95 % interval of the
-distance in space lies within the tolerance.
+from the standard deviations under `out_of_plane:` in the protocol, and how far the target may be from its place from
+`target.sd_mm`. The target is reached if the 95 % interval of the distance in space lies within the tolerance.
 """
 
 import math
@@ -58,6 +58,7 @@ _SOURCES: Mapping[str, tuple[str, str]] = {
         "guide the sheath better, and state its play (out_of_plane.start_sd_mm, out_of_plane.start_sd_deg)",
     ),
     "in_plane": ("the place in the picture", "bring the camera nearer, or calibrate it better"),
+    "target": ("the place of the target", "locate the target better, and state how well (target.sd_mm)"),
 }
 
 
@@ -272,10 +273,8 @@ class TargetErrorBounds:
         if arrival == "reached":
             return Ending(arrival, "target_reached", cause)
         name, hint = _SOURCES[self.sources.largest]
-        unseen = (
-            f"{cause}; one camera does not see what is out of its plane, and most of it comes from {name}"
-        )
-        return Ending(arrival, arrival, unseen, hint)
+        unseen = f"one camera does not see what is out of its plane, and most of the uncertainty comes from {name}"
+        return Ending(arrival, arrival, f"{cause}; {unseen}", hint)
 
     def warn(self, tolerance_mm: float) -> Problem | None:
         """Return the warning that an end at the target could not be certified; None if it could."""
@@ -341,13 +340,16 @@ def find_depth(
     return measure_depth(end, perspective, path.depth_mm, at_mm, covariance)
 
 
-def bound_error(seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point) -> TargetErrorBounds:
+def bound_error(
+    seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point, target_sd_mm: float
+) -> TargetErrorBounds:
     """Return the distance in space from the target to a needle's end that may be so far out of the plane."""
     x_mm, x_sd_mm = (0.0, unseen.total_mm) if seen.depth is None else (seen.depth.x_mm, seen.depth.sd_mm)
     off_mm = seen.place_mm - target_mm[1:]
     shown_mm = seen.place_mm if seen.shown_mm is None else seen.shown_mm
     ray = np.array((1.0, *seen.slope))
     covariance = np.diag((0.0, *np.square(seen.sd_mm))) + x_sd_mm**2 * np.outer(ray, ray)
+    covariance += target_sd_mm**2 * np.eye(3)
     return TargetErrorBounds(
         in_plane_mm=math.dist(shown_mm, target_mm[1:]),
         interval_mm=bound_target_error(np.array((-target_mm[0], *off_mm)) + x_mm * ray, covariance),
@@ -357,6 +359,7 @@ def bound_error(seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point) -> Ta
             heading_noise=unseen.heading_mm,
             start=unseen.start_mm,
             in_plane=float(np.linalg.norm(seen.sd_mm)),
+            target=target_sd_mm,
         ),
         depth=None if seen.depth is None else EndDepth(**vars(seen.depth)),
     )

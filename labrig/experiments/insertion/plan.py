@@ -188,7 +188,7 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
     target_mm = move_target(aim.target_mm, settings.motion, state.end_mm)
     end = EstimatedEnd(np.array(target_mm[1:]), READ_PX * plane.mm_per_px)
     seen = SeenEnd.of_estimate(end, plane)
-    warning = bound_error(seen, budget, target_mm).warn(settings.problem.tolerance_mm)
+    warning = bound_error(seen, budget, target_mm, protocol.target.sd_mm).warn(settings.problem.tolerance_mm)
     return _Foreseen(warnings=() if warning is None else (warning,))
 
 

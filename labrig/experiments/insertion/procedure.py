@@ -448,7 +448,8 @@ class _Insertion:
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
         target_mm = move_target(problem.target_mm, self.settings.motion, state.insertion_mm)
-        return bound_error(seen, budget, target_mm).decide(problem.tolerance_mm)
+        bounds = bound_error(seen, budget, target_mm, self.protocol.target.sd_mm)
+        return bounds.decide(problem.tolerance_mm)
 
     def _see_end(
         self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings

@@ -59,6 +59,11 @@ class Target(Place):
         default=False, description="Whether the operator names its pixel on a picture taken during the run."
     )
     tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the needle may end [mm].")
+    sd_mm: NonNegativeMm = Field(
+        0.0,
+        description="How far it may be from where it is stated, along each axis: cast elsewhere, or moved unseen "
+        "(standard deviation) [mm].",
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a target that is given more than once, or not at all."""

@@ -75,10 +75,11 @@ class InsertionPlan(Model):
 
 
 class TargetErrorSources(Model):
-    """Standard deviations of the end of a needle [mm] by source: four that lead it out of the plane, and the picture.
+    """Standard deviations of the distance of a needle's end from its target [mm], by source.
 
-    `roll_zero` is by the roll zero, `torsion` by the bevel's lag behind its drive, `heading_noise` by the needle's
-    wandering out of the plane, `start` by place and lean of the start, `in_plane` by the reading of the picture.
+    Four lead the end out of the plane: `roll_zero` is by the roll zero, `torsion` by the bevel's lag behind its drive,
+    `heading_noise` by the needle's wandering, `start` by place and lean of the start. `in_plane` is by the reading of
+    the picture, `target` by the place of the target, along each axis; older results count the target for exact.
     """
 
     roll_zero: float
@@ -86,6 +87,7 @@ class TargetErrorSources(Model):
     heading_noise: float
     start: float
     in_plane: float
+    target: float = 0.0
 
     @property
     def largest(self) -> str:

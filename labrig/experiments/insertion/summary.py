@@ -13,9 +13,9 @@ _HEADS = (
 )  # fmt: skip
 _SOURCE_HEADS = (
     "out of plane by", "roll zero mm", "bevel's lag mm", "wandering mm", "start mm", "and in plane mm",
-    "seen behind the plane mm",
+    "target mm", "seen behind the plane mm",
 )  # fmt: skip
-_SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane")
+_SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane", "target")
 _COMMAND = ("roll_rad", "observe_at_mm", "run_to_mm", "stop")
 
 
@@ -126,7 +126,7 @@ def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
     rows = tuple(
         (
             f"insertion {trial['trial'] + 1}",
-            *(number(sources[source], 2) for source in _SOURCES),
+            *(number(sources.get(source, 0.0), 2) for source in _SOURCES),
             _format_depth(trial.get("depth")),
         )
         for trial in trials

@@ -67,9 +67,9 @@ def test_other_standard_deviations_tell_what_would_have_been_certain() -> None:
 def test_a_missed_target_stays_missed() -> None:
     """In the plane beyond the tolerance is a miss, whatever is not seen; so is an interval that lies beyond it."""
     for unseen_mm in (0.0, 5.0):
-        ending = bound_error(seen_at(2.5), unseen(unseen_mm), (0.0, 0.0, 40.0)).decide(2.0)
+        ending = bound_error(seen_at(2.5), unseen(unseen_mm), (0.0, 0.0, 40.0), 0.0).decide(2.0)
         assert (ending.outcome, ending.stop, ending.reached) == ("missed", "target_missed", False)
-    aside = bound_error(seen_at(0.0), unseen(0.1), (5.0, 0.0, 40.0)).decide(2.0)
+    aside = bound_error(seen_at(0.0), unseen(0.1), (5.0, 0.0, 40.0), 0.0).decide(2.0)
     assert (aside.outcome, aside.stop) == ("missed", "target_missed")
     assert "between 4." in aside.cause
 
@@ -79,9 +79,34 @@ def test_what_is_seen_aside_of_the_camera_is_less_certain() -> None:
     under, aside = seen_at(1.0), replace(seen_at(1.0), slope=np.array((0.5, 0.0)))
     target = (0.0, 0.0, 40.0)
     assert (
-        bound_error(aside, unseen(1.0), target).interval_mm[1]
-        > bound_error(under, unseen(1.0), target).interval_mm[1] + 0.2
+        bound_error(aside, unseen(1.0), target, 0.0).interval_mm[1]
+        > bound_error(under, unseen(1.0), target, 0.0).interval_mm[1] + 0.2
     )
+
+
+def test_a_target_that_may_be_elsewhere_is_reached_less_surely() -> None:
+    """What is stated of the target's place widens the interval, in the run as in its analysis, and is named."""
+    run = record_insertion("target.sd_mm=1.5")
+    assert (run.manifest["exit_status"], run.manifest["reason"]) == ("failed", "reached_in_plane_only")
+    (trial,) = analyse(run).insertions
+    (stop,) = events(run, "trial_stop")
+    assert (trial.outcome, trial.cause) == (stop["outcome"], stop["cause"])
+    assert "most of the uncertainty comes from the place of the target" in trial.cause
+    assert trial.target_error_sources_mm.target == 1.5
+
+
+@pytest.mark.parametrize("sd_mm", [0.3, 1.0, 2.0])
+def test_the_interval_holds_targets_that_are_elsewhere_as_often_as_it_says(sd_mm: float) -> None:
+    """Ends that were steered to the stated place, and targets spread about it as stated, in 95 of 100 draws or so."""
+    random, target = np.random.default_rng(1), (0.0, 0.0, 40.0)
+    held = 0
+    for _ in range(400):
+        seen = seen_at(0.0)
+        seen = replace(seen, place_mm=np.array(target[1:]) + random.normal(0.0, seen.sd_mm))
+        low_mm, high_mm = bound_error(seen, unseen(0.5), target, sd_mm).interval_mm
+        end = np.array((random.normal(0.0, 0.5), 0.0, 40.0))
+        held += bool(low_mm <= np.linalg.norm(end - random.normal(target, sd_mm)) <= high_mm)
+    assert 0.91 < held / 400 < 0.995
 
 
 def test_a_turn_in_an_old_cut_counts_from_where_the_needle_leaves_it() -> None:

@@ -56,7 +56,7 @@ _BLURRED_PX, _LEAST_PAIR_PX = 8.0, 2.5
 _PAIR = 2
 # Weight of the finest lines of a sheet as a share of the heaviest, at the least: width times darkness. Lines that a pen
 # has drawn over are heavier than printed ones.
-_FAINTEST_FINE = 0.12
+_FAINTEST_FINE = 0.18
 _RHYTHMS = tuple(range(2, 13))
 # Least share of the variance of the lines' weights that a rhythm explains, and how little less than the best it may.
 _LEAST_RHYTHM, _AS_GOOD = 0.5, 0.9

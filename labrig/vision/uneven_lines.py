@@ -21,6 +21,8 @@ _FloatArray = NDArray[np.float64]
 # with lines between.
 _LEAST_UNEVEN = 0.3
 _LEAST_PERIOD = 3
+# Fewer periods than this in the picture run their harmonics into one another.
+_LEAST_PERIODS = 3.0
 # Lines further apart are seen one by one. Of longer waves the removal of slow light leaves less than this share.
 _MOST_SPACING_PX, _LEAST_KEPT = 24.0, 0.25
 # Where lines without a rhythm have no harmonic, and heavier lines every 5 or 10 of finer ones do; its least height over
@@ -75,10 +77,12 @@ def _measure_unevenness(
     uneven, whole = 0.0, float(np.finfo(float).tiny)
     for family in harmonics:
         spacing_px = family.step * family.profile.step_px
+        seen = family.profile.places[np.isfinite(family.profile.density)]
+        periods = float(np.ptp(seen)) / family.step / period
         numbers = np.arange(1, period)
         kept = keep_of_wave(shape, spacing_px * period / numbers)
         numbers, kept = numbers[kept > _LEAST_KEPT], kept[kept > _LEAST_KEPT]
-        if spacing_px > _MOST_SPACING_PX or len(numbers) < _LEAST_PERIOD - 1:
+        if spacing_px > _MOST_SPACING_PX or periods < _LEAST_PERIODS or len(numbers) < _LEAST_PERIOD - 1:
             continue
         fall = kept * np.exp(-2.0 * (np.pi * family.width() * numbers / period) ** 2)
         heights = family.at(numbers / period).real / fall / family.at((1.0,))[0].real

@@ -14,6 +14,7 @@ from labrig.record.reader import Run
 from labrig.record.seal import find_root
 from labrig.report.calibration_rows import describe_calibration
 from labrig.report.formatting import UNKNOWN, flatten, format_time
+from labrig.report.provenance import describe_code
 
 _SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -69,7 +70,7 @@ def list_methods(run: Run, result: AnyResult | None) -> list[str]:
     manifest, protocol = run.manifest, run.protocol
     title = str(protocol.get("title") or "").strip()
     name = f"{run.path.name} ({title})" if title else run.path.name
-    code = _describe_code(manifest.get("provenance"))
+    code = describe_code(manifest.get("provenance"))
     recorded = f"recorded on {format_time(manifest.get('started'))} with {code}{_name_kind(run)}"
     sentences = [f"Run {name}, experiment {manifest.get('experiment')}, was {recorded}."]
     root = find_root(run.path)
@@ -87,7 +88,7 @@ def _list_measurement(run: Run, result: AnyResult) -> list[str]:
     content = result.content
     changed = ", ".join(content.overrides)
     how = f"settings changed after the run ({changed})" if changed else "the settings of the run"
-    code = _describe_code(content.provenance)
+    code = describe_code(content.provenance)
     sentences = [
         f"Result {int(result.path.name)} was computed on {format_time(content.created)} with {code}, by {how}."
     ]
@@ -101,14 +102,6 @@ def _list_measurement(run: Run, result: AnyResult) -> list[str]:
             "for the roll of the bevel where a standard deviation of it is among the settings."
         )
     return sentences
-
-
-def _describe_code(provenance: object) -> str:
-    """Return the version and commit of labrig, and whether it was changed."""
-    known = provenance if isinstance(provenance, dict) else {}
-    commit = f", commit {known['git_commit']}" if known.get("git_commit") else ""
-    changed = ", with changes in no commit" if known.get("git_dirty") else ""
-    return f"labrig {known.get('labrig', 'of an unknown version')}{commit}{changed}"
 
 
 def _name_kind(run: Run) -> str:

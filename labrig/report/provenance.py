@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from labrig.analysis.result import AnyResult
 from labrig.record.reader import Run
-from labrig.report.formatting import UNKNOWN, Rows, flatten, format_time
+from labrig.report.formatting import UNKNOWN, Rows, flatten, format_time, format_value
 
 _CAMERA_SETTINGS = ("camera.asked.", "camera.readback.")
 
@@ -19,20 +19,67 @@ class Section:
     rows: Rows
 
 
-def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
-    """Return every section that is not empty."""
+@dataclass(frozen=True)
+class Provenance:
+    """What a page rests on: `essentials` are always in view, `details` are folded; `files` hold all of it."""
+
+    essentials: tuple[Section, ...]
+    details: tuple[Section, ...]
+    files: tuple[str, ...]
+
+
+def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) -> Provenance:
+    """Return the provenance of a page, without sections that are empty."""
+    essentials = (Section("In short", _list_essentials(run, result)), Section("Calibration", calibration))
+    results = () if result is None else (f"analysis/{result.path.name}/result.json",)
+    return Provenance(
+        tuple(section for section in essentials if section.rows),
+        tuple(section for section in _make_details(run, result) if section.rows),
+        ("manifest.json", *results),
+    )
+
+
+def describe_code(provenance: object) -> str:
+    """Return the version and commit of labrig, and whether it was changed."""
+    known = provenance if isinstance(provenance, Mapping) else {}
+    commit = f", commit {known['git_commit']}" if known.get("git_commit") else ""
+    changed = ", with changes in no commit" if known.get("git_dirty") else ""
+    return f"labrig {known.get('labrig', 'of an unknown version')}{commit}{changed}"
+
+
+def _list_essentials(run: Run, result: AnyResult | None) -> Rows:
+    """Return the code, the rig and the result in a line each."""
+    devices = run.manifest.get("devices")
+    rig = devices.get("rig") if isinstance(devices, Mapping) else None
+    # A run may be resumed many times with the same code.
+    resumed = dict.fromkeys(describe_code(session.get("provenance")) for session in run.sessions)
+    return (
+        ("recorded with", describe_code(run.manifest.get("provenance"))),
+        *(("resumed with", code) for code in resumed),
+        *((("rig", format_value(rig)),) if rig else ()),
+        *(() if result is None else _list_measurement(result)),
+    )
+
+
+def _list_measurement(result: AnyResult) -> Rows:
+    return (
+        ("measured with", describe_code(result.content.provenance)),
+        ("result", f"analysis/{result.path.name}, {format_time(result.content.created)}"),
+        ("changed after the run", ", ".join(result.content.overrides) or "nothing"),
+    )
+
+
+def _make_details(run: Run, result: AnyResult | None) -> tuple[Section, ...]:
     devices = run.manifest.get("devices")
     measured = () if result is None else _list_code(result.content.provenance)
-    sections = (
+    return (
         *_make_code_sections(_list_code(run.manifest.get("provenance")), measured),
         *_make_session_sections(run),
         Section("Analysis", () if result is None else _list_analysis(result)),
-        Section("Calibration", calibration),
         Section("SHA-256 of what was used", _list_hashes(run, result)),
         Section("Camera, asked for and read back", _list_camera_settings(devices)),
         Section("Devices", _list_devices(devices)),
     )
-    return tuple(section for section in sections if section.rows)
 
 
 def _make_code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:

@@ -178,6 +178,18 @@ def test_provenance_names_code_settings_and_hashes(page: WrittenPage) -> None:
     assert "exposure_s 0.01; 0.01 read back" in words
 
 
+def test_provenance_is_folded_below_its_essentials(page: WrittenPage) -> None:
+    """Code, result and calibration are always in view; settings, hashes and devices are folded."""
+    essentials, details = page.html.split("<h2>Provenance</h2>")[1].split('<details class="everything">')
+    words = _words(essentials)
+    for shown in ("recorded with labrig", "measured with labrig", "analysis/001", "scale at the origin"):
+        assert shown in words
+    folded = _words(details.split("</details>")[0])
+    for section in ("SHA-256 of what was used", "Camera, asked for and read back", "Devices"):
+        assert section in folded
+        assert section not in words
+
+
 def test_the_same_run_gives_the_same_page(page: WrittenPage) -> None:
     """Written twice from the same result, the page is the same, byte for byte."""
     assert write_page(page.run, page.result, NOW).read_text(encoding="utf-8") == page.html

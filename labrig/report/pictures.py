@@ -23,9 +23,18 @@ class JpegSize:
     quality: int
 
 
-THUMBNAIL = JpegSize(420, 70)
+THUMBNAIL = JpegSize(640, 70)
 PLATE = JpegSize(840, 75)
 VIEW = JpegSize(1280, 85)
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A picture as it was recorded: JPEG as a data URI, width and height [px]."""
+
+    href: str
+    width: int
+    height: int
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,12 @@ def jpeg(image: Picture, size: JpegSize) -> bytes:
         image = np.asarray(cv2.resize(image, smaller, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     _, content = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, size.quality))
     return content.tobytes()
+
+
+def photograph(image: Picture, size: JpegSize) -> Photograph:
+    """Return a recorded picture for the page, without lines over it."""
+    width, height = size_of(image)
+    return Photograph(data_uri(jpeg(image, size), "image/jpeg"), width, height)
 
 
 def polyline(px: FloatArray) -> str:

@@ -162,6 +162,20 @@ def test_every_final_picture_is_shown_with_shaft_and_circle(page: WrittenPage) -
     assert sheet.count('<polyline class="circle"') >= 3
 
 
+def test_every_picture_enlarges(page: WrittenPage) -> None:
+    """Each picture is a button that opens a popover, which draws it again without a second copy of its data."""
+    elements = _read(page.html).elements
+    buttons = {attributes.get("popovertarget") for tag, attributes in elements if tag == "button"}
+    popovers = {attributes["id"] or "" for _, attributes in elements if "popover" in attributes}
+    drawings = {attributes.get("id") for tag, attributes in elements if tag == "g"}
+    assert len(popovers) == page.html.count("<image ") == page.html.count("data:image/jpeg")
+    assert buttons == popovers
+    for name in popovers:
+        drawing = name.removesuffix("-large")
+        assert drawing in drawings
+        assert page.html.count(f'<use href="#{drawing}"/>') == 1
+
+
 def test_the_camera_view_has_axes_scale_bar_and_sheath(page: WrittenPage) -> None:
     """Figure 7c: z and y at the tip of the sheath, a bar of a round length, the sheath by name."""
     view = page.html.split("camera's view</h2>")[1].split("</svg>")[0]

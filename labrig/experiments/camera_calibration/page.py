@@ -11,7 +11,7 @@ from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
 from labrig.report.figures import draw_coverage_figure, draw_residual_figure
 from labrig.report.page import Page
-from labrig.report.pictures import PLATE, data_uri, jpeg
+from labrig.report.pictures import PLATE, Photograph, photograph
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
@@ -49,7 +49,7 @@ def _collect_content(run: Run, result: AnyResult, content: CalibrationResult) ->
         else draw_residual_figure(
             [(_shorten_name(view["image"]), view["rms_px"]) for view in used], lens["rms_px"], "residuals"
         ),
-        "paper": _encode_paper_picture(run),
+        "paper": _show_paper(run),
     }
 
 
@@ -72,6 +72,6 @@ def _shorten_name(image: str) -> str:
     return image.rpartition("/")[2].partition(".")[0].lstrip("0") or "0"
 
 
-def _encode_paper_picture(run: Run) -> str | None:
+def _show_paper(run: Run) -> Photograph | None:
     papers = [line.frame for line in run.frame_lines if line.role == CalibrationRole.GRAPH_PAPER]
-    return data_uri(jpeg(run.read_frame(papers[-1]), PLATE), "image/jpeg") if papers else None
+    return photograph(run.read_frame(papers[-1]), PLATE) if papers else None

@@ -19,7 +19,7 @@ from labrig.report.calibration_rows import describe_calibration
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.page import Page
 from labrig.report.palette import DESIGN, mark
-from labrig.report.pictures import THUMBNAIL, data_uri, jpeg
+from labrig.report.pictures import THUMBNAIL, Photograph, photograph
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
@@ -53,7 +53,7 @@ class Shot:
 
     frame: int
     roll_deg: float
-    href: str
+    photograph: Photograph
 
 
 def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult] | None) -> Page:
@@ -173,7 +173,7 @@ def _list_shots(run: Run) -> list[Shot]:
         Shot(
             line.frame,
             math.degrees(line.rotation_rad or 0.0),
-            data_uri(jpeg(run.read_frame(line.frame), THUMBNAIL), "image/jpeg"),
+            photograph(run.read_frame(line.frame), THUMBNAIL),
         )
         for line in run.frame_lines
         if line.role == RollZeroRole.NEEDLE

@@ -27,7 +27,7 @@ def html() -> str:
 
 def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
     """Each picture shows depth, time, scale, plans, obstacle and target; the last one also path and truth."""
-    plates = re.findall(r'<svg class="view".*?</svg>', html, re.DOTALL)
+    plates = re.findall(r'<svg class="view"[^>]*><g .*?</svg>', html, re.DOTALL)
     assert len(plates) >= 3
     for plate in plates:
         assert plate.count('class="obstacle"') == 1
@@ -42,7 +42,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
 
 def test_origin_and_direction_are_drawn_as_found_beside_the_command(html: str) -> None:
     """The enlarged sheath has a labelled arrow for found and commanded pose; their distance is in text and table."""
-    (cut,) = re.findall(r'<svg class="view cut".*?</svg>', html, re.DOTALL)
+    (cut,) = re.findall(r'<svg class="view cut"[^>]*><g .*?</svg>', html, re.DOTALL)
     for kind in ("found", "commanded"):
         assert f'<line class="{kind}"' in cut
     assert ">found</text>" in cut

@@ -87,12 +87,7 @@ def perform(order: RunOrder) -> FinishedRun:
     # The modules stay until the end. Without this, collections look through them all again and again, and in each
     # process that measures, too.
     gc.freeze()
-    with live_view(order.live) as watch:
-        recorded = _record(order, plan, changes, watch)
-    finished = finish(recorded, order.command_line)
-    if order.live is not None:
-        _keep_view(finished)
-    return finished
+    return finish(_record(order, plan, changes), order.command_line, order.live)
 
 
 def _keep_view(finished: FinishedRun) -> None:
@@ -122,8 +117,15 @@ def _announce_code_diff(changes: CodeChanges) -> None:
         say(f"note: code.diff leaves out new files that are no code: {', '.join(changes.left_out)}")
 
 
-def finish(ended: FinishedRun, command_line: tuple[str, ...]) -> FinishedRun:
-    """Measure a recorded run and write the report, if the run came to its end."""
+def finish(ended: FinishedRun, command_line: tuple[str, ...], live: LiveKind | None = None) -> FinishedRun:
+    """Measure a recorded run and write the report, if the run came to its end; shown live, also its view."""
+    finished = _measure_and_report(ended, command_line)
+    if live is not None:
+        _keep_view(finished)
+    return finished
+
+
+def _measure_and_report(ended: FinishedRun, command_line: tuple[str, ...]) -> FinishedRun:
     path, outcome = ended.path, ended.outcome
     if outcome.error is not None and not _is_measurable(outcome.error):
         return _show_failure(ended)
@@ -172,20 +174,18 @@ def _leave_unmeasured(ended: FinishedRun, signal_name: str) -> FinishedRun:
     return replace(ended, outcome=Outcome("success", message, InterruptedRunError(message)))
 
 
-def _record(
-    order: RunOrder, plan: RunPlan, changes: CodeChanges, watch: Callable[[Path], None]
-) -> FinishedRun:
+def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun:
     """Open the record and, if the protocol needs one, the rig; conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
 
         def begin(rig: Rig, reporter: Reporter) -> Session:
             open_record = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
-            session = begin_session(rig, open_record, reporter, plan.workload)
-            watch(session.recorder.path)
-            return session
+            return begin_session(rig, open_record, reporter, plan.workload)
 
-        job = RigJob(experiment, protocol, order.rig, plan.work, order.command_line, order.attention)
+        job = RigJob(
+            experiment, protocol, order.rig, plan.work, order.command_line, order.attention, order.live
+        )
         return record_on_rig(job, begin, partial(conduct, experiment, protocol))
     clock = SystemClock()
     recorder = _open_record(order, plan, changes, clock, {})
@@ -194,7 +194,10 @@ def _record(
 
 @dataclass(frozen=True)
 class RigJob:
-    """What is recorded on a rig: an experiment and its protocol, the rig, the end of its progress, and the command."""
+    """What is recorded on a rig: an experiment and its protocol, the rig, the end of its progress, and the command.
+
+    `attention` and `live` are those of `RunOrder`.
+    """
 
     experiment: Experiment
     protocol: ExperimentProtocol
@@ -202,6 +205,7 @@ class RigJob:
     work: float
     command_line: tuple[str, ...]
     attention: Attention = UNPAUSED
+    live: LiveKind | None = None
 
 
 def record_on_rig(
@@ -218,6 +222,16 @@ def record_on_rig(
     conduct_on : callable
         Makes the run, which may be paused meanwhile.
     """
+    with live_view(job.live) as watch:
+        return _record_watched(job, begin, conduct_on, watch)
+
+
+def _record_watched(
+    job: RigJob,
+    begin: Callable[[Rig, Reporter], Session],
+    conduct_on: Callable[[Session], Outcome],
+    watch: Callable[[Path], None],
+) -> FinishedRun:
     protocol = job.protocol
     doing = " ".join(("labrig", *job.command_line[1:]))
     opening = Opening(max_current_ma=protocol.current_limits_ma, power=False)
@@ -231,6 +245,7 @@ def record_on_rig(
         ):
             session = begin(rig, reporter)
             path = session.recorder.path
+            watch(path)
             with take_requests(interrupted, path) as requests:
                 session.dialogue.requests = requests
                 outcome = conduct_on(session)

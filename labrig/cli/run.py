@@ -74,6 +74,7 @@ def resume(
     rig: RigOption = None,
     no_pause: NoPauseOption = False,
     quiet: QuietOption = False,
+    live: LiveOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
@@ -81,4 +82,6 @@ def resume(
     from labrig.cli.resume_run import resume_and_print
 
     attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
-    return resume_and_print(run_path, protocol, rig, tuple(sys.argv), attention=attention, as_json=as_json)
+    return resume_and_print(
+        run_path, protocol, rig, tuple(sys.argv), attention=attention, live=live, as_json=as_json
+    )

@@ -27,10 +27,14 @@ _SLOW_AFTER_S = 10.0
 
 @dataclass(frozen=True)
 class Shown:
-    """How many pictures were drawn, and how many left out."""
+    """How many pictures were drawn, and how many left out because drawing was slower than the rig."""
 
     drawn: int = 0
     left_out: int = 0
+
+
+_BEFORE = "that were taken before this view began"
+_SLOW = "because drawing was slower than the rig"
 
 
 def choose_pictures(
@@ -76,26 +80,27 @@ class LiveView:
         RecordError
             When a line or a picture is damaged.
         """
-        shown = Shown()
+        # A resumed run has pictures already.
+        shown, why = Shown(), _BEFORE
         while True:
             # Asked first, so that nothing is missed that was written just before the end.
             ended = self.run.has_ended()
             lines = self.run.read_new()
-            shown = self._draw(lines, shown)
+            shown, why = self._draw(lines, shown, why), _SLOW
             if not self._wait_until_taken(has_viewer_ended) or (ended and not lines):
                 return shown
             if not lines:
                 self.clock.sleep(_LOOK_EVERY_S)
 
-    def _draw(self, lines: RecordLines, shown: Shown) -> Shown:
+    def _draw(self, lines: RecordLines, shown: Shown, why: str) -> Shown:
         chosen = choose_pictures(lines.pictures, self.view.needs)
         left_out = len(lines.pictures) - len(chosen)
         self.drawing.draw(lines, chosen)
         self.view.follow(self.stream, TIME, RecordLines(lines.events, lines.states, chosen))
         if left_out:
-            text = f"left out {left_out} pictures here, because drawing was slower than the rig; the record has them"
+            text = f"left out {left_out} pictures here, {why}; the record has them"
             self.drawing.remark(chosen[-1].line.t_s, text)
-        return Shown(shown.drawn + len(chosen), shown.left_out + left_out)
+        return Shown(shown.drawn + len(chosen), shown.left_out + (left_out if why == _SLOW else 0))
 
     def _wait_until_taken(self, has_viewer_ended: Callable[[], bool]) -> bool:
         """Return whether the viewer has taken everything; wait for a slow one until the run has ended or it has."""

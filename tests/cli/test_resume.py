@@ -71,8 +71,12 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     assert (row["trials_done"], row["trials_planned"], row["exit_status"]) == (4, 4, "success")
 
 
-def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: Path) -> None:
-    """A run that failed on a restarted drive prints the command that resumes it; resumed, it is completed."""
+def test_a_run_that_failed_goes_on_without_its_fault(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that failed on a restarted drive prints the command that resumes it; resumed, and watched, it ends well."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
     one_gel = "specimens=[{name: gel-13, gelatin_percent: 13}]"
     fault = "rig.faults=[{fault: boot-up, axis: linear, at_s: 20, once: moving}]"
     words = ["--runs-dir", tmp_path, "--run-name", "a run", "--set", "insertions_per_specimen=1"]
@@ -80,9 +84,11 @@ def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: P
     assert failed.exit_code == 3
     assert "nothing is to be taken out" in failed.err
     assert f"continue it: labrig resume '{tmp_path}/a run'" in failed.err
-    done = labrig("resume", tmp_path / "a run", "--json")
+    done = labrig("resume", "--live", tmp_path / "a run", "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+    assert "live view: there is no display here" in done.err
     run = open_run(tmp_path / "a run")
+    assert (run.path / "view.rrd").stat().st_size > 50_000
     assert list(run.trials["exit_status"]) == ["interrupted", "success"]
     endings = run.manifest["earlier_endings"]
     assert isinstance(endings, list)

@@ -185,9 +185,7 @@ def _print(row: _CheckedRun) -> None:
         format_count(row["states"], "state"),
         format_count(row["events"], "event"),
     )
-    print_wrapped(
-        f"  it holds {', '.join(counts)}; {format_count(row['trials_done'], 'trial')} came to the end"
-    )
+    print_wrapped(f"  it holds {', '.join(counts)}; {format_count(row['trials_done'], 'trial')} done")
     _print_seal(row)
     for name, problems in (("damage", row["damage"]), ("torn", row["torn"]), ("note", row["notices"])):
         for problem in problems:

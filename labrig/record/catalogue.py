@@ -11,7 +11,7 @@ from labrig.record.annotations import read_annotations
 from labrig.record.chain import scan_chain
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import ANALYSIS, CHAIN, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
-from labrig.record.manifest import count_trials_done, is_newer, read_document
+from labrig.record.manifest import is_newer, read_document
 from labrig.record.results import require_unchanged_newest
 from labrig.record.run_index import NO_FILE, RunIndex, ShareDone, Value, ask_index, signature_of
 from labrig.record.seal import Seal, find_changes_since_sealing
@@ -36,7 +36,8 @@ class RunSummary:
     started : str
         When, ISO 8601 in UTC.
     trials_done, trials_planned : int
-        Trials that ended, and those that the protocol asks for; if the first is unknown, so is the second.
+        Trials that ended in success and are evaluated, not those made again or marked as bad; and those that the
+        protocol asks for. If the first is unknown, so is the second.
     tags : tuple of str
         Its tags.
     verdict : str
@@ -171,6 +172,9 @@ def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
     exit_status = str(manifest.get("exit_status"))
     done = _whole(manifest.get("trials_done"))
     if exit_status == "incomplete":  # its manifest was not brought up to date
+        # Imported late: a list of closed runs needs no models of events.
+        from labrig.record.decisions import count_trials_done
+
         done = count_trials_done(read_lines(inside(run, EVENT_LINES)))
     annotations = read_annotations(run, seal)
     return {

@@ -11,6 +11,7 @@ from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.can_log import read_can_log
 from labrig.record.chain import Link, is_inner_name
+from labrig.record.decisions import count_trials_done
 from labrig.record.digest import hash_file
 from labrig.record.intact import is_intact, remember_intact
 from labrig.record.json_lines import Scan, scan_lines
@@ -32,7 +33,7 @@ from labrig.record.layout import (
     picture_file,
 )
 from labrig.record.lock import LockOwner, read_lock_owner
-from labrig.record.manifest import check_manifest, count_trials_done, read_manifest, recorded_sha256
+from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
 from labrig.record.pictures import (
     RecordedPicture,
     locate_picture,
@@ -75,7 +76,7 @@ class RunCheck:
     torn : tuple of Problem
         What an interruption left half written; nothing acknowledged is in it.
     frames, states, events, trials_done : int
-        How many of each can be read.
+        How many of each can be read; of the trials, as `count_trials_done` counts them.
     notices : tuple of Problem
         Files that are no part of the record, and results and annotations without a link; none of them is used.
     seal : str

@@ -1,7 +1,7 @@
 """Read and check the manifest of a run."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
@@ -15,7 +15,6 @@ from labrig.record.layout import (
     PROTOCOL,
     RIG,
     SCHEMA_VERSION,
-    TRIAL_STOP,
     inside,
 )
 
@@ -75,11 +74,6 @@ def is_newer(manifest: Mapping[str, object]) -> bool:
     """Return whether a manifest has a schema that this labrig does not know."""
     version = manifest["schema_version"]
     return isinstance(version, int) and version > SCHEMA_VERSION
-
-
-def count_trials_done(events: Iterable[Mapping[str, object]]) -> int:
-    """Count the trials that ended in success; their number is `trials_done` of a closed run."""
-    return sum(event.get("kind") == TRIAL_STOP and event.get("exit_status") == "success" for event in events)
 
 
 def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:

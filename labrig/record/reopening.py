@@ -10,6 +10,7 @@ from labrig.errors import LabrigError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.chain import Link
 from labrig.record.check import RunCheck, check_run
+from labrig.record.decisions import COUNTED
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
     ALWAYS_PRESENT,
@@ -28,7 +29,7 @@ from labrig.record.layout import (
 )
 from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
-from labrig.record.manifest import count_trials_done, read_manifest, recorded_sha256
+from labrig.record.manifest import read_manifest, recorded_sha256
 from labrig.record.opening import encode_manifest, make_reserve
 from labrig.record.pictures import PictureWriter, Store, open_picture_writer
 from labrig.record.sealing import finish_closing, seal_again
@@ -39,7 +40,8 @@ from labrig.record.torn_ends import set_aside
 class OpenRecord:
     """A run on disk, locked and open for appending.
 
-    It holds `frames` pictures and `trials_done` finished trials already; rig time goes on from `t0_s` [s].
+    It holds `frames` pictures already, and `counted`, the events from which its trials are counted; rig time goes on
+    from `t0_s` [s].
     """
 
     manifest: Mapping[str, object]
@@ -49,7 +51,7 @@ class OpenRecord:
     pictures: PictureWriter
     t0_s: float = 0.0
     frames: int = 0
-    trials_done: int = 0
+    counted: tuple[Mapping[str, object], ...] = ()
 
 
 def reopen_files(path: Path, doing: str) -> OpenRecord:
@@ -77,7 +79,8 @@ def reopen_files(path: Path, doing: str) -> OpenRecord:
         raise
     t0_s = _next_whole_second((*events, *frames, *read_lines(path / STATE_LINES)))
     sums = _collect_sums(frames, manifest)
-    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), count_trials_done(events))
+    counted = tuple(event for event in events if str(event.get("kind")) in COUNTED)
+    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), counted)
 
 
 def _read_store(manifest: Mapping[str, object]) -> Store:

@@ -25,6 +25,7 @@ from labrig.durable import (
 from labrig.errors import DiskError, InputError, LabrigError, RecordError
 from labrig.posix import sync_directory
 from labrig.record.closing import write_closing_manifest
+from labrig.record.decisions import COUNTED, count_trials_done
 from labrig.record.events import Event
 from labrig.record.layout import (
     ALWAYS_PRESENT,
@@ -38,7 +39,6 @@ from labrig.record.layout import (
     RESERVE,
     SHA256SUMS,
     STATE_LINES,
-    TRIAL_STOP,
     TRUTH_LINES,
     require_name,
     session_diff,
@@ -98,7 +98,7 @@ class Recorder:
         self._t0_s = record.t0_s
         self._period = int(record.t0_s // self._fsync_period_s)
         self._frames = record.frames
-        self._trials_done = record.trials_done
+        self._counted = list(record.counted)
         self._can_length = 0
         self._can_crc32 = 0
         self._appending = Lock()
@@ -294,8 +294,8 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
-        if kind == TRIAL_STOP and fields.get("exit_status") == "success":
-            self._trials_done += 1
+        if kind in COUNTED:
+            self._counted.append({"kind": kind, **fields})
         self._sync_each_period(t_s)
 
     def record_event(self, event: Event, t_s: float) -> None:
@@ -375,7 +375,7 @@ class Recorder:
             "exit_status": exit_status,
             "reason": reason,
             "ended": ended,
-            "trials_done": self._trials_done,
+            "trials_done": count_trials_done(self._counted),
         }
         try:
             if self._can_crc32:

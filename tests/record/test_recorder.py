@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
+from labrig.record.catalogue import list_runs
+from labrig.record.check import check_run
 from labrig.record.opening import create_under_free_name
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
@@ -62,6 +64,25 @@ def test_closing_says_how_it_ended(tmp_path: Path) -> None:
     assert (manifest["exit_status"], manifest["reason"], manifest["trials_done"]) == ("success", "", 2)
     assert manifest["ended"] == "2026-03-02T09:45:00+00:00"
     assert manifest["title"] == "Größe"
+
+
+def test_trials_that_are_not_evaluated_are_not_done(tmp_path: Path) -> None:
+    """A trial made again or marked as bad is not counted, before a run is closed, after, and once it is resumed."""
+    recorder = begin(tmp_path)
+    fill(recorder, trials=5)
+    recorder.event("repeat", 60.0, trial=0)
+    recorder.event("mark_bad", 61.0, trial=1, reason="it slipped")
+    recorder.event("repeat", 62.0, trial=2)
+    recorder.event("undo", 63.0, undone="repeat")
+    recorder.event("mark_bad", 64.0, trial="of no model")
+    assert [summary.trials_done for summary in list_runs(tmp_path)] == [3]
+    recorder.close("aborted", "", ENDED)
+    assert open_run(recorder.path).manifest["trials_done"] == 3
+    assert check_run(recorder.path).trials_done == 3
+    again = Recorder.reopen(recorder.path, "labrig resume")
+    again.event("repeat", 1.0, trial=4)
+    again.close("success", "", ENDED)
+    assert [summary.trials_done for summary in list_runs(tmp_path)] == [2]
 
 
 def test_the_sums_are_those_of_sha256sum(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ def find_runs(
     runs_dir: Path,
     where: str | None = None,
     sort: str | None = None,
+    show: Sequence[str] = (),
     *,
     reverse: bool = False,
     progress: ShareDone = lambda _: None,
@@ -34,6 +35,8 @@ def find_runs(
         The condition, as `labrig.record.condition` describes it; None: every run.
     sort : str or None
         The field to sort by, smallest first, runs without it last; None: newest first.
+    show : sequence of str
+        Further fields whose values are returned.
     reverse : bool
         Turn that order round; runs without the field stay last.
     progress : callable
@@ -46,7 +49,7 @@ def find_runs(
     """
     condition = None if where is None else parse_condition(where)
     names = [] if condition is None else [name for name, _ in condition.names]
-    names = list(dict.fromkeys([*names, *([] if sort is None else [sort])]))
+    names = list(dict.fromkeys([*names, *([] if sort is None else [sort]), *show]))
     signatures = sign_runs(runs_dir)
     if not signatures:
         return []
@@ -69,6 +72,8 @@ def find_runs(
             condition.require_known(known)
         if sort is not None:
             require_field(sort, known, "--sort")
+        for name in show:
+            require_field(name, known, "--show")
         values = index.find(names, condition)
         return [FoundRun(summary, values[name]) for name, summary in summaries.items() if name in values]
 

@@ -30,6 +30,15 @@ def test_runs_are_filtered_and_sorted(labrig: Labrig, shelf: Path) -> None:
     assert "pilot" in listed
 
 
+def test_results_are_columns_of_the_list(labrig: Labrig, shelf: Path) -> None:
+    """A field that is asked for is a column, in the order of asking; an unknown one exits with 2."""
+    done = labrig("runs", "--runs-dir", shelf, "--show", "mean_radius_mm", "--show", "seed")
+    heads = done.out.splitlines()[0].split()
+    assert heads.index("seed") == heads.index("mean_radius_mm") + 1
+    refused = labrig("runs", "--runs-dir", shelf, "--show", "mean_radius")
+    assert (refused.exit_code, "--show: no run has a field" in refused.err) == (2, True)
+
+
 @pytest.mark.parametrize("condition", ["gelatin_percent", "gelatine_percent=13", "exit_status=success and"])
 def test_a_condition_that_makes_no_sense_exits_with_2(condition: str, labrig: Labrig, shelf: Path) -> None:
     """An invalid condition exits with 2 and names the character."""

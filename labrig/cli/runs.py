@@ -7,7 +7,7 @@ from dataclasses import asdict
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -29,7 +29,9 @@ from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, list_runs
-from labrig.record.difference import Difference
+
+if TYPE_CHECKING:
+    from labrig.record.difference import Difference
 
 app = typer.Typer()
 
@@ -271,7 +273,7 @@ def diff(
     return exit_code
 
 
-def _print_section(section: str, differences: Sequence[Difference]) -> None:
+def _print_section(section: str, differences: "Sequence[Difference]") -> None:
     """Print the differences of a section; of a long one, those of a list's items together."""
     from labrig.record.difference import group_differences
 

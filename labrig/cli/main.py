@@ -4,6 +4,7 @@ import functools
 import importlib
 import itertools
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
@@ -83,12 +84,12 @@ def _make_app(arguments: Sequence[str]) -> typer.Typer:
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
         epilog="Start with: labrig run protocols/steerability.yaml",
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    named = next((word for word in arguments if not word.startswith("-")), None)
+    words = _read_completed_line() or arguments
+    named = next((word for word in words if not word.startswith("-")), None)
     for name, (place, text) in COMMANDS.items():
         command = _import_command(place) if name == named else _unused
         if isinstance(command, typer.Typer):
@@ -96,6 +97,12 @@ def _make_app(arguments: Sequence[str]) -> typer.Typer:
         else:
             app.command(name, help=text, cls=HelpfulCommand)(command)
     return app
+
+
+def _read_completed_line() -> list[str]:
+    """Return the words of the line that a shell asks to complete; none if it asks for nothing."""
+    line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+    return line.split()[1:] if "_LABRIG_COMPLETE" in os.environ else []
 
 
 def _import_command(place: str) -> Callable[..., object]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from itertools import zip_longest
@@ -104,32 +104,57 @@ def _find_all_local(runs: list[Path]) -> list[Path]:
     return [_find_local(run) for run in runs]
 
 
+def _complete_run(incomplete: str) -> list[str]:
+    """Return the names of runs in data/runs that begin so, newest first, as the names of most begin with their time."""
+    with suppress(OSError):
+        names = sorted((path.name for path in DEFAULT_RUNS_DIR.iterdir() if path.is_dir()), reverse=True)
+        return [name for name in (str(_LAST), *names) if name.startswith(incomplete) and name[0] != "."]
+    return []
+
+
 RunArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_find_run
+        metavar="RUN",
+        help="Folder of a run, its name in data/runs, or its URL.",
+        callback=_find_run,
+        autocompletion=_complete_run,
     ),
 ]
 RunUrlArgument = Annotated[
     str,
     typer.Argument(
-        metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_find_run_or_url
+        metavar="RUN",
+        help="Folder of a run, its name in data/runs, or its URL.",
+        callback=_find_run_or_url,
+        autocompletion=_complete_run,
     ),
 ]
 RunsArgument = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RUN...", help="Folders of runs, their names in data/runs, or URLs.", callback=_find_all
+        metavar="RUN...",
+        help="Folders of runs, their names in data/runs, or URLs.",
+        callback=_find_all,
+        autocompletion=_complete_run,
     ),
 ]
 LocalRunArgument = Annotated[
     Path,
-    typer.Argument(metavar="RUN", help="Folder of a run, or its name in data/runs.", callback=_find_local),
+    typer.Argument(
+        metavar="RUN",
+        help="Folder of a run, or its name in data/runs.",
+        callback=_find_local,
+        autocompletion=_complete_run,
+    ),
 ]
 LocalRunsArgument = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RUN...", help="Folders of runs, or their names in data/runs.", callback=_find_all_local
+        metavar="RUN...",
+        help="Folders of runs, or their names in data/runs.",
+        callback=_find_all_local,
+        autocompletion=_complete_run,
     ),
 ]
 SetOption = Annotated[

@@ -160,7 +160,8 @@ def run_command(arguments: Sequence[str]) -> int:
 
 def _invoke(arguments: Sequence[str]) -> int:
     try:
-        status = _make_app(arguments)(args=complete_live(arguments), standalone_mode=False)
+        app = _make_app(arguments)
+        status = app(args=complete_live(arguments), prog_name="labrig", standalone_mode=False)
     except typer.Exit as leaving:
         return leaving.exit_code
     except SystemExit:

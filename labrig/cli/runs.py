@@ -5,9 +5,8 @@ import getpass
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
-from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -30,9 +29,6 @@ from labrig.errors import InputError, Problem, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, list_runs
 
-if TYPE_CHECKING:
-    from labrig.record.difference import Difference
-
 app = typer.Typer()
 
 
@@ -47,10 +43,6 @@ ByOption = Annotated[
         "--by", metavar="NAME", help="Name of the author. Default: the account's name.", show_default=False
     ),
 ]
-
-LONGEST_CELL = 24
-LONGEST_SECTION = 15
-"""Differences of a section that are printed one by one; of more, those in lists are summed up. --json has all."""
 
 
 @app.callback(invoke_without_command=True)
@@ -253,6 +245,7 @@ def diff(
     as_json: AsJson = False,
 ) -> int:
     """Print each value in which they differ; exit with 4 when a record is damaged."""
+    from labrig.cli.difference_tables import print_differences
     from labrig.record.difference import compare_runs
     from labrig.record.reader import open_run
 
@@ -266,51 +259,12 @@ def diff(
         found = [asdict(difference) for difference in differences]
         print_json({"a": a, "b": b, "identical": not found, "differences": found, "reason": damage})
         return exit_code
-    if not differences:
-        print_line("no difference")
-    for section, group in groupby(differences, key=lambda difference: difference.section):
-        _print_section(section, list(group))
+    print_differences(differences)
     return exit_code
-
-
-def _print_section(section: str, differences: "Sequence[Difference]") -> None:
-    """Print the differences of a section; of a long one, those of a list's items together."""
-    from labrig.record.difference import group_differences
-
-    groups = group_differences(differences)
-    if len(differences) <= LONGEST_SECTION:
-        single, several = list(differences), []
-    else:
-        single = [group.first for group in groups if group.count == 1]
-        several = [group for group in groups if group.count > 1]
-    if single:
-        print_table(
-            (section, "A", "B"), [[found.key, _shorten(found.a), _shorten(found.b)] for found in single]
-        )
-        print_line("")
-    if several:
-        rows = [
-            [group.key, group.count, _format_size(group.mean), _format_size(group.largest)]
-            for group in several
-        ]
-        print_table((f"{section}, in lists", "differ", "by on average", "by at most"), rows)
-        print_line("")
-
-
-def _format_size(value: float | None) -> str | None:
-    return None if value is None else f"{value:.4g}"
 
 
 def _list_damage(name: str, damage: Sequence[Problem]) -> list[str]:
     return [f"{name}: {problem.where}: {problem.message}" for problem in damage]
-
-
-def _shorten(value: object) -> str | None:
-    """Return a value shortened, with enough digits to tell it from another."""
-    if isinstance(value, float):
-        return f"{value:.9g}"
-    text = None if value is None else str(value)
-    return text if text is None or len(text) <= LONGEST_CELL else f"{text[: LONGEST_CELL - 3]}..."
 
 
 def _make_annotation_row(run: Path, annotations: Annotations) -> dict[str, object]:

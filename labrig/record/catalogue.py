@@ -15,6 +15,7 @@ from labrig.record.manifest import is_newer, read_document
 from labrig.record.results import require_unchanged_newest
 from labrig.record.run_index import NO_FILE, RunIndex, ShareDone, Value, ask_index, signature_of
 from labrig.record.seal import Seal, find_changes_since_sealing
+from labrig.record.trial_count import count_trials_done
 
 # What a summary is read from. The manifest comes first: a folder without a manifest is no run.
 _SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES, CHAIN)
@@ -172,9 +173,6 @@ def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
     exit_status = str(manifest.get("exit_status"))
     done = _whole(manifest.get("trials_done"))
     if exit_status == "incomplete":  # its manifest was not brought up to date
-        # Imported late: a list of closed runs needs no models of events.
-        from labrig.record.decisions import count_trials_done
-
         done = count_trials_done(read_lines(inside(run, EVENT_LINES)))
     annotations = read_annotations(run, seal)
     return {

@@ -11,7 +11,6 @@ from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.can_log import read_can_log
 from labrig.record.chain import Link, is_inner_name
-from labrig.record.decisions import count_trials_done
 from labrig.record.digest import hash_file
 from labrig.record.intact import is_intact, remember_intact
 from labrig.record.json_lines import Scan, scan_lines
@@ -47,6 +46,7 @@ from labrig.record.structure import (
     find_reference_problems,
     find_trial_problems,
 )
+from labrig.record.trial_count import count_trials_done
 
 Look = Literal["presence", "once", "always"]
 

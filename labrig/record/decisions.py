@@ -3,14 +3,11 @@
 The same fold of the events tells it while the run is made, when it is resumed, and when it is evaluated.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from pydantic import ValidationError
-
-from labrig.record.events import Continue, Event, MarkBad, OperatorNote, Pause, Repeat, Skip, TrialStop, Undo
+from labrig.record.events import Continue, Event, MarkBad, OperatorNote, Pause, Repeat, Skip, Undo
 
 DECISIONS = (Skip, Repeat, MarkBad, OperatorNote)
 """The events that an `Undo` can take back."""
@@ -72,35 +69,6 @@ def fold_decisions(events: Iterable[Event]) -> Decisions:
     for event in events:
         decisions = decisions.add(event)
     return decisions
-
-
-_COUNTED = {model.kind: model for model in (TrialStop, *READ)}
-
-COUNTED = frozenset(_COUNTED)
-"""The kinds of events that `count_trials_done` reads."""
-
-
-def count_trials_done(lines: Iterable[Mapping[str, object]]) -> int:
-    """Return how many trials ended in success and are evaluated: nobody had them made again, or marked them as bad.
-
-    It is `trials_done` of a manifest and of a list of runs. A line that does not fit its model counts for nothing.
-    """
-    events = tuple(_read_counted(lines))
-    decisions = fold_decisions(events)
-    return sum(
-        isinstance(event, TrialStop)
-        and event.exit_status == "success"
-        and not decisions.explain_left_out(event.trial)
-        for event in events
-    )
-
-
-def _read_counted(lines: Iterable[Mapping[str, object]]) -> Iterator[Event]:
-    for line in lines:
-        kind = line.get("kind")
-        if isinstance(kind, str) and kind in COUNTED:
-            with suppress(ValidationError):
-                yield _COUNTED[kind].read(line)
 
 
 @dataclass(frozen=True)

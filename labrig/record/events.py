@@ -38,11 +38,15 @@ from labrig.errors import Fault, RecordError
 from labrig.record.layout import (
     EVENT_LINES,
     FRAME_LINES,
+    MARK_BAD,
+    NOTE,
+    REPEAT,
     RUN_STOP,
     SKIP,
     TRIAL_START,
     TRIAL_STOP,
     TRUTH_LINES,
+    UNDO,
 )
 
 INCOMPLETE = "incomplete"
@@ -209,7 +213,7 @@ class Skip(Event):
 class Repeat(Event):
     """A person has had a trial that had ended made again; the later trial takes its place."""
 
-    kind: ClassVar[str] = "repeat"
+    kind: ClassVar[str] = REPEAT
 
     trial: int
 
@@ -217,7 +221,7 @@ class Repeat(Event):
 class MarkBad(Event):
     """A person has marked a trial as bad, and why: it is not evaluated."""
 
-    kind: ClassVar[str] = "mark_bad"
+    kind: ClassVar[str] = MARK_BAD
 
     trial: int
     reason: str
@@ -226,7 +230,7 @@ class MarkBad(Event):
 class OperatorNote(Event):
     """A person has written a note during a trial; None between two trials."""
 
-    kind: ClassVar[str] = "note"
+    kind: ClassVar[str] = NOTE
 
     text: str
     trial: int | None = None
@@ -235,7 +239,7 @@ class OperatorNote(Event):
 class Undo(Event):
     """A person has taken back what came last: the kind of that event, `operator` for the answer to a question."""
 
-    kind: ClassVar[str] = "undo"
+    kind: ClassVar[str] = UNDO
 
     undone: str
 

@@ -10,7 +10,6 @@ from labrig.errors import LabrigError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.chain import Link
 from labrig.record.check import RunCheck, check_run
-from labrig.record.decisions import COUNTED
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
     ALWAYS_PRESENT,
@@ -34,6 +33,7 @@ from labrig.record.opening import encode_manifest, make_reserve
 from labrig.record.pictures import PictureWriter, Store, open_picture_writer
 from labrig.record.sealing import finish_closing, seal_again
 from labrig.record.torn_ends import set_aside
+from labrig.record.trial_count import COUNTED
 
 
 @dataclass(frozen=True)

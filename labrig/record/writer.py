@@ -25,7 +25,6 @@ from labrig.durable import (
 from labrig.errors import DiskError, InputError, LabrigError, RecordError
 from labrig.posix import sync_directory
 from labrig.record.closing import write_closing_manifest
-from labrig.record.decisions import COUNTED, count_trials_done
 from labrig.record.events import Event
 from labrig.record.layout import (
     ALWAYS_PRESENT,
@@ -56,6 +55,7 @@ from labrig.record.pictures import Store, open_picture_writer
 from labrig.record.reopening import OpenRecord, reopen_files
 from labrig.record.sealing import first_link
 from labrig.record.syncing import Rounds, sync_in_order
+from labrig.record.trial_count import COUNTED, count_trials_done
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 

@@ -25,7 +25,6 @@ def test_commands_options_and_runs_are_completed(
     for name in ("a", "b", ".hidden"):
         (tmp_path / "data" / "runs" / name).mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["labrig"])
     monkeypatch.setenv("_LABRIG_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", line)
     monkeypatch.setenv("COMP_CWORD", str(len(line.split(" ")) - 1))

@@ -273,7 +273,9 @@ class TargetErrorBounds:
         if arrival == "reached":
             return Ending(arrival, "target_reached", cause)
         name, hint = _SOURCES[self.sources.largest]
-        unseen = f"one camera does not see what is out of its plane, and most of the uncertainty comes from {name}"
+        unseen = (
+            f"one camera does not see what is out of its plane, and most of the uncertainty comes from {name}"
+        )
         return Ending(arrival, arrival, f"{cause}; {unseen}", hint)
 
     def warn(self, tolerance_mm: float) -> Problem | None:

@@ -71,6 +71,18 @@ def test_the_page_is_well_formed(page: WrittenPage) -> None:
     assert len(identifiers) == len(set(identifiers))
 
 
+def test_what_scrolls_sideways_is_reached_by_the_keyboard(page: WrittenPage) -> None:
+    """Every wide table and figure takes the focus, and no header cell of a table is empty."""
+    wide = [
+        attributes
+        for _, attributes in _read(page.html).elements
+        if {"scroll", "plot"} & set((attributes.get("class") or "").split())
+    ]
+    assert wide
+    assert {attributes.get("tabindex") for attributes in wide} == {"0"}
+    assert re.search(r"<th[^>]*></th>", page.html) is None
+
+
 def test_nothing_is_fetched_from_anywhere(page: WrittenPage) -> None:
     """The page has no network address and no script, and contains its pictures."""
     elements = _read(page.html).elements

@@ -103,7 +103,9 @@ def _open_axes(options: CommissioningOptions, axes: tuple[str, ...], doing: str)
         except (InterruptedRunError, WireError):
             with suppress(SafetyStopError):  # closing the rig tries again and tells
                 rig.stop()
-            say_where_needle_is(NeedleReport(rig.locate_needle(), rig.state.way_out))
+            say_where_needle_is(
+                NeedleReport(rig.locate_needle(), rig.state.find_way_out(rig.description.option))
+            )
             raise
 
 

@@ -35,11 +35,11 @@ def _find_way_out(rig: Rig, run: Path) -> str:
     if rig.description.kind == "simulated":
         return "the needle is in simulated gel, which is new when the rig is opened again: nothing is to be taken out"
     if rig.state.needle_in_tissue is None:
-        return rig.state.way_out
+        return rig.state.find_way_out(rig.description.option)
     since = shlex.quote(str(run.parent / (rig.state.since_run or run.name)))
     return (
         f"leave the drives powered, they keep their positions; the axes hold nothing once labrig has ended. "
-        f"Take the needle out along its path: labrig devices withdraw --rig FILE --run {since} "
+        f"Take the needle out along its path: labrig devices withdraw {rig.description.option} --run {since} "
         "(it asks before it resets a fault and before it moves)"
     )
 

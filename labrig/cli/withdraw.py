@@ -87,7 +87,7 @@ def _make_retry_command(description: RigDescription, runs_dir: Path, recorded: P
     """Return the command that continues a withdrawal, with the run that the rig remembers."""
     since = NeedleState(description.state_path).state.since_run
     folder = recorded.parent if recorded.parent != Path() else runs_dir
-    return f"labrig devices withdraw --rig FILE --run {folder / str(since)}"
+    return f"labrig devices withdraw {description.option} --run {folder / str(since)}"
 
 
 def _open_run_with_needle(description: RigDescription, given: Path | None, runs_dir: Path) -> Run:
@@ -113,7 +113,7 @@ def _open_run_with_needle(description: RigDescription, given: Path | None, runs_
     if state.since_run not in {None, folder.name}:
         raise InputError(
             f"the needle was left by run {state.since_run}, not by {folder.name}",
-            f"labrig devices withdraw --rig FILE --run {found.path.parent / str(state.since_run)}",
+            f"labrig devices withdraw {description.option} --run {found.path.parent / str(state.since_run)}",
         )
     return found
 

@@ -32,7 +32,6 @@ from labrig.vision.plane import PlaneMap
 
 _LOW_DISK_BYTES = 5e9
 _NO_DISK_BYTES = 5e8
-_CALIBRATE = "labrig run protocols/calibration.yaml --rig FILE, then labrig calibrate adopt RUN --rig FILE"
 _DRAW_MASK = "name a picture of the camera's size, white where no needle is, or polygons; or leave mask: out"
 _OLD_DAYS = 30
 
@@ -53,7 +52,7 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
     owner = find_owner(rig)
     if owner:
         value = f"in use by {owner}: bus, drives and camera are not looked at"
-        solution = "wait until it has ended, or: labrig devices stop --rig FILE"
+        solution = f"wait until it has ended, or: labrig devices stop {rig.option}"
         results.append(CheckResult("rig", CheckStatus.WARN, value, solution))
     else:
         results += _check_devices(rig)
@@ -122,6 +121,9 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
 def check_calibration(rig: RigDescription, now: datetime | None = None) -> Iterator[CheckResult]:
     """Check that the rig's calibration is there, was accepted, and is of this camera's picture size."""
     paths = rig.calibration_paths()
+    calibrate = (
+        f"labrig run protocols/calibration.yaml {rig.option}, then labrig calibrate adopt RUN {rig.option}"
+    )
     intrinsics: list[Intrinsics] = []
 
     def lens(path: Path) -> str:
@@ -140,7 +142,7 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
         which, path = name.removesuffix(".json"), paths.get(name)
         if which == "intrinsics" and path is None and _is_telecentric(paths.get("plane.json")):
             continue
-        result = _check_calibration_file(which, path, describe)
+        result = _check_calibration_file(which, path, describe, calibrate)
         yield result
         if now is not None and path is not None and result.status is CheckStatus.PASS:
             yield _check_age(which, path, now, moves=rig.kind != ONLY_SIMULATED)
@@ -180,7 +182,7 @@ def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckRe
 
 
 def _check_calibration_file(
-    which: str, path: Path | None, describe: Callable[[Path], str], solution: str = _CALIBRATE
+    which: str, path: Path | None, describe: Callable[[Path], str], solution: str
 ) -> CheckResult:
     check = f"calibration {which}"
     if path is None or not path.is_file():
@@ -230,7 +232,7 @@ def _check_state(rig: RigDescription) -> CheckResult:
     if state.needle_in_tissue is False:
         return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN
-    return CheckResult("rig state", status, state.doubt, state.way_out)
+    return CheckResult("rig state", status, state.doubt, state.find_way_out(rig.option))
 
 
 def _check_last_motion(rig: RigDescription) -> Iterator[CheckResult]:

@@ -190,7 +190,7 @@ def _hold_lock(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
     except LockedError as error:
         raise LockedError(
             f"rig {rig.name} is in use by {read_lock_owner(path) or 'another labrig'}",
-            "wait until it has ended, or: labrig devices stop --rig FILE",
+            f"wait until it has ended, or: labrig devices stop {rig.option}",
         ) from error
     with lock:
         yield

@@ -116,12 +116,11 @@ class RigState:
             return f"run {self.since_run} ended with the needle in tissue"
         return "" if self.needle_in_tissue is False else self.note
 
-    @property
-    def way_out(self) -> str:
-        """What to do about that doubt; empty if there is none."""
+    def find_way_out(self, rig_option: str) -> str:
+        """Return what to do about that doubt, on the rig of this option; empty if there is none."""
         if self.needle_in_tissue:
             return (
-                f"take it out along its path: labrig devices withdraw --rig FILE --run {self.since_run}; "
+                f"take it out along its path: labrig devices withdraw {rig_option} --run {self.since_run}; "
                 "after one by hand, the next labrig run asks to confirm that it is out"
             )
         if self.needle_in_tissue is None:
@@ -170,10 +169,10 @@ class NeedleState:
         """Remember that no needle is in tissue."""
         self.update(needle_in_tissue=False, since_run=None, note="")
 
-    def refuse_in_tissue(self, what: str) -> None:
-        """Refuse an action while a needle is or may be in tissue. Raises `SafetyStopError`."""
+    def refuse_in_tissue(self, what: str, rig_option: str) -> None:
+        """Refuse an action on the rig of an option while a needle may be in tissue. Raises `SafetyStopError`."""
         if self.state.needle_in_tissue is not False:
-            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
+            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.find_way_out(rig_option))
 
     def note_reference(self, axis: str, *, known: bool) -> None:
         """Remember whether an axis has its reference."""

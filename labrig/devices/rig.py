@@ -743,7 +743,7 @@ class Rig:
             When a needle is or may be in tissue: its depth and roll would be lost.
         DriveError, BusError
         """
-        self.needle.refuse_in_tissue("no axis is homed")
+        self.needle.refuse_in_tissue("no axis is homed", self.description.option)
         for axis in self.axes:
             self.home(axis.name, Homing(HOMING_HERE))
 
@@ -757,7 +757,7 @@ class Rig:
         InterruptedRunError, DriveError, BusError
             The axis then has no reference.
         """
-        self.needle.refuse_in_tissue("no axis is homed")
+        self.needle.refuse_in_tissue("no axis is homed", self.description.option)
         axis = self._axes[axis_name]
         self.needle.note_reference(axis_name, known=False)
         try:
@@ -775,7 +775,7 @@ class Rig:
 
         Raises `SafetyStopError`, `LimitError`.
         """
-        self.needle.refuse_in_tissue(f"axis {name} is not homed")
+        self.needle.refuse_in_tissue(f"axis {name} is not homed", self.description.option)
         require_homing_allowed(
             name,
             method,
@@ -910,7 +910,7 @@ class Rig:
             return
         if not self._opening.reset_faults:
             command = "withdraw" if self.state.needle_in_tissue else f"home --axis {axis.name}"
-            way_out = f"labrig devices {command} --rig FILE resets it once you confirm"
+            way_out = f"labrig devices {command} {self.description.option} resets it once you confirm"
             raise fault.reword(fault.message, f"{fault.hint}; {way_out}")
         if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
             raise fault.reword(f"{fault.message}; the operator did not confirm its reset")

@@ -4,6 +4,7 @@ What is not known of a bench is written as `null`; such a file loads, so that it
 open.
 """
 
+import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -128,6 +129,7 @@ class RigDescription(Model):
     )
 
     _folder: Path = PrivateAttr(default=Path())
+    _file: Path | None = PrivateAttr(default=None)
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield parts that do not belong together: a rig is simulated as a whole or not at all."""
@@ -168,11 +170,15 @@ class RigDescription(Model):
             )
             yield Conflict("camera.width_px", message)
 
-    def placed_in(self, folder: Path) -> Self:
-        """Return this description as of a file in `folder`, to which its file names are relative."""
+    def placed_in(self, folder: Path, file: Path | None = None) -> Self:
+        """Return this description as of a file in `folder`, to which its file names are relative.
+
+        `file` is what a hint names, in a command for this rig.
+        """
         axes = {name: axis.placed_in(folder) for name, axis in self.axes.items()}
         placed = self.model_copy(update={"axes": self.axes.model_copy(update=axes)})
-        placed._folder = folder  # noqa: SLF001 - of this class; not a field, so that it enters neither file nor record
+        # Of this class; no fields, so that they enter neither file nor record.
+        placed._folder, placed._file = folder, file  # noqa: SLF001
         return placed
 
     def with_needle(self, needle: Needle) -> Self:
@@ -199,7 +205,7 @@ class RigDescription(Model):
             values, f"the simulated world with needle {needle.needle_id}", WorldDescription
         )
         changed = self.model_copy(update={"world": world})
-        return changed.placed_in(self._folder)
+        return changed.placed_in(self._folder, self._file)
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:
@@ -211,6 +217,11 @@ class RigDescription(Model):
     def folder(self) -> Path:
         """Folder of the rig file, to which its file names are relative."""
         return self._folder
+
+    @property
+    def option(self) -> str:
+        """The option that names its file in a command; `--rig FILE` as it stands if no file is known."""
+        return f"--rig {'FILE' if self._file is None else shlex.quote(str(self._file))}"
 
     @property
     def state_path(self) -> Path | None:
@@ -269,7 +280,9 @@ def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
     FileFormatError
         With every fault of the file, each with its line and column.
     """
-    return load_yaml_model(path, RigDescription, overrides, _OTHER_KINDS).placed_in(Path(path).parent)
+    return load_yaml_model(path, RigDescription, overrides, _OTHER_KINDS).placed_in(
+        Path(path).parent, Path(path)
+    )
 
 
 def rig_schema() -> JsonSchema:
@@ -308,7 +321,7 @@ def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
     if unknown:
         raise InputError(
             f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",
-            "enter them in the rig file; labrig devices check --rig FILE says where to find each",
+            f"enter them in the rig file; labrig devices check {rig.option} says where to find each",
         )
     concerned = ("can.", *(f"axes.{name}." for name in axes))
     problems = [(key, problem) for key, problem in section_problems(rig) if key.startswith(concerned)]

@@ -119,7 +119,9 @@ def make_sure_needle_is_out(rig: Rig) -> None:
         When the rig knows of a needle in tissue, or the operator does not confirm.
     """
     if rig.state.needle_in_tissue:
-        raise SafetyStopError(f"no axis is moved by itself: {rig.state.doubt}", rig.state.way_out)
+        raise SafetyStopError(
+            f"no axis is moved by itself: {rig.state.doubt}", rig.state.find_way_out(rig.description.option)
+        )
     if rig.state.needle_in_tissue is None:
         _confirm(rig, ConfirmNeedleOut(rig.state.doubt))
         rig.needle.mark_out()
@@ -238,7 +240,7 @@ def _jog(rig: Rig, name: str, distance: float, speed: float | None) -> float:
         raise InputError(
             f"axis {name}: {distance:g} {axis.unit} is too far for an axis without a reference, "
             f"at most {FARTHEST[axis.unit]:.4g}",
-            f"ask for less, or first: labrig devices home --axis {name} --rig FILE",
+            f"ask for less, or first: labrig devices home --axis {name} {rig.description.option}",
         )
     what = f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"
     _confirm(rig, ConfirmMotion(name, what))

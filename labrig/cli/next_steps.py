@@ -9,7 +9,7 @@ from labrig.errors import InputError, RecordError
 from labrig.record.catalogue import RunSummary
 from labrig.record.layout import run_lock
 from labrig.record.lock import read_lock_owner
-from labrig.record.manifest import read_manifest
+from labrig.record.manifest import find_rig_option, read_manifest
 
 MOST = 3
 """How many of them are explained; the others are only listed as `incomplete`."""
@@ -33,21 +33,27 @@ def _find_next_step(summary: RunSummary) -> str:
     if can_resume(summary.protocol):
         return f"{summary.run.name} was interrupted; continue it: labrig resume {place}"
     close = f"labrig runs check {place} --repair"
-    if not _may_leave_a_needle(summary.protocol) or _is_simulated(summary.run):
+    manifest = _read_manifest(summary.run)
+    if not _may_leave_a_needle(summary.protocol) or _is_simulated(manifest):
         return f"{summary.run.name} was interrupted; close it: {close}"
-    withdraw = f"labrig devices withdraw --rig FILE --run {place}"
+    withdraw = f"labrig devices withdraw {find_rig_option(manifest)} --run {place}"
     return (
         f"{summary.run.name} was interrupted; take out a needle that is still in tissue: {withdraw}\n"
         f"  then close it: {close}"
     )
 
 
-def _is_simulated(run: Path) -> bool:
-    """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
+def _read_manifest(run: Path) -> Mapping[str, object]:
+    """Return the manifest of a run; an empty one if it cannot be read."""
     try:
-        devices = read_manifest(run).get("devices")
+        return read_manifest(run)
     except RecordError:
-        return False
+        return {}
+
+
+def _is_simulated(manifest: Mapping[str, object]) -> bool:
+    """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
+    devices = manifest.get("devices")
     return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
 
 

@@ -28,6 +28,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
 from labrig.record.events import INCOMPLETE, RunStop, TrialStart, TrialStop
+from labrig.record.manifest import find_rig_option
 from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
@@ -148,7 +149,8 @@ def _suggest_alternative(run: Run, experiment: Experiment) -> str:
         return "run its protocol again"
     return (
         "if its needle is still in tissue, take it out along its path: "
-        f"labrig devices withdraw --rig FILE --run {shlex.quote(str(run.path))}; then run its protocol again"
+        f"labrig devices withdraw {find_rig_option(run.manifest)} --run {shlex.quote(str(run.path))}; "
+        "then run its protocol again"
     )
 
 

@@ -1,6 +1,7 @@
 """Read and check the manifest of a run."""
 
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -74,6 +75,13 @@ def is_newer(manifest: Mapping[str, object]) -> bool:
     """Return whether a manifest has a schema that this labrig does not know."""
     version = manifest["schema_version"]
     return isinstance(version, int) and version > SCHEMA_VERSION
+
+
+def find_rig_option(manifest: Mapping[str, object]) -> str:
+    """Return the option that names the rig file of a run in a command; `--rig FILE` as it stands if none is kept."""
+    sources = manifest.get("sources")
+    rig = sources.get("rig") if isinstance(sources, Mapping) else None
+    return f"--rig {shlex.quote(rig) if isinstance(rig, str) else 'FILE'}"
 
 
 def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:

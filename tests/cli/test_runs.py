@@ -60,11 +60,12 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
         ("needle", "roll-zero", "real"),
         ("other", "roll-zero", "simulated"),
     ):
-        begin(tmp_path / "writing", name, experiment=experiment, devices={"kind": kind})
+        sources = {"rig": "the bench.yaml" if name == "needle" else None}
+        begin(tmp_path / "writing", name, experiment=experiment, devices={"kind": kind}, sources=sources)
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
     done = labrig("runs", "--runs-dir", tmp_path / "runs")
     assert f"a sweep was interrupted; continue it: labrig resume '{tmp_path}/runs/a sweep'" in done.err
-    assert f"labrig devices withdraw --rig FILE --run {tmp_path}/runs/needle\n" in done.err
+    assert f"labrig devices withdraw --rig 'the bench.yaml' --run {tmp_path}/runs/needle\n" in done.err
     assert f"other was interrupted; close it: labrig runs check {tmp_path}/runs/other --repair" in done.err
     with FileLock(tmp_path / "runs" / "other" / ".lock").acquire("labrig run"):
         done = labrig("runs", "--runs-dir", tmp_path / "runs", "--where", "run=other")

@@ -17,7 +17,9 @@ UV := $(VENV)/uv
 run: $(READY)
 	$(BIN)/labrig run protocols/steerability.yaml
 
-test: check-code check-tests
+# The checks of the code keep one processor busy for half a minute; the tests begin beside them.
+test: $(READY) $(OUTSIDE)
+	@$(MAKE) --no-print-directory --jobs 2 check-code check-tests
 
 check-code: $(READY)
 	$(BIN)/ruff check .

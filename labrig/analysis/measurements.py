@@ -18,6 +18,7 @@ from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.fields import manifest_fields
+from labrig.record.manifest import calibration_sha256, is_simulated
 from labrig.record.reader import Run, open_run
 from labrig.record.search import find_runs
 from labrig.record.tables import unescape_formula
@@ -81,15 +82,12 @@ class MeasuredRun:
     @property
     def calibration(self) -> Mapping[str, str]:
         """The SHA-256 of each calibration file of the run."""
-        hashes = self.run.manifest.get("hashes")
-        known = hashes.get("calibration") if isinstance(hashes, Mapping) else None
-        return {str(name): str(sha) for name, sha in known.items()} if isinstance(known, Mapping) else {}
+        return {name: str(sha) for name, sha in calibration_sha256(self.run.manifest).items()}
 
     @property
     def is_simulated(self) -> bool:
         """Whether its drives and camera were simulated."""
-        devices = self.run.manifest.get("devices")
-        return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
+        return is_simulated(self.run.manifest)
 
     @cached_property
     def fields(self) -> Mapping[str, Sequence[object]]:

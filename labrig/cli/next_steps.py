@@ -9,7 +9,7 @@ from labrig.errors import InputError, RecordError
 from labrig.record.catalogue import RunSummary
 from labrig.record.layout import run_lock
 from labrig.record.lock import read_lock_owner
-from labrig.record.manifest import find_rig_option, read_manifest
+from labrig.record.manifest import find_rig_option, is_simulated, read_manifest
 
 MOST = 3
 """How many of them are explained; the others are only listed as `incomplete`."""
@@ -34,7 +34,7 @@ def _find_next_step(summary: RunSummary) -> str:
         return f"{summary.run.name} was interrupted; continue it: labrig resume {place}"
     close = f"labrig runs check {place} --repair"
     manifest = _read_manifest(summary.run)
-    if not _may_leave_a_needle(summary.protocol) or _is_simulated(manifest):
+    if not _may_leave_a_needle(summary.protocol) or is_simulated(manifest):
         return f"{summary.run.name} was interrupted; close it: {close}"
     withdraw = f"labrig devices withdraw {find_rig_option(manifest)} --run {place}"
     return (
@@ -49,12 +49,6 @@ def _read_manifest(run: Path) -> Mapping[str, object]:
         return read_manifest(run)
     except RecordError:
         return {}
-
-
-def _is_simulated(manifest: Mapping[str, object]) -> bool:
-    """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
-    devices = manifest.get("devices")
-    return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
 
 
 def can_resume(experiment: str | None) -> bool:

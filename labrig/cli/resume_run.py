@@ -28,7 +28,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
 from labrig.record.events import INCOMPLETE, RunStop, TrialStart, TrialStop
-from labrig.record.manifest import find_rig_option
+from labrig.record.manifest import calibration_sha256, find_rig_option, is_simulated
 from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
@@ -141,11 +141,9 @@ def _reopen_record(
 
 def _suggest_alternative(run: Run, experiment: Experiment) -> str:
     """Return what to do about a run that cannot be continued."""
-    devices = run.manifest.get("devices")
-    if not devices:
+    if not run.manifest.get("devices"):
         return "import the folder again, or close the run as it stands: labrig runs check --repair"
-    simulated = isinstance(devices, Mapping) and devices.get("kind") == "simulated"
-    if simulated or not experiment.puts_needle_in_tissue or not read_needle_path(run):
+    if is_simulated(run.manifest) or not experiment.puts_needle_in_tissue or not read_needle_path(run):
         return "run its protocol again"
     return (
         "if its needle is still in tissue, take it out along its path: "
@@ -210,8 +208,7 @@ def _find_problems(where: str, recorded: object, now: object) -> Iterator[Proble
 
 def _find_calibration_problems(run: Run, description: RigDescription) -> Iterator[Problem]:
     files = description.calibration_files()
-    hashes = run.manifest.get("hashes")
-    recorded = hashes.get("calibration", {}) if isinstance(hashes, Mapping) else {}
+    recorded = calibration_sha256(run.manifest)
     for name in sorted({*recorded, *files}):
         now = read_file(files[name]) if name in files else b""
         digest = sha256(now).hexdigest() if name in files else None

@@ -10,7 +10,7 @@ from labrig.errors import RecordError
 from labrig.input_file import parse_json, read_file
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.layout import CALIBRATION, COPY_HINT, PROTOCOL, RIG, inside
-from labrig.record.manifest import read_manifest
+from labrig.record.manifest import calibration_sha256, read_manifest
 from labrig.record.results import latest_result
 from labrig.record.run_index import Value
 
@@ -152,8 +152,10 @@ def _read_yaml(run: Path, name: str) -> Mapping[str, object]:
 
 def _read_calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:
     """Return the SHA-256 of each calibration file, and its content if it is JSON."""
-    hashes = _as_mapping(_as_mapping(manifest.get("hashes")).get("calibration"))
-    return {name: {"sha256": sha256, **_read_document(run, name)} for name, sha256 in hashes.items()}
+    return {
+        name: {"sha256": sha256, **_read_document(run, name)}
+        for name, sha256 in calibration_sha256(manifest).items()
+    }
 
 
 def _read_document(run: Path, name: str) -> Mapping[str, object]:

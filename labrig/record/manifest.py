@@ -98,18 +98,29 @@ def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:
     return (Problem(MANIFEST, message, _HINT), *marked)
 
 
+def is_simulated(manifest: Mapping[str, object]) -> bool:
+    """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
+    devices = manifest.get("devices")
+    return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
+
+
+def calibration_sha256(manifest: Mapping[str, object]) -> dict[str, object]:
+    """Return the SHA-256 of each calibration file that the run began with, by its name."""
+    hashes = manifest.get("hashes")
+    files = hashes.get("calibration") if isinstance(hashes, Mapping) else None
+    return {str(name): sha256 for name, sha256 in files.items()} if isinstance(files, Mapping) else {}
+
+
 def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
     """Return the SHA-256 of each file that the run or a later session began with, by its name in the run."""
     hashes = manifest.get("hashes")
     if not isinstance(hashes, dict):
         return {}
-    calibration = hashes.get("calibration")
-    files = calibration.items() if isinstance(calibration, dict) else ()
     sometimes = {RIG: hashes.get("rig_sha256"), CODE_DIFF: hashes.get("code_diff_sha256")}
     return {
         PROTOCOL: hashes.get("protocol_sha256"),
         **{name: sha256 for name, sha256 in sometimes.items() if sha256 is not None},
-        **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in files},
+        **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in calibration_sha256(manifest).items()},
         **dict(_list_session_diffs(manifest)),
     }
 

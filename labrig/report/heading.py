@@ -12,6 +12,7 @@ from labrig.analysis.calibration import MASK_FILE
 from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
+from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run
 from labrig.record.seal import find_root
 from labrig.report.decisions import list_decisions
@@ -147,8 +148,7 @@ def _list_annotations(run: Run) -> tuple[tuple[str, str], ...]:
 
 
 def _is_simulated(run: Run) -> bool:
-    devices = run.manifest.get("devices")
-    return not run.truth.empty or (isinstance(devices, Mapping) and devices.get("kind") == "simulated")
+    return not run.truth.empty or is_simulated(run.manifest)
 
 
 def _has_recorded_pictures(run: Run) -> bool:

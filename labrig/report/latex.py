@@ -10,6 +10,7 @@ from labrig.analysis.result import AnyResult
 from labrig.analysis.summary import Summary, TextTable
 from labrig.durable import write_atomically
 from labrig.errors import InputError
+from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run
 from labrig.record.seal import find_root
 from labrig.report.calibration_rows import describe_calibration
@@ -105,9 +106,7 @@ def _list_measurement(run: Run, result: AnyResult) -> list[str]:
 
 
 def _name_kind(run: Run) -> str:
-    devices = run.manifest.get("devices")
-    simulated = isinstance(devices, dict) and devices.get("kind") == "simulated"
-    return ", on a simulated rig" if simulated else ""
+    return ", on a simulated rig" if is_simulated(run.manifest) else ""
 
 
 def _join_settings(rows: Sequence[tuple[str, str]]) -> str:

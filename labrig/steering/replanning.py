@@ -18,11 +18,10 @@ from labrig.steering.moving import expect_places, move_target
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
-from labrig.steering.state import HERE_MM, Occasion, SteeringState, find_acting_mm
+from labrig.steering.state import HERE_MM, NO_TURN, Occasion, SteeringState, find_acting_mm
 
 # An estimated radius counts within this factor of the given radius.
 _RADIUS_FACTOR = 1.5
-_NO_TURN = 1e-9
 _PLACES = 16
 # Share of the rest of a path that the needle can correct sideways later, with curvature to spare.
 _CORRECTED_SHARE = 0.05
@@ -143,7 +142,7 @@ def _follow(
             arc.roll_rad,
         )
         for at_mm, arc in zip(ends_mm[:-1], plan.arcs, strict=True)
-        if abs(math.sin(arc.roll_rad / 2)) > _NO_TURN
+        if abs(math.sin(arc.roll_rad / 2)) > NO_TURN
     )
     return replace(
         state,

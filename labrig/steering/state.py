@@ -21,6 +21,9 @@ Occasion = Literal["start", "schedule", "deviation", "near", "recovery"]
 HERE_MM = 0.02
 """Insertion lengths that differ by less count as one."""
 
+NO_TURN = 1e-9
+"""A turn of the bevel by less, or whose sine of half the angle is less, is none."""
+
 
 @dataclass(frozen=True, eq=False)
 class SteeringState:

@@ -30,14 +30,13 @@ from labrig.steering.replanning import (
 from labrig.steering.retreat import LEAVES_MM, find_place_back, go_on_after_retreat
 from labrig.steering.state import (
     HERE_MM,
+    NO_TURN,
     Occasion,
     SteeringState,
     begin_steering,
     take_in_sighting,
     turn_bevel,
 )
-
-_NO_TURN = 1e-9
 
 
 def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
@@ -155,7 +154,7 @@ def _make_due_turns(state: SteeringState, settings: SteeringSettings) -> tuple[S
     due = [turn for turn in state.ahead if stands and turn.at_mm <= state.insertion_mm + HERE_MM]
     roll_rad = math.remainder(sum(turn.roll_rad for turn in due), 2 * math.pi)
     state = replace(state, ahead=state.ahead[len(due) :])
-    if abs(roll_rad) < _NO_TURN:
+    if abs(roll_rad) < NO_TURN:
         return state, 0.0
     return turn_bevel(state, roll_rad, settings), roll_rad
 

@@ -33,10 +33,6 @@ class Shown:
     left_out: int = 0
 
 
-_BEFORE = "that were taken before this view began"
-_SLOW = "because drawing was slower than the rig"
-
-
 def choose_pictures(
     waiting: Sequence[LinedPicture], needs: Callable[[FrameLine], bool], most: int = MOST_WAITING
 ) -> list[LinedPicture]:
@@ -80,27 +76,33 @@ class LiveView:
         RecordError
             When a line or a picture is damaged.
         """
-        # A resumed run has pictures already.
-        shown, why = Shown(), _BEFORE
+        shown, begins = Shown(), True
         while True:
             # Asked first, so that nothing is missed that was written just before the end.
             ended = self.run.has_ended()
             lines = self.run.read_new()
-            shown, why = self._draw(lines, shown, why), _SLOW
+            shown, begins = self._draw(lines, shown, begins=begins), False
             if not self._wait_until_taken(has_viewer_ended) or (ended and not lines):
                 return shown
             if not lines:
                 self.clock.sleep(_LOOK_EVERY_S)
 
-    def _draw(self, lines: RecordLines, shown: Shown, why: str) -> Shown:
+    def _draw(self, lines: RecordLines, shown: Shown, *, begins: bool) -> Shown:
         chosen = choose_pictures(lines.pictures, self.view.needs)
         left_out = len(lines.pictures) - len(chosen)
         self.drawing.draw(lines, chosen)
         self.view.follow(self.stream, TIME, RecordLines(lines.events, lines.states, chosen))
         if left_out:
-            text = f"left out {left_out} pictures here, {why}; the record has them"
-            self.drawing.remark(chosen[-1].line.t_s, text)
-        return Shown(shown.drawn + len(chosen), shown.left_out + (left_out if why == _SLOW else 0))
+            # A resumed run has pictures already; slow drawing is not to blame for them.
+            why = (
+                "that were taken before this view began"
+                if begins
+                else "because drawing was slower than the rig"
+            )
+            self.drawing.remark(
+                chosen[-1].line.t_s, f"left out {left_out} pictures here, {why}; the record has them"
+            )
+        return Shown(shown.drawn + len(chosen), shown.left_out + (0 if begins else left_out))
 
     def _wait_until_taken(self, has_viewer_ended: Callable[[], bool]) -> bool:
         """Return whether the viewer has taken everything; wait for a slow one until the run has ended or it has."""

@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
-from labrig.record.events import Continue, Event
+from labrig.record.events import (
+    Continue,
+    Event,
+    Move,
+    MoveDone,
+    OperatorQuestion,
+    RunResume,
+    RunStart,
+    WithdrawalStart,
+    WithdrawalStop,
+)
 from labrig.record.layout import RUN_STOP, TRIAL_START, TRIAL_STOP
 from labrig.report.decisions import TOLD, describe_decision
 from labrig.report.view import Words
@@ -17,7 +27,7 @@ _UNITS = {
     "mm": "mm", "s": "s", "rad": "rad", "deg": "°", "px": "px", "percent": "%", "mm_s": "mm/s", "rad_s": "rad/s",
 }  # fmt: skip
 _ENDED_WELL = frozenset({"success"})
-_DETAILS = frozenset({"move", "move_done", "observation"})
+_DETAILS = frozenset({Move.kind, MoveDone.kind, "observation"})
 """Kinds that there are so many of that they hide the others."""
 _DECIDED = frozenset(model.kind for model in TOLD)
 _HIDDEN = frozenset({"kind", "t_s", "trial"})
@@ -53,9 +63,8 @@ def describe_event(event: Mapping[str, Any], words: Mapping[str, Words]) -> LogE
 def _judge(kind: str, event: Mapping[str, Any]) -> Level:
     if kind in {RUN_STOP, TRIAL_STOP}:
         return "INFO" if event.get("exit_status") in _ENDED_WELL else "ERROR"
-    if event.get("accepted") is False or event.get("believed") is False or event.get("confirmed") is False:
-        return "WARN"
-    if kind in _DECIDED:
+    doubted = any(event.get(name) is False for name in ("accepted", "believed", "confirmed"))
+    if doubted or kind in _DECIDED:
         return "WARN"
     return "DEBUG" if kind in _DETAILS else "INFO"
 
@@ -137,16 +146,16 @@ def _describe_decision(model: type[Event], event: Mapping[str, Any]) -> str:
 
 
 _WORDS: Mapping[str, Words] = {
-    "run_start": lambda event: f"run starts: {event['experiment']}",
-    "run_resume": lambda event: f"run goes on: {event['experiment']}",
+    RunStart.kind: lambda event: f"run starts: {event['experiment']}",
+    RunResume.kind: lambda event: f"run goes on: {event['experiment']}",
     RUN_STOP: _describe_stop,
     TRIAL_START: _describe_trial_start,
     TRIAL_STOP: _describe_trial_stop,
-    "operator": _describe_question,
-    "move": _describe_move,
-    "move_done": _describe_arrival,
-    "withdrawal_start": lambda event: f"needle is withdrawn in {event['moves']} moves",
+    OperatorQuestion.kind: _describe_question,
+    Move.kind: _describe_move,
+    MoveDone.kind: _describe_arrival,
+    WithdrawalStart.kind: lambda event: f"needle is withdrawn in {event['moves']} moves",
     **{model.kind: partial(_describe_decision, model) for model in TOLD},
     Continue.kind: lambda event: f"goes on after the pause, by {event['by']}",
-    "withdrawal_stop": lambda _event: "needle is out",
+    WithdrawalStop.kind: lambda _event: "needle is out",
 }

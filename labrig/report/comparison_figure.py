@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from labrig.analysis.comparison_result import Comparison, Group
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
@@ -47,16 +48,7 @@ def _draw_group(
 ) -> None:
     # Spread in a fixed pattern, so that equal values do not cover each other.
     up = place - 0.2 + 0.035 * (np.arange(len(rows)) % 5 - 2)
-    axes.plot(
-        rows["value"],
-        up,
-        look.marker,
-        color=look.colour,
-        markersize=3.6,
-        alpha=0.55,
-        markeredgewidth=0,
-        rasterized=len(rows) > _MOST_VECTORS,
-    )
+    _scatter(axes, rows["value"], up, look, size=3.6, alpha=0.55)
     if by_block:
         means = rows.groupby("block")["value"].mean()
         axes.plot(
@@ -95,18 +87,17 @@ def draw_drift(comparison: Comparison, table: pd.DataFrame, name: str) -> DrawnF
 def _draw_slope(axes: Axes, rows: pd.DataFrame, look: Mark, slope: float, label: str) -> None:
     inside = rows["value"] - rows.groupby("block")["value"].transform("mean")
     holes = rows["hole"].to_numpy(dtype=np.float64)
-    axes.plot(
-        holes,
-        inside,
-        look.marker,
-        color=look.colour,
-        markersize=4,
-        alpha=0.6,
-        markeredgewidth=0,
-        rasterized=len(rows) > _MOST_VECTORS,
-    )
+    _scatter(axes, holes, inside, look, size=4.0, alpha=0.6)
     ends = np.array([holes.min(), holes.max()])
     axes.plot(ends, slope * (ends - holes.mean()), "-", color=look.colour, linewidth=1.2, label=label)
+
+
+def _scatter(axes: Axes, x: ArrayLike, y: ArrayLike, look: Mark, *, size: float, alpha: float) -> None:
+    """Draw measurements as they are marked, as pixels where there are very many."""
+    many = np.size(x) > _MOST_VECTORS
+    axes.plot(
+        x, y, look.marker, color=look.colour, markersize=size, alpha=alpha, markeredgewidth=0, rasterized=many
+    )
 
 
 def _shorten(name: str) -> str:

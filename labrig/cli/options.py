@@ -188,6 +188,10 @@ LiveOption = Annotated[
     ),
 ]
 
+VerboseOption = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Tell each event of the run on standard error as it comes.")
+]
+
 MaskOption = Annotated[
     Path | None,
     typer.Option(

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from labrig.cli.analyze import analyze
 from labrig.cli.finished_run import FinishedRun
-from labrig.cli.live import live_view
+from labrig.cli.live import UNWATCHED, Watching, show_while_made
 from labrig.cli.needle_report import add_closing_failure, report_needle
-from labrig.cli.options import LiveKind
 from labrig.cli.output import say
 from labrig.cli.pausing import UNPAUSED, Attention, take_requests
 from labrig.cli.progress import Reporter, progress
@@ -50,7 +49,7 @@ from labrig.runner.supervised_record import begin_session
 class RunOrder:
     """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line.
 
-    `attention` says whether the person at the terminal may pause it, `live` how it is shown while it is made.
+    `attention` says whether the person at the terminal may pause it, `watching` how it is shown while it is made.
     """
 
     experiment: Experiment
@@ -61,7 +60,7 @@ class RunOrder:
     command_line: tuple[str, ...]
     sources: Sources
     attention: Attention = UNPAUSED
-    live: LiveKind | None = None
+    watching: Watching = UNWATCHED
 
 
 def perform(order: RunOrder) -> FinishedRun:
@@ -87,7 +86,7 @@ def perform(order: RunOrder) -> FinishedRun:
     # The modules stay until the end. Without this, collections look through them all again and again, and in each
     # process that measures, too.
     gc.freeze()
-    return finish(_record(order, plan, changes), order.command_line, order.live)
+    return finish(_record(order, plan, changes), order.command_line, order.watching)
 
 
 def _keep_view(finished: FinishedRun) -> None:
@@ -117,10 +116,10 @@ def _announce_code_diff(changes: CodeChanges) -> None:
         say(f"note: code.diff leaves out new files that are no code: {', '.join(changes.left_out)}")
 
 
-def finish(ended: FinishedRun, command_line: tuple[str, ...], live: LiveKind | None = None) -> FinishedRun:
-    """Measure a recorded run and write the report, if the run came to its end; shown live, also its view."""
+def finish(ended: FinishedRun, command_line: tuple[str, ...], watching: Watching = UNWATCHED) -> FinishedRun:
+    """Measure a recorded run and write the report, if the run came to its end; shown by a viewer, also its view."""
     finished = _measure_and_report(ended, command_line)
-    if live is not None:
+    if watching.viewer is not None:
         _keep_view(finished)
     return finished
 
@@ -184,7 +183,7 @@ def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun
             return begin_session(rig, open_record, reporter, plan.workload)
 
         job = RigJob(
-            experiment, protocol, order.rig, plan.work, order.command_line, order.attention, order.live
+            experiment, protocol, order.rig, plan.work, order.command_line, order.attention, order.watching
         )
         return record_on_rig(job, begin, partial(conduct, experiment, protocol))
     clock = SystemClock()
@@ -196,7 +195,7 @@ def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun
 class RigJob:
     """What is recorded on a rig: an experiment and its protocol, the rig, the end of its progress, and the command.
 
-    `attention` and `live` are those of `RunOrder`.
+    `attention` and `watching` are those of `RunOrder`.
     """
 
     experiment: Experiment
@@ -205,7 +204,7 @@ class RigJob:
     work: float
     command_line: tuple[str, ...]
     attention: Attention = UNPAUSED
-    live: LiveKind | None = None
+    watching: Watching = UNWATCHED
 
 
 def record_on_rig(
@@ -222,7 +221,7 @@ def record_on_rig(
     conduct_on : callable
         Makes the run, which may be paused meanwhile.
     """
-    with live_view(job.live) as watch:
+    with show_while_made(job.watching) as watch:
         return _record_watched(job, begin, conduct_on, watch)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.cli.finished_run import FinishedRun, print_finished
-from labrig.cli.options import LiveKind
+from labrig.cli.live import UNWATCHED, Watching
 from labrig.cli.output import say
 from labrig.cli.pausing import UNPAUSED, Attention
 from labrig.cli.pipeline import RigJob, finish, record_on_rig
@@ -50,11 +50,11 @@ def resume_and_print(
     command_line: tuple[str, ...],
     *,
     attention: Attention,
-    live: LiveKind | None,
+    watching: Watching,
     as_json: bool,
 ) -> int:
     """Continue a run, and print how it ended. Raises as `resume_run`."""
-    finished = resume_run(path, protocol, rig, command_line, attention, live)
+    finished = resume_run(path, protocol, rig, command_line, attention, watching)
     return print_finished(finished, find_run_experiment(open_run(path)), as_json)
 
 
@@ -64,7 +64,7 @@ def resume_run(
     rig: Path | None,
     command_line: tuple[str, ...],
     attention: Attention = UNPAUSED,
-    live: LiveKind | None = None,
+    watching: Watching = UNWATCHED,
 ) -> FinishedRun:
     """Make the remaining insertions of a run, measure it and write its report; shown live, also its view.
 
@@ -110,9 +110,9 @@ def resume_run(
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
         return begin_session(rig, reopen, reporter, plan.workload.leave(share))
 
-    job = RigJob(experiment, recorded, description, plan.work, command_line, attention, live)
+    job = RigJob(experiment, recorded, description, plan.work, command_line, attention, watching)
     ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, remainder))
-    return finish(ended, command_line, live)
+    return finish(ended, command_line, watching)
 
 
 def _name_broken(run: Run) -> str:

@@ -16,6 +16,7 @@ from labrig.cli.options import (
     RunsDirOption,
     SeedOption,
     SetOption,
+    VerboseOption,
     YesOption,
 )
 from labrig.cli.output import AsJson
@@ -41,10 +42,12 @@ def run(
     no_pause: NoPauseOption = False,
     quiet: QuietOption = False,
     live: LiveOption = None,
+    verbose: VerboseOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     from labrig.cli.finished_run import print_finished
+    from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.pipeline import RunOrder, perform
     from labrig.cli.rigs import remark_on_yes
@@ -60,7 +63,15 @@ def run(
     sources = sources.with_rig_file(loaded)
     attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
     order = RunOrder(
-        experiment, loaded, description, runs_dir, run_name, command_line, sources, attention, live
+        experiment,
+        loaded,
+        description,
+        runs_dir,
+        run_name,
+        command_line,
+        sources,
+        attention,
+        Watching(live, verbose),
     )
     return print_finished(perform(order), experiment, as_json)
 
@@ -75,13 +86,21 @@ def resume(
     no_pause: NoPauseOption = False,
     quiet: QuietOption = False,
     live: LiveOption = None,
+    verbose: VerboseOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
+    from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.resume_run import resume_and_print
 
     attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
     return resume_and_print(
-        run_path, protocol, rig, tuple(sys.argv), attention=attention, live=live, as_json=as_json
+        run_path,
+        protocol,
+        rig,
+        tuple(sys.argv),
+        attention=attention,
+        watching=Watching(live, verbose),
+        as_json=as_json,
     )

@@ -23,6 +23,7 @@ from labrig.cli.options import (
 from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
 from labrig.cli.progress import ShareReporter, progress_if_slow
 from labrig.cli.runs_check import check
+from labrig.cli.runs_log import log
 from labrig.cli.runs_sign import sign, stamp
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
@@ -33,6 +34,10 @@ app = typer.Typer()
 
 
 app.command("check", help="Verify hashes, checksums and structure of runs, and report what is lost.")(check)
+
+app.command("log", help="Print the events of a run in words; --follow those of a run that is being made.")(
+    log
+)
 
 app.command("sign", help="Sign what a run holds now, with an SSH key.")(sign)
 app.command("stamp", help="Write a request for a time stamp of a run (RFC 3161), to be sent anywhere.")(stamp)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.cli.live import LiveFollower
+from labrig.cli.live import follow_in_viewer
 from labrig.devices.clocks import SystemClock
 from labrig.record.writer import Recorder
 from labrig.report.viewer import find_viewer
@@ -56,7 +56,7 @@ def print_table() -> None:
 
 def _record(recorder: Recorder, pictures: list[NDArray[np.uint8]], program: str | None) -> list[float]:
     """Record at the rate of a camera, and return how long each frame with its states took [ms]."""
-    follower = None if program is None else _follow(recorder.path, program)
+    follower = None if program is None else follow_in_viewer(recorder.path, "viewer", program)
     clock, taken = SystemClock(), list[float]()
     if follower is not None:
         clock.sleep(WARM_UP_S)
@@ -75,10 +75,6 @@ def _record(recorder: Recorder, pictures: list[NDArray[np.uint8]], program: str 
     if follower is not None:
         follower.finish()
     return taken
-
-
-def _follow(path: Path, program: str) -> LiveFollower:
-    return LiveFollower((sys.executable, "-m", "labrig.cli.live_follower", str(path), "viewer", program))
 
 
 def _begin(folder: Path, name: str) -> Recorder:

@@ -1,4 +1,4 @@
-"""`labrig run --live`."""
+"""`labrig run --live` and `--verbose`."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.live import LiveFollower
+from labrig.cli.live import follow_in_viewer
 from labrig.cli.options import complete_live
 from labrig.record.check import check_run
 from tests.analysis.synthetic import SyntheticSweep, record_sweep
@@ -19,22 +19,26 @@ _SHORT = (
 )
 
 
-def _run(labrig: Labrig, runs_dir: Path, *options: str) -> Path:
+def _run(labrig: Labrig, runs_dir: Path, *options: str) -> tuple[Path, str]:
     settings = [word for setting in _SHORT for word in ("--set", setting)]
     done = labrig(
         "run", SWEEP, "--rig", RIG, "--runs-dir", runs_dir, "--run-name", "run", *settings, *options
     )
     assert done.exit_code == 0, done.err
-    return runs_dir / "run"
+    return runs_dir / "run", done.err
 
 
 def test_a_run_shown_live_is_the_same_run(
     labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Record and replay are those of the run that nobody watched, and view.rrd is kept."""
+    """Record and replay are those of the run that nobody watched; view.rrd is kept, and each event is told."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    watched, alone = _run(labrig, tmp_path / "a", "--live"), _run(labrig, tmp_path / "b")
+    watched, told = _run(labrig, tmp_path / "a", "--live", "--verbose")
+    alone, told_alone = _run(labrig, tmp_path / "b")
+    for sentence in ("run starts: steerability", "insertion 2 begins in gel, hole 2", "run succeeded"):
+        assert told.count(sentence) == 1
+        assert sentence not in told_alone
     for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "protocol.yaml"):
         assert (watched / name).read_bytes() == (alone / name).read_bytes()
     assert (watched / "view.rrd").stat().st_size > 50_000
@@ -57,9 +61,7 @@ def test_a_viewer_that_fails_is_told_once(
         viewer.write_text("#!/bin/sh\nexit 1\n")
     viewer.chmod(0o755)
     run = record_sweep(tmp_path, SyntheticSweep(radii_mm={"gel": (28.0,)}, gelatin_percent=(13,)))
-    follower = LiveFollower(
-        (sys.executable, "-m", "labrig.cli.live_follower", str(run.path), "viewer", str(viewer))
-    )
+    follower = follow_in_viewer(run.path, "viewer", str(viewer))
     follower.finish()
     said = [line for line in capsys.readouterr().err.splitlines() if "live view: nothing" in line]
     assert len(said) == (0 if program == "stalled" else 1)

@@ -11,9 +11,11 @@ import typer
 from labrig.cli.damage import note_unused, report_damage, require_undamaged
 from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
+from labrig.cli.progress import show_working
 from labrig.errors import InputError, Problem, RecordError
 
-_LATEX, _FIGURES = "latex", "figures"
+_LATEX, _FIGURES, _FILM = "latex", "figures", "film"
+_FOR_PAPER = frozenset({_LATEX, _FIGURES, _FILM})
 
 
 def export(
@@ -34,6 +36,12 @@ def export(
     figures: Annotated[
         bool, typer.Option("--figures", help="The figures of the newest result's page, as SVG and PDF.")
     ] = False,
+    film: Annotated[
+        bool,
+        typer.Option(
+            "--film", help="A film of each insertion, with plan, estimate and target drawn in (MP4)."
+        ),
+    ] = False,
     record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
     private: Annotated[
         bool,
@@ -51,7 +59,7 @@ def export(
     from labrig.record.urls import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
-    formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures)) if wanted]
+    formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures), (_FILM, film)) if wanted]
     _check_formats(formats, mcap=mcap, record=record, private=private)
     source = fetch_folder(run)
     write, damage = (
@@ -90,7 +98,7 @@ def _prepare_tables(
     shown = opened.without_personal_data() if private else opened
 
     def write(folder: Path) -> None:
-        tables = [name for name in formats if name not in {_LATEX, _FIGURES}]
+        tables = [name for name in formats if name not in _FOR_PAPER]
         if tables:
             from labrig.report.export import write_tables
 
@@ -106,9 +114,10 @@ def _prepare_tables(
 
 
 def _write_for_paper(run: Any, formats: list[str], folder: Path) -> None:
-    """Write LaTeX and figures of the newest result."""
+    """Write LaTeX, figures and films of the newest result."""
     from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
     from labrig.report.figure_files import write_figures
+    from labrig.report.film import write_film
     from labrig.report.latex import write_latex
 
     experiment, result = find_run_experiment(run), load_run_result(run)
@@ -117,14 +126,26 @@ def _write_for_paper(run: Any, formats: list[str], folder: Path) -> None:
     if _LATEX in formats:
         summary = None if result is None else experiment.summarise(result.document)
         write_latex(folder, run, result, summary)
+    if not {_FIGURES, _FILM} & set(formats):
+        return
+    page = experiment.page(run, load_run_protocol(run), result)
     if _FIGURES in formats:
-        write_figures(folder, run, experiment.page(run, load_run_protocol(run), result))
+        write_figures(folder, run, page)
+    if _FILM in formats:
+        films = page.make_films()
+        if not films:
+            raise InputError(
+                f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"
+            )
+        with show_working("drawing the films", shown=True):
+            for film in films:
+                write_film(folder, run, film)
 
 
 def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:
     if not formats and not mcap and not record:
         raise InputError(
-            "nothing to write", "name --csv, --parquet, --mat, --mcap, --latex, --figures or --record"
+            "nothing to write", "name --csv, --parquet, --mat, --mcap, --latex, --figures, --film or --record"
         )
     if record and (formats or mcap):
         raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")

@@ -1,10 +1,11 @@
 """What a page shows, as its experiment gives it; loads nothing that draws."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from labrig.report.film_pictures import Film
 from labrig.report.formatting import Rows
 
 
@@ -24,6 +25,8 @@ class Page:
         Accuracy of lens and plane.
     shown : Mapping
         Variables of the template, with all drawings.
+    make_films : callable
+        Returns films of the recorded pictures.
     """
 
     facts: Rows = ()
@@ -31,3 +34,4 @@ class Page:
     verdict: Sequence[str] = ()
     calibration: Rows = ()
     shown: Mapping[str, Any] = field(default_factory=dict)
+    make_films: Callable[[], Sequence[Film]] = tuple

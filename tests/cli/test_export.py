@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import cv2
 import fsspec
 import pandas as pd
 import pytest
@@ -186,3 +187,18 @@ def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> Non
     done = labrig("export", tmp_path, "--csv", "--out", tmp_path / "out")
     assert done.exit_code == 4
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_insertion_is_exported_as_a_film(labrig: Labrig, tmp_path: Path) -> None:
+    """It has every picture of a step, in colour; a sweep has no film."""
+    records = ROOT / "tests" / "records"
+    out = labrig("export", records / "insertion", "--film", "--out", tmp_path, "--force", "--json")
+    assert out.json()["files"] == ["insertion-1.mp4"]
+    film = cv2.VideoCapture(str(tmp_path / "insertion-1.mp4"))
+    read, first = film.read()
+    assert read
+    assert abs(first[..., 2].astype(int) - first[..., 0]).max() > 100
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) > 20
+    refused = labrig("export", records / "steerability", "--film", "--out", tmp_path / "none")
+    assert refused.exit_code == 2
+    assert "film" in refused.err

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole
 from labrig.experiments.insertion.figure import draw_insertion_figure
+from labrig.experiments.insertion.film import make_films
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import (
     EndDepth,
@@ -112,6 +114,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         _write_verdict(content),
         describe_calibration(run),
         _collect_content(run, result, content),
+        partial(make_films, content, load_plane_map(run)),
     )
 
 

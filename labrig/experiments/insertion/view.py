@@ -16,6 +16,7 @@ from shapely import Point as PlanePoint
 
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult, Point
+from labrig.experiments.insertion.colours import OBSTACLE, PLAN, TAKEN, TARGET
 from labrig.experiments.insertion.events import InsertionStart, PathSought, TipObserved
 from labrig.experiments.insertion.recorded_plan import sample_plan
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionStep, InsertionTrial
@@ -30,7 +31,6 @@ from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as SpacePoint
 from labrig.vision.plane import PlaneMap
 
-_OBSTACLE, _TARGET, _PLAN, _TAKEN = (213, 94, 0), (0, 158, 115), (255, 166, 0), (86, 180, 233)
 _DRAWN = ("obstacles", "target", "plan", "taken", "tip")
 _CURVES = (("/error", "Error (mm)"), ("/nis", "NIS of the sightings (2 expected)"))
 # 95 % of the values of a chi-squared distribution with two degrees of freedom lie below.
@@ -92,11 +92,11 @@ class _Drawing:
         """Draw target and obstacles."""
         rings = [circle(ball.position_mm[1:], ball.radius_mm, self.plane) for ball in scene.obstacles]
         if rings:
-            strips = rr.LineStrips2D(rings, colors=[_OBSTACLE], labels=["obstacle"] * len(rings), radii=1.0)
+            strips = rr.LineStrips2D(rings, colors=[OBSTACLE], labels=["obstacle"] * len(rings), radii=1.0)
             stream.log(f"{CAMERA}/obstacles", strips)
         target = circle(scene.target_mm[1:], scene.tolerance_mm, self.plane)
         stream.log(
-            f"{CAMERA}/target", rr.LineStrips2D([target], colors=[_TARGET], labels=["target"], radii=1.5)
+            f"{CAMERA}/target", rr.LineStrips2D([target], colors=[TARGET], labels=["target"], radii=1.5)
         )
 
     def draw_plan(self, stream: rr.RecordingStream, path_mm: Sequence[Point], t_s: float) -> None:
@@ -105,15 +105,15 @@ class _Drawing:
             return
         self.plan = LineString(path_mm)
         set_time(stream, t_s)
-        self._draw_line(stream, "plan", path_mm, _PLAN)
+        self._draw_line(stream, "plan", path_mm, PLAN)
 
     def draw_step(self, stream: rr.RecordingStream, step: _Step) -> None:
         """Draw the observed tip, if any, the path taken, and the numbers of the estimate."""
         self.taken.append(step.estimate_mm)
         set_time(stream, step.t_s)
-        self._draw_line(stream, "taken", self.taken, _TAKEN)
+        self._draw_line(stream, "taken", self.taken, TAKEN)
         seen = np.empty((0, 2)) if step.tip_mm is None else self.plane.to_px([step.tip_mm])
-        stream.log(f"{CAMERA}/tip", rr.Points2D(seen, colors=[_TARGET] * len(seen), radii=4.0))
+        stream.log(f"{CAMERA}/tip", rr.Points2D(seen, colors=[TARGET] * len(seen), radii=4.0))
         scene = None if self.scene is None else self.scene.at(step.depth_mm)
         target_mm = None if scene is None else scene.target_mm[1:]
         if scene is not None and scene.motion is not None:

@@ -1,0 +1,118 @@
+"""Films of recorded pictures with lines over them: MP4 with VP9, which browsers and OpenCV's own writer have."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import DiskError, RecordError
+from labrig.record.reader import Run
+from labrig.report.film_pictures import Colour, Film, FilmPicture
+from labrig.vision.picture import Picture, size_of
+
+_PICTURES_PER_S = 10.0
+_HELD_PICTURES = 20
+"""For so long the last picture stands still."""
+_WIDEST_PX = 960
+"""Wider pictures take VP9 seconds each, and megabytes."""
+_STRIP_PX = 40
+_TEXT_SCALE, _TEXT_PX = 0.6, 12
+_WHITE: Colour = (255, 255, 255)
+# Lines are drawn at a sixteenth of a pixel.
+_SHIFT = 4
+
+
+def write_film(folder: Path, run: Run, film: Film) -> None:
+    """Write a film as NAME.mp4, ten pictures a second; pictures that cannot be read are left out.
+
+    Raises
+    ------
+    DiskError
+        When the file does not hold what was written.
+    RecordError
+        When no picture can be read.
+    """
+    path = folder / f"{film.name}.mp4"
+    written = 0
+    writer = cv2.VideoWriter()
+    for image in _draw_all(run, film):
+        if not writer.isOpened():
+            height, width = image.shape[:2]
+            writer.open(str(path), cv2.VideoWriter.fourcc(*"vp09"), _PICTURES_PER_S, (width, height))
+        writer.write(image)
+        written += 1
+    if not written:
+        raise RecordError(f"no picture of {film.name} can be read", "see: labrig runs check")
+    for _ in range(_HELD_PICTURES):
+        writer.write(image)
+    writer.release()
+    # The writer reports neither a full disk nor a codec that it lacks.
+    if _count_pictures(path) != written + _HELD_PICTURES:
+        raise DiskError(f"cannot write {path}", "free space on the disk; nothing else needs the film")
+
+
+def _count_pictures(path: Path) -> int:
+    reader = cv2.VideoCapture(str(path))
+    try:
+        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+    finally:
+        reader.release()
+
+
+def _draw_all(run: Run, film: Film) -> Iterator[NDArray[np.uint8]]:
+    for picture in film.pictures:
+        try:
+            image = run.read_frame(picture.frame)
+        except RecordError:
+            continue
+        yield draw_film_picture(image, picture)
+
+
+def draw_film_picture(image: Picture, picture: FilmPicture) -> NDArray[np.uint8]:
+    """Return a picture (H, W, 3; BGR) of even size with its lines, and under it a strip with caption and key."""
+    width, height = size_of(image)
+    scale = min(1.0, _WIDEST_PX / width)
+    size = tuple(2 * max(1, round(scale * length / 2)) for length in (width, height))
+    smaller = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    coloured = cv2.cvtColor(smaller, cv2.COLOR_GRAY2BGR) if smaller.ndim == 2 else smaller
+    for stroke in picture.strokes:
+        corners = np.round(scale * np.asarray(stroke.px) * 2**_SHIFT).astype(np.int32)
+        cv2.polylines(
+            coloured,
+            [corners],
+            isClosed=False,
+            color=stroke.colour[::-1],
+            thickness=stroke.width_px,
+            lineType=cv2.LINE_AA,
+            shift=_SHIFT,
+        )
+    strip = ((0, _STRIP_PX), (0, 0), (0, 0))
+    drawn = np.pad(np.asarray(coloured, dtype=np.uint8), strip)
+    _write_strip(drawn, picture)
+    return drawn
+
+
+def _write_strip(drawn: NDArray[np.uint8], picture: FilmPicture) -> None:
+    """Write caption and key; the key is left out where it does not fit beside the caption."""
+    height, width = drawn.shape[:2]
+    baseline = height - _STRIP_PX + 2 * _TEXT_PX + 2
+    names = {stroke.name: stroke.colour for stroke in picture.strokes if stroke.name}
+    caption_end = _TEXT_PX + _width_of(picture.caption)
+    _write(drawn, picture.caption, (_TEXT_PX, baseline), _WHITE)
+    left = width - sum(_width_of(name) + 2 * _TEXT_PX for name in names)
+    if left < caption_end + 2 * _TEXT_PX:
+        return
+    for name, colour in names.items():
+        _write(drawn, name, (left, baseline), colour)
+        left += _width_of(name) + 2 * _TEXT_PX
+
+
+def _width_of(text: str) -> int:
+    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _TEXT_SCALE, 1)
+    return int(width)
+
+
+def _write(drawn: NDArray[np.uint8], text: str, place: tuple[int, int], colour: Colour) -> None:
+    cv2.putText(drawn, text, place, cv2.FONT_HERSHEY_SIMPLEX, _TEXT_SCALE, colour[::-1], 1, cv2.LINE_AA)

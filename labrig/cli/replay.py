@@ -16,7 +16,10 @@ def replay(
     run_path: RunArgument,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when every command and every line equals the record, and with 1 at the first difference."""
+    """Exit with 0 when every command and every line equals the record, and with 1 at the first difference.
+
+    Where a change of labrig explains the difference, its sentence of the changelog is named.
+    """
     from labrig.experiments.registry import find_run_experiment, load_run_protocol
     from labrig.record.reader import open_run
     from labrig.runner.replay import replay_run, replay_work
@@ -26,11 +29,14 @@ def replay(
     experiment, protocol = find_run_experiment(run), load_run_protocol(run)
     with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:
         found = replay_run(run, experiment, protocol, reporter)
-    difference = found.first_difference
+    difference, change = found.first_difference, found.known_change
     document = {
         "run": str(run_path),
         "identical": found.identical,
         "first_difference": None if difference is None else asdict(difference),
+        "known_change": None
+        if change is None
+        else {"version": change.version, "changelog": change.changelog},
         "bit_exact": found.bit_exact,
         "ended_early": found.ended_early or None,
         "compared": found.counts,
@@ -54,6 +60,7 @@ def _print(document: Mapping[str, Any]) -> None:
         print_line(f"  {difference['what']} in the record: {difference['recorded']}")
         print_line(f"  {difference['what']} in the replay: {difference['now']}")
         _print_code(document["code"])
+        _print_change(document["known_change"])
     if document["ended_early"]:
         print_line(f"  {document['ended_early']}; it is compared up to there")
     same = ", ".join(f"{count} {what}" for what, count in document["compared"].items())
@@ -73,6 +80,17 @@ def _print_code(code: Mapping[str, Mapping[str, object]]) -> None:
         print_line(
             f"  other code made this record: {_describe_code(recorded)}; this is {_describe_code(now)}"
         )
+
+
+def _print_change(change: Mapping[str, str] | None) -> None:
+    """Print which line of the changelog explains the difference, or that none is known to."""
+    if change is None:
+        print_line("  no known change of labrig explains this difference: look into it")
+        return
+    print_line(
+        f"  this difference is known, and what comes after it is not compared. Changelog, {change['version']}:"
+    )
+    print_line(f"  {change['changelog']}")
 
 
 def _describe_code(code: Mapping[str, object]) -> str:

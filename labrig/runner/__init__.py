@@ -20,6 +20,7 @@ procedure supervises the rig (`supervised_record`).
 
 `replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
 nothing but the protocol, the rig file, the calibration and what the devices return.
+`known_changes` lists the mended defects by which older records differ, with their lines of the changelog.
 
 `withdraw` takes a needle out along its path and turns the bevel back wherever it was turned.
 Graph paper before and after a run (`sentinel`) is handled by `graph_paper`, for every experiment.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.devices.replayed.comparison import Comparison, ReplayDifference
+from labrig.devices.replayed.comparison import Comparison, DifferingLines, ReplayDifference
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.opening import load_recorded_rig, open_replayed
 from labrig.devices.replayed.recording import Recording, make_recording_without_rig, read_recordings
@@ -18,12 +18,14 @@ from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.events import Event, Pause, RunStop, TrialStart
 from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
 from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.dialogue import Dialogue
 from labrig.runner.experiment import Experiment
+from labrig.runner.known_changes import KnownChange, find_known_change
 from labrig.runner.pausing import NoRequests
 from labrig.runner.session import Progress, Session
 
@@ -38,6 +40,8 @@ class Replay:
     ----------
     first_difference : ReplayDifference or None
         None if everything was identical as far as the record goes.
+    known_change : KnownChange or None
+        The change of labrig that explains this difference; None if none is known to.
     ended_early : str
         Where an incomplete record ends; empty for a complete one.
     bit_exact : bool
@@ -47,6 +51,7 @@ class Replay:
     """
 
     first_difference: ReplayDifference | None = None
+    known_change: KnownChange | None = None
     ended_early: str = ""
     bit_exact: bool = True
     counts: dict[str, int] = field(default_factory=dict)
@@ -112,7 +117,7 @@ def _replay_without_rig(run: Run, experiment: Experiment, found: Replay) -> None
     try:
         conduct_without_rig(experiment, ReplayedJournal(run, recording, comparison), comparison.clock)
     except ReplayDiffersError:
-        found.first_difference = comparison.found
+        _keep_difference(found, comparison, run)
     except RecordEndsError as error:
         found.ended_early = error.message
     found.bit_exact = found.identical
@@ -131,7 +136,7 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
             _conduct(replayed, recording, Session(rig, journal, progress, dialogue))
             _require_nothing_left(hardware, journal, comparison)
     except ReplayDiffersError:
-        found.first_difference = comparison.found
+        _keep_difference(found, comparison, replayed.run)
     except RecordEndsError as error:
         found.ended_early = error.message
         left = None if journal is None else journal.find_next_line(besides=RunStop.kind)
@@ -141,6 +146,13 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
     found.bit_exact = found.bit_exact and found.identical and recording.exact and exact
     for what, count in comparison.counts.items():
         found.counts[what] = found.counts.get(what, 0) + count
+
+
+def _keep_difference(found: Replay, comparison: Comparison, run: Run) -> None:
+    """Keep the first difference, and the change of labrig that explains it."""
+    found.first_difference = comparison.found
+    rig = {} if run.rig_path is None else load_yaml_values(run.rig_path)
+    found.known_change = find_known_change(comparison.lines, {"protocol": run.protocol, "rig": rig})
 
 
 def _conduct(replayed: _Replayed, recording: Recording, session: Session) -> None:
@@ -243,6 +255,8 @@ class ReplayedJournal:
         left_out = {*without, *(() if self._recording.exact else ("t_s",))}
         for key in dict.fromkeys((*recorded, *plain)):
             if key not in left_out and recorded.get(key) != plain.get(key):
+                compared = (_leave_out(line, left_out) for line in (recorded, plain))
+                self._comparison.lines = DifferingLines(what, *compared)
                 name = f"{recorded.get('kind', what)}: {key} = "
                 self._comparison.raise_difference(
                     what, f"{name}{recorded.get(key)!r}", f"{name}{plain.get(key)!r}"
@@ -266,6 +280,10 @@ class RecordedRequests(NoRequests):
         """Return by what the record was paused, if its next event is a pause at this point."""
         line = self._journal.peek_event()
         return str(line.get("by")) if line.get("kind") == Pause.kind and line.get("point") == point else None
+
+
+def _leave_out(line: Mapping[str, Any], keys: set[str]) -> dict[str, Any]:
+    return {key: value for key, value in line.items() if key not in keys}
 
 
 def _convert_to_microseconds(

@@ -1,8 +1,13 @@
 """`labrig replay`."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pytest
+
+from labrig.record.digest import hash_file
 from labrig.record.json_lines import decode_line, encode_line
 from tests.cli.conftest import ROOT, Labrig, SweepRun
 from tests.cli.cut_runs import open_again
@@ -18,21 +23,26 @@ def test_a_sweep_is_identical(sweep: SweepRun, labrig: Labrig) -> None:
     assert "identical, to the last bit" in labrig("replay", sweep.run).out
 
 
-def edit_event(sweep: SweepRun, tmp_path: Path) -> Path:
-    """Return the sweep as an open run in which one event states another position than was sent."""
+def edit_events(run: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    """Change the events of a run, each with its checksum."""
+    lines = [decode_line(line) for line in (run / "events.jsonl").read_bytes().splitlines()]
+    (run / "events.jsonl").write_bytes(b"".join(encode_line(change(line)) for line in lines))
+
+
+def edit_moves(sweep: SweepRun, tmp_path: Path) -> Path:
+    """Return the sweep as an open run in which moves state another position than was sent."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "edited"))
     (run / "SHA256SUMS").unlink()
-    lines = [decode_line(line) for line in (run / "events.jsonl").read_bytes().splitlines()]
-    moved = next(number for number, line in enumerate(lines) if line.get("asked_position") == 40.0)
-    lines[moved] = lines[moved] | {"asked_position": 41.0}
-    (run / "events.jsonl").write_bytes(b"".join(map(encode_line, lines)))
+    edit_events(
+        run, lambda line: line | {"asked_position": 41.0} if line.get("asked_position") == 40.0 else line
+    )
     open_again(run)
     return run
 
 
 def test_a_difference_exits_with_1_and_both_values(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
     """The first difference is printed with the recorded and the new value, its picture and its trial."""
-    run = edit_event(sweep, tmp_path)
+    run = edit_moves(sweep, tmp_path)
     done = labrig("replay", run, "--json")
     assert done.exit_code == 1
     document = done.json()
@@ -44,6 +54,37 @@ def test_a_difference_exits_with_1_and_both_values(sweep: SweepRun, labrig: Labr
     done = labrig("replay", run)
     assert done.exit_code == 1
     assert "event in the record: move: asked_position = 41.0" in done.out
+    assert document["known_change"] is None
+    assert "no known change of labrig explains this difference" in done.out
+
+
+@pytest.mark.parametrize(("off_mm", "known"), [(1e-15, True), (1e-6, False)])
+def test_a_difference_by_a_known_change_names_the_changelog(
+    labrig: Labrig, tmp_path: Path, off_mm: float, known: bool
+) -> None:
+    """An older record that differs by a last digit names the change that rounds; by more, it names none."""
+
+    def move(line: dict[str, Any]) -> dict[str, Any]:
+        if line["kind"] != "roll_zero_sheath" or line["trial"]:
+            return line
+        across_mm, along_mm = line["tip_mm"]
+        return line | {"tip_mm": [across_mm + off_mm, along_mm]}
+
+    run = Path(shutil.copytree(ROOT / "tests" / "records" / "roll-zero", tmp_path / "roll-zero"))
+    sums, before = run / "SHA256SUMS", hash_file(run / "events.jsonl")
+    edit_events(run, move)
+    sums.write_text(sums.read_text().replace(before, hash_file(run / "events.jsonl")))
+    done = labrig("replay", run, "--json")
+    change = done.json()["known_change"]
+    assert (done.exit_code, done.json()["first_difference"]["what"], change is not None) == (
+        1,
+        "event",
+        known,
+    )
+    if known:
+        assert change["version"] == "0.1.0, unreleased"
+        assert change["changelog"].startswith("Linear algebra rounds alike")
+        assert "Changelog, 0.1.0, unreleased:" in labrig("replay", run).out
 
 
 def test_a_record_of_other_code_says_so(labrig: Labrig) -> None:

@@ -1,7 +1,8 @@
 """The first difference between a replay and its record, with both values and the picture at which it occurs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from labrig.devices.replayed.clock import ReplayedClock
 from labrig.devices.replayed.recording import Recording
@@ -34,6 +35,15 @@ class ReplayDifference:
     trial: int | None
 
 
+@dataclass(frozen=True)
+class DifferingLines:
+    """A line of the record, and that of the replay, as far as they are compared; `what` as in `ReplayDifference`."""
+
+    what: str
+    recorded: Mapping[str, Any]
+    now: Mapping[str, Any]
+
+
 class Comparison:
     """What has been compared so far, and where. Nothing continues after the first difference.
 
@@ -52,6 +62,8 @@ class Comparison:
         How many items of each kind were the same.
     found : ReplayDifference or None
         The first difference.
+    lines : DifferingLines or None
+        The two lines in which it is; None if it is in no line.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -60,6 +72,7 @@ class Comparison:
         self.trial: int | None = None
         self.counts: dict[str, int] = {}
         self.found: ReplayDifference | None = None
+        self.lines: DifferingLines | None = None
         self._recording = recording
         self._over: LabrigError | None = None
 

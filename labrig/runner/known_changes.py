@@ -4,8 +4,9 @@ They are the defects that were mended without a protocol key. Each was found by 
 the last code before the change, which reproduced them to the last bit, and with the first code after it.
 
 An entry that explained too much would hide a defect. So it names the kind of the recorded line, all that may differ in
-it, and a key that every record made since has and this one must not have; the rest of the line must be the same. What
-no entry explains is a finding. A difference of commands has no entry: no known change sends other commands.
+it, and, where the change came before another one of protocol or rig file, a key that every record made since has and
+this one must not have; the rest of the line must be the same. What no entry explains is a finding. A difference of
+commands has no entry: no known change sends other commands.
 """
 
 import math
@@ -19,8 +20,8 @@ from labrig.devices.replayed.comparison import DifferingLines
 Line = Mapping[str, Any]
 
 _PLACE = (
-    r"the needle's end is (?P<in_plane>[\d.]+) mm from the target in the plane, and between [\d.]+ and [\d.]+ mm in "
-    r"space \(95 %\), and (?P<tolerance>[\d.]+) mm are allowed"
+    r"the needle's end is (?P<in_plane>[\d.]+) mm from the target in the plane, and between (?P<interval>[\d.]+ and "
+    r"[\d.]+) mm in space \(95 %\), and (?P<tolerance>[\d.]+) mm are allowed"
     r"(?:; one camera does not see what is out of its plane, and most of the uncertainty comes from [^;]+)?"
 )
 _DEPTH = (
@@ -34,6 +35,11 @@ _FORMER_REFUSAL = (
     r"|blocked by obstacle \d+: it cuts \d+ % of the paths that lead to the target"
 )
 _REFUSAL = r"no path found with up to \d+ arcs? and [\d.]+ mm.*"
+_LARGEST = r"(?P<before>.*; one camera does not see what is out of its plane, and most of the uncertainty comes from )"
+_OTHERS = (
+    r"(?:the roll zero|the lag of the bevel|the needle's wandering out of the plane|the start"
+    r"|the place in the picture)"
+)
 # The last digits of a number that linear algebra rounds otherwise.
 _ROUNDING = 1e-12
 # By so much longer three standing axes were watched when a rig was opened, in every record that was tried.
@@ -56,7 +62,7 @@ class KnownChange:
         Whether the recorded and the new event differ as the change has it.
     lacks : tuple of str
         Path of a key that the resolved `protocol`, or `rig` file, of records made since has, and older ones have not.
-        The section that holds it must be there.
+        The section that holds it must be there. Empty: nothing in a record tells on which side of the change it is.
     """
 
     version: str
@@ -94,19 +100,27 @@ def _fits(change: KnownChange, differing: DifferingLines, settings: Mapping[str,
 
 
 def _lacks(settings: Mapping[str, Any], path: tuple[str, ...]) -> bool:
-    """Return whether the section that the path leads to is there, and its last key is not."""
+    """Return whether the section that the path leads to is there, and its last key is not; True without a path."""
+    if not path:
+        return True
     section: Any = settings
     for name in path[:-1]:
         section = section.get(name) if isinstance(section, Mapping) else None
     return isinstance(section, Mapping) and path[-1] not in section
 
 
-def _match_texts(key: str, recorded: str, now: str) -> Callable[[Line, Line], bool]:
-    """Return whether a text was of one form and is of another, with the same values in groups of the same name."""
+def _match_texts(
+    key: str, recorded: str, now: str, changed: str | None = None
+) -> Callable[[Line, Line], bool]:
+    """Return whether a text was of one form and is of another: groups of a name are the same, but for `changed`."""
 
     def match(old: Line, new: Line) -> bool:
         before, after = re.fullmatch(recorded, str(old.get(key))), re.fullmatch(now, str(new.get(key)))
-        return before is not None and after is not None and before.groupdict() == after.groupdict()
+        if before is None or after is None:
+            return False
+        names = before.groupdict().keys() | after.groupdict().keys()
+        differing = {name for name in names if before.groupdict().get(name) != after.groupdict().get(name)}
+        return differing == ({changed} if changed else set())
 
     return match
 
@@ -144,7 +158,7 @@ KNOWN_CHANGES: tuple[KnownChange, ...] = (
         "needle that was steered to its target may be there.",
         "trial_stop",
         _ENDING,
-        _match_texts("cause", _PLACE, _PLACE),
+        _match_texts("cause", _PLACE, _PLACE, changed="interval"),
         lacks=("protocol", "target", "sd_mm"),
     ),
     KnownChange(
@@ -154,8 +168,17 @@ KNOWN_CHANGES: tuple[KnownChange, ...] = (
         "size.",
         "trial_stop",
         _ENDING,
-        _match_texts("cause", _DEPTH + _PLACE, _DEPTH + _PLACE),
+        _match_texts("cause", _DEPTH + _PLACE, _DEPTH + _PLACE, changed="interval"),
         lacks=("protocol", "target", "sd_mm"),
+    ),
+    KnownChange(
+        _UNRELEASED,
+        "The place of the target was named too rarely as the largest source of an insertion's uncertainty: its "
+        "standard deviation along one axis was compared with others over all axes.",
+        "trial_stop",
+        frozenset({"cause"}),
+        _match_texts("cause", _LARGEST + _OTHERS, _LARGEST + "the place of the target"),
+        lacks=(),
     ),
     KnownChange(
         _UNRELEASED,

@@ -268,6 +268,8 @@ def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[s
         "cause": ending.cause,
         "reached": ending.reached,
         "target_error_interval_mm": None if bounds is None else bounds.interval_mm,
+        "target_error_interval_by": None if bounds is None else bounds.by,
+        "target_error_interval_tip_mm": None if bounds is None else bounds.tip_mm,
         "target_error_sources_mm": None if bounds is None else bounds.sources,
         "depth": None if bounds is None else bounds.depth,
     }

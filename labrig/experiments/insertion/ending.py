@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from labrig.errors import Problem
 from labrig.experiments.insertion.events import BevelTurn, InsertionEvent, NeedleRetreat
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import EndDepth, TargetErrorSources
+from labrig.experiments.insertion.result import EndDepth, EndSource, TargetErrorSources
 from labrig.steering.arrival import bound_target_error, decide_arrival
 from labrig.steering.out_of_plane import (
     OutOfPlaneBudget,
@@ -177,6 +177,8 @@ class SeenEnd:
         By all that is known of it.
     slope : ndarray (2,)
         By how much the true place moves for each millimetre that the end is out of the plane.
+    by : str
+        By what the place is known.
     depth : Depth or None
         How far it is out of the plane; None if the picture does not tell.
     shown_mm : ndarray (2,) or None
@@ -186,6 +188,7 @@ class SeenEnd:
     place_mm: FloatArray
     sd_mm: FloatArray
     slope: FloatArray
+    by: EndSource
     depth: Depth | None = None
     shown_mm: FloatArray | None = None
 
@@ -213,8 +216,12 @@ class SeenEnd:
         swung_mm = _SWUNG * end.width_px * plane.mm_per_px if path.since_turn_mm < _SWINGS_MM else 0.0
         read = np.array([(b.fit or 0.0) ** 2 + (b.lighting or 0.0) ** 2 + swung_mm**2 for b in budgets])
         shared = np.square([b.calibration for b in budgets])
-        place_mm, variances = _join(shown_mm, read, estimate)
-        return cls(place_mm, np.sqrt(shared + variances), _find_slope(plane, place_mm), depth, shown_mm)
+        by: EndSource = "shaft"
+        place_mm, variances = shown_mm, read
+        if estimate is not None and _agree(shown_mm, read, estimate):
+            by = "shaft_and_estimate"
+            place_mm, variances = _join(shown_mm, read, estimate)
+        return cls(place_mm, np.sqrt(shared + variances), _find_slope(plane, place_mm), by, depth, shown_mm)
 
     @classmethod
     def of_estimate(cls, estimate: EstimatedEnd, plane: PlaneMap) -> "SeenEnd":
@@ -222,20 +229,21 @@ class SeenEnd:
         place_mm, errors = estimate.place_mm, PlaceErrors(fit_mm=math.sqrt(estimate.variance))
         px = plane.to_px(place_mm[None])[0]
         sd_mm = [budget_place(plane, px, errors, axis).total for axis in np.eye(2)]
-        return cls(place_mm, np.array(sd_mm), _find_slope(plane, place_mm))
+        return cls(place_mm, np.array(sd_mm), _find_slope(plane, place_mm), "estimate")
+
+
+def _agree(shown_mm: FloatArray, variances: FloatArray, estimate: EstimatedEnd) -> bool:
+    """Return whether the place that a picture shows does not contradict an estimate."""
+    apart_mm = np.abs(shown_mm - estimate.place_mm)
+    return bool(np.all(apart_mm <= _AGREES * np.sqrt(variances + estimate.variance)))
 
 
 def _join(
-    shown_mm: FloatArray, variances: FloatArray, estimate: EstimatedEnd | None
+    shown_mm: FloatArray, variances: FloatArray, estimate: EstimatedEnd
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a place and its variances by a picture and an estimate; by the picture alone if they contradict it."""
-    if estimate is None:
-        return shown_mm, variances
-    apart_mm = shown_mm - estimate.place_mm
-    if np.any(np.abs(apart_mm) > _AGREES * np.sqrt(variances + estimate.variance)):
-        return shown_mm, variances
+    """Return a place and its variances by a picture and an estimate."""
     share = estimate.variance / (variances + estimate.variance)
-    return estimate.place_mm + share * apart_mm, share * variances
+    return estimate.place_mm + share * (shown_mm - estimate.place_mm), share * variances
 
 
 @dataclass(frozen=True)
@@ -245,9 +253,11 @@ class TargetErrorBounds:
     Attributes
     ----------
     in_plane_mm : float
-        As seen in the plane.
+        As seen in the plane: from the shaft in the last picture, or, where that is not measured, from the estimate.
     interval_mm : (float, float)
         In space, with a probability of 95 %.
+    by, tip_mm : str, (float, float)
+        From which place (y, z) the interval is, and by what that is known.
     sources : TargetErrorSources
         What is known of it before the picture is asked for the depth.
     depth : EndDepth or None
@@ -256,6 +266,8 @@ class TargetErrorBounds:
 
     in_plane_mm: float
     interval_mm: tuple[float, float]
+    by: EndSource
+    tip_mm: tuple[float, float]
     sources: TargetErrorSources
     depth: EndDepth | None = None
 
@@ -284,13 +296,16 @@ class TargetErrorBounds:
         if high_mm <= tolerance_mm:
             return None
         parts = ", ".join(
-            f"{sd_mm:.2f} by {_SOURCES[source][0]}" for source, sd_mm in self.sources if round(sd_mm, 2)
+            f"{sd_mm:.2f} by {_SOURCES[source][0]}"
+            for source, sd_mm in self.sources.over_all_axes.items()
+            if round(sd_mm, 2)
         )
         return Problem(
             "target.tolerance_mm",
             f"{tolerance_mm:g} mm is below what one camera can certify here: a needle that ends at the target as seen "
             f"in the plane is between {low_mm:.2f} and {high_mm:.2f} mm from it in space (95 %). Standard deviations "
-            f"in mm: {parts}. Unless the last picture shows the needle's depth, the run ends as reached_in_plane_only",
+            f"over all axes, in mm: {parts}. Unless the last picture shows the needle's depth, the run ends as "
+            "reached_in_plane_only",
             _SOURCES[self.sources.largest][1],
         )
 
@@ -355,6 +370,8 @@ def bound_error(
     return TargetErrorBounds(
         in_plane_mm=math.dist(shown_mm, target_mm[1:]),
         interval_mm=bound_target_error(np.array((-target_mm[0], *off_mm)) + x_mm * ray, covariance),
+        by=seen.by,
+        tip_mm=(float(seen.place_mm[0]), float(seen.place_mm[1])),
         sources=TargetErrorSources(
             roll_zero=unseen.roll_zero_mm,
             torsion=unseen.torsion_mm,

@@ -23,7 +23,7 @@ from labrig.experiments.insertion.result import (
     InsertionTrial,
     TargetErrorSources,
 )
-from labrig.experiments.insertion.summary import describe_sighting_noise
+from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
@@ -138,6 +138,7 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
         "not_in_interval": plane.unknown_quantities(),
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
         "sources": _collect_sources(content),
+        "places": _describe_places(content.insertions),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
@@ -150,6 +151,12 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
         ),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
+
+
+def _describe_places(trials: Sequence[InsertionTrial]) -> str | None:
+    return describe_places(
+        [(trial.trial, by) for trial in trials if (by := trial.target_error_interval_by) is not None]
+    )
 
 
 def _collect_sources(content: InsertionResult) -> list[SourcesRow]:
@@ -182,9 +189,15 @@ def _write_verdict(content: InsertionResult) -> list[str]:
     if content.target_error_interval_mm is not None:
         which = "the least certain insertion" if several else "it"
         low, high = map(number, content.target_error_interval_mm)
+        widest = [
+            trial
+            for trial in content.insertions
+            if trial.target_error_interval_mm == content.target_error_interval_mm
+        ]
+        places = _describe_places(widest)
         sentences.append(
             f"That is the distance in the plane; in space, {which} ended between {low} and {high} mm from the target "
-            "with a probability of 95 %."
+            f"with a probability of 95 %{'' if places is None else f', {places}'}."
         )
     if content.true_target_error_mm is not None:
         most, least = ("at most ", "at least ") if several else ("", "")

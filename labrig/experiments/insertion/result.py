@@ -1,5 +1,6 @@
 """The result of insertions: how close to their targets they ended, and the estimated tip along the way."""
 
+import math
 from collections.abc import Mapping
 from typing import Literal, Self
 
@@ -9,6 +10,12 @@ from labrig.steering.moving import Motion
 from labrig.steering.problem import Obstacle
 from labrig.steering.sighting_noise import NisVerdict
 from labrig.vision.error_budget import ErrorBudget
+
+EndSource = Literal["shaft", "shaft_and_estimate", "estimate"]
+"""By what the place of the needle's end is known: the shaft in the final picture, the estimate on the way, or both."""
+
+# A target may be off along each of so many axes, an end out of the plane along one; `in_plane` is over its two already.
+_TARGET_AXES = 3
 
 
 class InsertionStep(Model):
@@ -79,7 +86,8 @@ class TargetErrorSources(Model):
 
     Four lead the end out of the plane: `roll_zero` is by the roll zero, `torsion` by the bevel's lag behind its drive,
     `heading_noise` by the needle's wandering, `start` by place and lean of the start. `in_plane` is by the reading of
-    the picture, `target` by the place of the target, along each axis; older results count the target for exact.
+    the picture, over both axes, `target` by the place of the target, along each axis; older results count the target
+    for exact.
     """
 
     roll_zero: float
@@ -90,9 +98,14 @@ class TargetErrorSources(Model):
     target: float = 0.0
 
     @property
+    def over_all_axes(self) -> Mapping[str, float]:
+        """The standard deviations over all axes together [mm], which can be compared."""
+        return self.model_dump() | {"target": math.sqrt(_TARGET_AXES) * self.target}
+
+    @property
     def largest(self) -> str:
-        """The source with the largest part."""
-        sources = self.model_dump()
+        """The source with the largest part of the variance over all axes."""
+        sources = self.over_all_axes
         return max(sources, key=lambda source: sources[source])
 
 
@@ -116,10 +129,12 @@ class InsertionTrial(Model):
     `reached`: it was steered there, and its end lies within the tolerance in space. None: it does in the plane, and one
     camera does not tell for space. `target_error_interval_mm` holds the distance in space with a probability of 95 %,
     and `target_error_sources_mm` says what that consists of; without `out_of_plane:` in the protocol both are None, and
-    the plane decides. `depth` is what the final picture shows of it; None if it shows nothing.
+    the plane decides. `target_error_interval_by` and `target_error_interval_tip_mm`, (y, z), say from which place it is
+    measured; None in older results. `depth` is what the final picture shows of it; None if it shows nothing.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
-    is no tip. `target_error_budget_mm` says what `sigma_target_error_mm` consists of: lens, plane (with the drift
-    between the grid pictures), surface, roll, lighting, and the reading of the end; older results do not.
+    is no tip. `target_error_mm` is from that tip, by the shaft alone. `target_error_budget_mm` says what
+    `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll,
+    lighting, and the reading of the end; older results do not.
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
@@ -145,6 +160,8 @@ class InsertionTrial(Model):
     sigma_target_error_mm: float | None = None
     target_error_budget_mm: ErrorBudget | None = None
     target_error_interval_mm: Point | None = None
+    target_error_interval_by: EndSource | None = None
+    target_error_interval_tip_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
     unmeasured: str | None
@@ -177,6 +194,7 @@ class InsertionRow(Model):
     sigma_target_error_mm: float | None
     target_error_budget_mm: ErrorBudget | None
     target_error_interval_mm: Point | None
+    target_error_interval_by: str | None
     unmeasured: str | None
     template_error_mm: float | None
     true_target_error_mm: float | None

@@ -16,6 +16,11 @@ _SOURCE_HEADS = (
     "target mm", "seen behind the plane mm",
 )  # fmt: skip
 _SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane", "target")
+_PLACES = {
+    "shaft": "the shaft in the last picture alone",
+    "shaft_and_estimate": "the shaft in the last picture and the estimate on the way together",
+    "estimate": "the estimate on the way alone",
+}
 _COMMAND = ("roll_rad", "observe_at_mm", "run_to_mm", "stop")
 
 
@@ -118,7 +123,11 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         values |= _list_values(trial)
     noise = describe_sighting_noise(document.get("sighting_noise"))
     alarm = () if noise is None else (noise,)
-    return Summary((TextTable(_HEADS, rows), *_list_sources(trials), arrived, *alarm), values)
+    places = describe_places(
+        [(trial["trial"], source) for trial in trials if (source := trial.get("target_error_interval_by"))]
+    )
+    rests_on = () if places is None else (f"error: by the shaft in the last picture; in space: {places}",)
+    return Summary((TextTable(_HEADS, rows), *_list_sources(trials), *rests_on, arrived, *alarm), values)
 
 
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
@@ -134,6 +143,24 @@ def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
     )
     if rows:
         yield TextTable(_SOURCE_HEADS, rows)
+
+
+def describe_places(places: Sequence[tuple[int, str]]) -> str | None:
+    """Return by what the ends are known from which the intervals in space are; None without an interval.
+
+    Parameters
+    ----------
+    places : sequence of (int, str)
+        Each trial with an interval, and its `target_error_interval_by`.
+    """
+    found = dict.fromkeys(source for _, source in places)
+    if len(found) < 2:
+        return next((f"by {_PLACES[source]}" for source in found), None)
+    return "; ".join(
+        f"{'insertion' if len(numbers) == 1 else 'insertions'} {', '.join(numbers)} by {_PLACES[source]}"
+        for source in found
+        if (numbers := [str(trial + 1) for trial, by in places if by == source])
+    )
 
 
 def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
@@ -166,6 +193,7 @@ def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:
     values = {
         f"{name}: error mm": trial["target_error_mm"],
         f"{name}: error in space mm": interval(trial.get("target_error_interval_mm")),
+        f"{name}: error in space by": trial.get("target_error_interval_by"),
         f"{name}: error by the estimate mm": trial["template_error_mm"],
         f"{name}: mean NIS": trial["mean_nis"],
         f"{name}: sightings not believed": trial["missed_sightings"],

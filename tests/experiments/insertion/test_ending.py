@@ -10,7 +10,7 @@ from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
 from labrig.experiments.insertion.events import BevelTurn, NeedleRetreat
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
-from labrig.experiments.insertion.summary import summarise
+from labrig.experiments.insertion.summary import describe_places, summarise
 from labrig.record.reader import Run
 from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
 from tests.analysis.insertions import analyse, record_insertion
@@ -21,7 +21,7 @@ SURE, UNSURE = (), ("out_of_plane.heading_sd_deg_per_root_mm=1",)
 
 def seen_at(y_mm: float, sd_mm: float = 0.1) -> SeenEnd:
     """Return an end seen at z = 40 under the camera, with its standard deviation."""
-    return SeenEnd(np.array((y_mm, 40.0)), np.full(2, sd_mm), np.zeros(2))
+    return SeenEnd(np.array((y_mm, 40.0)), np.full(2, sd_mm), np.zeros(2), "shaft")
 
 
 def unseen(heading_mm: float) -> OutOfPlaneBudget:
@@ -55,6 +55,9 @@ def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     said = "\n".join(str(line) for line in summarise(content.model_dump(mode="json")).lines)
     assert "wandering mm" in said
     assert "0 of 1 reached the target, 1 in the plane only" in said
+    assert trial.target_error_interval_by == "shaft_and_estimate"
+    assert math.dist(trial.target_error_interval_tip_mm, trial.tip_mm) < 0.3
+    assert "in space: by the shaft in the last picture and the estimate on the way together" in said
 
 
 def test_other_standard_deviations_tell_what_would_have_been_certain() -> None:
@@ -107,6 +110,23 @@ def test_the_interval_holds_targets_that_are_elsewhere_as_often_as_it_says(sd_mm
         end = np.array((random.normal(0.0, 0.5), 0.0, 40.0))
         held += bool(low_mm <= np.linalg.norm(end - random.normal(target, sd_mm)) <= high_mm)
     assert 0.91 < held / 400 < 0.995
+
+
+def test_the_place_of_an_end_says_by_what_it_is_known() -> None:
+    """Insertions whose places are known by different means are told apart; one means is told once."""
+    assert describe_places([]) is None
+    assert describe_places([(0, "shaft"), (1, "shaft")]) == "by the shaft in the last picture alone"
+    assert describe_places([(0, "estimate"), (1, "shaft"), (2, "estimate")]) == (
+        "insertions 1, 3 by the estimate on the way alone; insertion 2 by the shaft in the last picture alone"
+    )
+
+
+@pytest.mark.parametrize(("target_sd_mm", "largest"), [(0.55, "in_plane"), (0.6, "target")])
+def test_the_largest_source_is_that_over_all_axes(target_sd_mm: float, largest: str) -> None:
+    """A target that is uncertain along three axes outweighs a picture whose two axes together are 1 mm."""
+    bounds = bound_error(seen_at(0.0, 1 / math.sqrt(2)), unseen(0.3), (0.0, 0.0, 40.0), target_sd_mm)
+    assert bounds.sources.in_plane == pytest.approx(1.0)
+    assert (bounds.sources.target, bounds.sources.largest) == (target_sd_mm, largest)
 
 
 def test_a_turn_in_an_old_cut_counts_from_where_the_needle_leaves_it() -> None:

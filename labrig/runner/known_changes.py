@@ -1,12 +1,12 @@
 """Changes of labrig by which the replay of an older record differs from it, each with its line of the changelog.
 
 They are the defects that were mended without a protocol key. Each was found by replaying records of older code with
-the last code before the change, which reproduced them to the last bit, and with the first code after it.
+the code before the change, which reproduced the line to the last bit, and with the code after it.
 
 An entry that explained too much would hide a defect. So it names the kind of the recorded line, all that may differ in
 it, and, where the change came before another one of protocol or rig file, a key that every record made since has and
 this one must not have; the rest of the line must be the same. What no entry explains is a finding. A difference of
-commands has no entry: no known change sends other commands.
+commands has no entry: no line of the changelog says that it sends other ones.
 """
 
 import math

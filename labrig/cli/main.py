@@ -33,7 +33,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "protocols.check",
         "Check whether a protocol can run on a rig, how long it takes and how much disk it needs.",
     ),
-    "schema": ("protocols.schema", "Print the JSON Schema of protocol files or of rig files."),
+    "schema": ("protocols.schema", "Print the JSON Schema of protocol, rig or specimen files."),
     "plan": ("plan.plan", "Plan a path to a target around obstacles, or say why there is none."),
     "report": ("record.report", "Write the report page of runs again, from their newest result or another."),
     "view": ("record.view", "Make view.rrd from the record and open it in the rerun viewer."),

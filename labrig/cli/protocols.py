@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.options import RigOption, SeedOption, SetOption
+from labrig.cli.options import DEFAULT_RUNS_DIR, RigOption, RunsDirOption, SeedOption, SetOption
 from labrig.cli.output import (
     AsJson,
     failure_document,
@@ -25,12 +25,15 @@ from labrig.text import format_count
 def check(
     protocol: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (YAML).")],
     rig: RigOption = None,
+    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
     seed: SeedOption = None,
     settings: SetOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.sources import Sources
+    from labrig.cli.specimen_tracks import prepare_specimens
+    from labrig.devices.clocks import SystemClock
     from labrig.experiments.registry import find_experiment
     from labrig.runner.plan import estimate_disk_bytes
 
@@ -48,14 +51,16 @@ def check(
         faults += _report_plugin_faults(DRIVES, CAMERAS)
     experiment = find_experiment(loaded.experiment)
     experiment.require_parts()
-    plan = experiment.plan(loaded, description)
-    problems = plan.problems if plan.refusal is None else (plan.refusal,)
+    specimens = prepare_specimens(loaded, description, runs_dir, SystemClock().utc())
+    plan = experiment.plan(specimens.protocol, description)
+    problems = (*specimens.problems, *(plan.problems if plan.refusal is None else (plan.refusal,)))
+    warnings = (*specimens.warnings, *plan.warnings)
     disk_bytes = estimate_disk_bytes(plan, description)
     if as_json:
-        _print_check(problems, plan.warnings, plan.duration_s, disk_bytes, faults)
+        _print_check(problems, warnings, plan.duration_s, disk_bytes, faults)
     else:
         _print_problems(problems)
-        _print_problems(plan.warnings, "warning: ")
+        _print_problems(warnings, "warning: ")
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
         print_wrapped(
@@ -102,7 +107,8 @@ def _print_check(
 
 def schema(
     of: Annotated[
-        Literal["protocol", "rig"], typer.Argument(metavar="[protocol|rig]", help="Kind of file.")
+        Literal["protocol", "rig", "specimen"],
+        typer.Argument(metavar="[protocol|rig|specimen]", help="Kind of file."),
     ] = "protocol",
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
@@ -114,6 +120,11 @@ def schema(
     if of == "protocol":
         _report_plugin_faults(EXPERIMENTS)
         print_line(schema_text(protocol_schema(list_usable_models())).rstrip())
+        return
+    if of == "specimen":
+        from labrig.protocol.specimen_file import specimen_schema
+
+        print_line(schema_text(specimen_schema()).rstrip())
         return
     from labrig.devices.rig_file import rig_schema
 

@@ -181,6 +181,10 @@ def _find_sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
 def _require_unchanged(run: Run, recorded: ExperimentProtocol, sources: Sources) -> RigDescription:
     """Return the rig; refuse if it, the protocol or the calibration have changed since the run began."""
     protocol, description = sources.load()
+    # Those of the run itself are in its specimens by now.
+    protocol = protocol.put_tracks(
+        {gel.block.name: gel.block.tracks for gel in recorded.gels.values() if gel.block is not None}
+    )
     if description is None or run.rig_path is None:
         raise InputError(f"{run.path} moves no rig", "run its protocol again")
     problems = [

@@ -52,10 +52,13 @@ def run(
     from labrig.cli.pipeline import RunOrder, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
+    from labrig.cli.specimen_tracks import require_usable_specimens
+    from labrig.devices.clocks import SystemClock
     from labrig.experiments.registry import find_experiment
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()
+    loaded = require_usable_specimens(loaded, description, runs_dir, SystemClock().utc())
     if description is not None:
         remark_on_yes(description, yes=yes)
     experiment = find_experiment(loaded.experiment)

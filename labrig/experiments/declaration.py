@@ -7,7 +7,7 @@ from labrig.errors import InputError
 from labrig.plugins import INTERFACE
 
 _PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-_OPTIONAL = ("procedure", "resume")
+_OPTIONAL = ("procedure", "resume", "tracks")
 PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "follow", "compare", *_OPTIONAL)
 """What a declaration names by module and attribute."""
 
@@ -38,6 +38,9 @@ class ExperimentDeclaration:
         `summarise(document) -> Summary`.
     resume : str or None
         `resume(protocol, run) -> Remainder`; None if an interrupted run cannot be resumed.
+    tracks : str or None
+        `list_tracks(run, protocol, result) -> TracksBySpecimen`, the tracks that a run left in specimens with a file;
+        the result is None if the run was not measured. None: an experiment that leaves no tracks.
     view : str
         `view(run, result) -> View`; by default only the record is shown.
     follow : str
@@ -69,6 +72,7 @@ class ExperimentDeclaration:
     page: str
     summary: str
     resume: str | None = None
+    tracks: str | None = None
     view: str = "labrig.report.view:show_record_alone"
     follow: str = "labrig.report.view:follow_record_alone"
     compare: str = "labrig.analysis.summary:compare_numbers_alone"

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from labrig.errors import FileFormatError, InputError, Problem
+from labrig.errors import InputError
 from labrig.input_file import read_file
 from labrig.protocol.design_file import NeedleDesign, load_design
 from labrig.protocol.formatting import Plain, show
 from labrig.protocol.sections import NeedleDesignSection
-from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
+from labrig.protocol.tree import InputFault, Tree, file_format_error, locate_problems
 from labrig.protocol.yaml_tree import MAX_BYTES
 
 KEY = "design_file"
@@ -57,7 +57,7 @@ def fill_in_design(tree: Tree, folder: Path, filling: Filling) -> Tree:
         path = _resolve_name(named, folder)
         values = filling.values(load_design(path), str(named), _sha256(path))
     except InputError as error:
-        raise file_format_error([*tree.faults, *_locate_problems(position, error)]) from error
+        raise file_format_error([*tree.faults, *locate_problems(position, _DESIGN, error)]) from error
     needle = {key: value for key, value in tree.section(_DESIGN[:1]).items() if key != KEY}
     tree = replace(tree, values={**tree.section(()), _DESIGN[0]: needle})
     for key, value in values.items():
@@ -71,15 +71,6 @@ def _find_duplicates(tree: Tree, keys: tuple[str, ...]) -> Iterator[InputFault]:
             key, shown = path[1], show(tree.value(path))
             message = f"{key} is {shown}, and {KEY} gives it too; only one of the two is allowed"
             yield InputFault(tree.at(path).key, path, message, f"delete {key}, or {KEY}")
-
-
-def _locate_problems(position: Position, error: InputError) -> Iterator[InputFault]:
-    problems = (
-        error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
-    )
-    for problem in problems:
-        message = f"{problem.where}: {problem.message}" if problem.where else problem.message
-        yield InputFault(position, _DESIGN, message, problem.hint)
 
 
 def _fill_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plain]:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, fill_in_design
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.model import Former, Model
+from labrig.protocol.named_specimen import fill_in_specimens
 from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import ExperimentProtocol, Needle
@@ -34,7 +35,7 @@ _OTHER_KINDS = {
 def load_protocol(
     path: Path | str, models: Models, overrides: Sequence[str] = (), seed: int | None = None
 ) -> ExperimentProtocol:
-    """Return the protocol in a file, with the numbers of the design file that it may name.
+    """Return the protocol in a file, with what the design file and the specimen files say that it may name.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def load_protocol(
     model = _find_model(tree, models)
     if _takes_design(model):
         tree = fill_in_design(tree, Path(path).parent, IN_PROTOCOL)
-    return validate_tree(tree, model)
+    return validate_tree(fill_in_specimens(tree, model, Path(path).parent), model)
 
 
 def load_recorded_protocol(

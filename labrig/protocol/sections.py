@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field
 
@@ -21,6 +21,7 @@ from labrig.protocol.model import (
     Seed,
     SpeedMmS,
 )
+from labrig.protocol.specimen_file import Percent, SpecimenSection, TracksBySpecimen
 
 # With fewer, a lag that alternates in sign from roll to roll would shift the fitted zero.
 _LEAST_TURNED_ROLLS = 6
@@ -58,6 +59,15 @@ class ExperimentProtocol(Model):
     def current_limits_ma(self) -> Mapping[str, int]:
         """Axis -> limit of its output current during the run [mA]; empty for an experiment that sets none."""
         return {}
+
+    @property
+    def gels(self) -> Mapping[str, "GelBlock"]:
+        """Dotted key -> block of gel that may name a specimen file; empty for an experiment without any."""
+        return {}
+
+    def put_tracks(self, tracks: TracksBySpecimen) -> Self:  # noqa: ARG002 - has no gels
+        """Return this protocol with the tracks in each of its specimens, by the specimen's name."""
+        return self
 
 
 class CurrentLimits(Model):
@@ -142,9 +152,61 @@ class Specimen(Model):
     """One block of gel."""
 
     name: Name = Field(description="Label on the block; unique in the protocol.")
-    gelatin_percent: float = Field(
-        ge=1, le=50, description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
+    gelatin_percent: Percent = Field(
+        description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
     )
+
+
+_BLOCK_OR_FILE: dict[str, Any] = {
+    "properties": {
+        "specimen_file": {
+            "description": "Name of the specimen, whose file in data/specimens gives name, gelatin_percent, age and "
+            "what else is known; labrig specimens new writes it.",
+            "type": "string",
+            "minLength": 1,
+            "maxLength": 64,
+        }
+    },
+    "if": {"required": ["specimen_file"]},
+    "then": {"properties": {"block": False}},
+    "else": {"required": ["name", "gelatin_percent"]},
+}
+
+
+def _allow_specimen_file(schema: dict[str, Any]) -> None:
+    """Let editors accept a specimen file instead of name and gelatin; the reader fills them in before validation."""
+    schema["properties"] |= _BLOCK_OR_FILE["properties"]
+    schema["required"] = [key for key in schema["required"] if key not in {"name", "gelatin_percent"}]
+    schema |= {key: value for key, value in _BLOCK_OR_FILE.items() if key != "properties"}
+
+
+class GelBlock(Specimen):
+    """One block of gel; one with a specimen file keeps its tracks from run to run."""
+
+    model_config = ConfigDict(json_schema_extra=_allow_specimen_file)
+
+    block: SpecimenSection | None = Field(
+        None, description="What the specimen file says; labrig writes it into records."
+    )
+    first_hole_mm: NonNegativeMm = Field(
+        0.0,
+        description="Where the first hole of this run is, from the first entry point that the block ever had [mm].",
+    )
+    track_clearance_mm: NonNegativeMm = Field(
+        2.0,
+        description="Least distance between the surface of a planned track and that of an old one [mm]; needs a "
+        "specimen file. 2: each of the two sheaths may have been 1 mm aside (sheath.origin.across_mm).",
+    )
+    allow_crossing: bool = Field(
+        default=False, description="Whether a planned track may come closer to an old one, or cross it."
+    )
+
+    def put_tracks(self, tracks: TracksBySpecimen) -> Self:
+        """Return this gel with the tracks of its specimen; unchanged without a specimen file."""
+        if self.block is None:
+            return self
+        held = self.block.model_copy(update={"tracks": tracks.get(self.block.name, ())})
+        return self.model_copy(update={"block": held})
 
 
 class SheathOrigin(Model):

@@ -135,6 +135,16 @@ def find_half_characters(tree: Tree, path: KeyPath = ()) -> Iterator[InputFault]
         yield from find_half_characters(tree, (*path, key))
 
 
+def locate_problems(position: Position, path: KeyPath, error: InputError) -> Iterator[InputFault]:
+    """Yield the problems of another file as faults at the entry that names it."""
+    problems = (
+        error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
+    )
+    for problem in problems:
+        message = f"{problem.where}: {problem.message}" if problem.where else problem.message
+        yield InputFault(position, path, message, problem.hint)
+
+
 def file_format_error(faults: Iterable[InputFault]) -> FileFormatError:
     """Return a single error with all faults, sorted by position, without repetitions."""
     ordered = sorted(

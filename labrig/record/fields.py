@@ -20,6 +20,9 @@ from labrig.record.seal import Seal
 
 _SECTION = re.compile(r"^(?=[A-Za-z_]\w*:\s)", re.MULTILINE)
 
+BLOCK_NAME = "block.name"
+"""The field with the name of a specimen that has a file; it may be searched for even if no run has one."""
+
 Leaves = dict[str, list[Value]]
 
 # Hashes and lists of all pictures differ between runs, but nobody searches for them.

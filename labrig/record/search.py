@@ -8,7 +8,13 @@ from labrig.errors import RecordError
 from labrig.record.annotations import read_annotations
 from labrig.record.catalogue import FoundRun, RunSummary, read_summaries, sign_runs
 from labrig.record.condition import parse_condition, require_field
-from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
+from labrig.record.fields import (
+    ANNOTATION_FIELDS,
+    BLOCK_NAME,
+    annotation_fields,
+    file_fields,
+    manifest_fields,
+)
 from labrig.record.layout import PROTOCOL
 from labrig.record.manifest import is_newer, read_document
 from labrig.record.run_index import Fields, RunIndex, ShareDone, Value, ask_index, signature_of
@@ -67,7 +73,7 @@ def find_runs(
             lambda name: _fields(summaries[name]),
             lambda share: progress(_SUMMARIES_SHARE + (1.0 - _SUMMARIES_SHARE) * share),
         )
-        known = index.known_paths().keys() | ANNOTATION_FIELDS
+        known = index.known_paths().keys() | ANNOTATION_FIELDS | {BLOCK_NAME}
         if condition is not None:
             condition.require_known(known)
         if sort is not None:

@@ -11,6 +11,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.plugins import Plugin
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.reader import Run
 from labrig.report.page import Page
@@ -106,6 +107,8 @@ class Experiment(MeasuredExperiment):
         Whether an interrupted run of it can be continued.
     puts_needle_in_tissue : bool
         Whether a needle may be in tissue when a run of it ends early.
+    maps_tracks : bool
+        Whether it says which tracks a run left in specimens with a file.
     counts : str
         What the progress of its analysis counts: pictures, hinges.
     require_parts : callable
@@ -117,6 +120,7 @@ class Experiment(MeasuredExperiment):
     moves_rig: bool
     can_resume: bool
     puts_needle_in_tissue: bool
+    maps_tracks: bool
     counts: str
     require_parts: Callable[[], None]
 
@@ -137,6 +141,12 @@ class Experiment(MeasuredExperiment):
     def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
         """Return the rest of an interrupted run. Raises `InputError` when there is no room for it."""
         return replace(cast("Remainder", self.part("resume")(protocol, run)), decisions=run.decisions)
+
+    def list_tracks(
+        self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None
+    ) -> TracksBySpecimen:
+        """Return the tracks that a run left in specimens with a file."""
+        return cast("TracksBySpecimen", self.part("tracks")(run, protocol, result))
 
     def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
         """Return the page of a run; without a result, the facts of its protocol."""

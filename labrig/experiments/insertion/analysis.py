@@ -64,6 +64,7 @@ from labrig.experiments.insertion.settings import (
     restore_settings,
     with_observation_sd,
 )
+from labrig.experiments.insertion.tracks import map_insertions
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
 from labrig.steering.moving import move_obstacles, move_target
@@ -188,6 +189,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         sentinel=sentinel,
         sighting_noise=_measure_noise(trials, insertions, protocol),
         not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
+        maps=map_insertions(run, protocol, insertions),
     )
     return Findings(result)
 

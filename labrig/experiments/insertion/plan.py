@@ -14,6 +14,7 @@ from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_probl
 from labrig.experiments.insertion.ending import EstimatedEnd, SeenEnd, bound_error
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
+from labrig.experiments.insertion.tracks import find_track_problems
 from labrig.experiments.shared.rig_view import load_plane_map, load_tip_view
 from labrig.experiments.shared.roll_zero_search import RollZeroOrder
 from labrig.protocol.sections import RollZeroSteps
@@ -28,7 +29,7 @@ from labrig.runner.plan import (
 from labrig.steering.moving import move_target
 from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
 from labrig.steering.parameters import Turning
-from labrig.steering.planner import Plan
+from labrig.steering.planner import Plan, sample_path
 from labrig.steering.step import start_steering
 from labrig.steering.torsion import BaseLimits, TurnAhead, plan_turn
 from labrig.vision.shaft_tip import READ_PX
@@ -59,7 +60,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         + (0 if first is None else first.pictures)
         + pictures,
         operator_steps=2 * trials + (0 if first is None else 3 + first.holes) + operator_steps,
-        problems=problems,
+        problems=problems or foreseen.problems,
         refusal=foreseen.refusal,
         warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig)),
     )
@@ -162,8 +163,9 @@ def _find_aim_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iter
 
 @dataclass(frozen=True)
 class _Foreseen:
-    """What the first plan says: why there is no path, or why its end may not be certified."""
+    """What the first plan says: old tracks in its way, why there is no path, or why its end may not be certified."""
 
+    problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
 
@@ -171,7 +173,7 @@ class _Foreseen:
 def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
     """Plan the path, unless the target is not known yet, and bound the error at its end."""
     if protocol.target.ask:
-        return _Foreseen()
+        return _Foreseen(problems=tuple(find_track_problems(protocol, ())))
     plane = load_plane_map(rig)
     aim = make_aim(protocol, plane)
     settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
@@ -179,6 +181,9 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
     if command.stop is not None:
         message = f"there is no path: {command.detail}"
         return _Foreseen(refusal=Problem("target", message, "move target or obstacles"))
+    path_mm = sample_path(settings.problem, state.plan)[:, 1:]
+    if crossings := tuple(find_track_problems(protocol, path_mm)):
+        return _Foreseen(problems=crossings)
     roll_zero, radius_mm = _expect_roll_zero(protocol, rig), settings.problem.radius_mm
     unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
     if unseen is None:

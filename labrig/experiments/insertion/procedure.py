@@ -480,7 +480,7 @@ class _Insertion:
                 specimen=specimen.name,
                 gelatin_percent=specimen.gelatin_percent,
                 hole=0,
-                hole_position_mm=0.0,
+                hole_position_mm=specimen.first_hole_mm,
                 needle_id=needle.needle_id,
                 target_mm=aim.target_mm,
                 tolerance_mm=self.settings.problem.tolerance_mm,

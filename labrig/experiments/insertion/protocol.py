@@ -1,7 +1,7 @@
 """The protocol of a planned, image-guided insertion."""
 
-from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -9,15 +9,16 @@ from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.model import Conflict, Former, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
 from labrig.protocol.sections import (
     Advance,
+    GelBlock,
     GridSentinel,
     MovingProtocol,
     Needle,
     NeedleInPicture,
     RollZeroSteps,
     Sheath,
-    Specimen,
     check_sheath,
 )
+from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.steering.parameters import SteeringPolicy, Turning
 
 _WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
@@ -27,7 +28,7 @@ _DEFAULT = SteeringPolicy()
 _Rate = Annotated[float, Field(ge=-0.5, le=0.5)]
 
 
-class Phantom(Specimen):
+class Phantom(GelBlock):
     """A block of gel with obstacles cast in."""
 
     length_mm: float = Field(
@@ -294,9 +295,23 @@ class InsertionProtocol(MovingProtocol):
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
+    @property
+    def gels(self) -> Mapping[str, GelBlock]:
+        """Dotted key -> block of gel."""
+        return {"specimen": self.specimen}
+
+    def put_tracks(self, tracks: TracksBySpecimen) -> Self:
+        """Return this protocol with the tracks in its specimen, by the specimen's name."""
+        return self.model_copy(update={"specimen": self.specimen.put_tracks(tracks)})
+
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield sizes that contradict each other."""
+        """Yield sizes that contradict each other, and a named block for insertions that take one each."""
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        if self.specimen.block is not None and self.repetitions > 1:
+            message = (
+                f"{self.repetitions} repetitions, each in a new block, and the specimen file describes one"
+            )
+            yield Conflict("repetitions", message, "repetitions: 1, or leave out specimen_file")
         if self.recovery is not None and self.planner.staging == "unbounded":
             message = (
                 "staging is unbounded, but a needle that may recover has to stand still while it is planned"

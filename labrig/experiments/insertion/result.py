@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Literal, Self
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
+from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
 from labrig.protocol.model import Model
 from labrig.steering.moving import Motion
 from labrig.steering.problem import Obstacle
@@ -238,6 +239,7 @@ class InsertionResult(Result):
     `causes` counts why the others did not. `reached` is False if one of them missed, None if none missed and one is not
     known to have arrived in space. `sighting_noise` is None for fewer than twenty sightings; older results do not have
     it. `not_in_interval` lists the sources of error that an error bar leaves out; it is None in older results.
+    `maps` has the tracks in the block of gel, if that has a specimen file.
     """
 
     kind: Literal["insertion"] = "insertion"
@@ -256,10 +258,11 @@ class InsertionResult(Result):
     sentinel: Sentinel | None = None
     sighting_noise: SightingNoise | None = None
     not_in_interval: tuple[str, ...] | None = None
+    maps: tuple[SpecimenMap, ...] = ()
 
     @property
     def tables(self) -> Mapping[str, Rows]:
         """The tables of the result."""
         steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
         insertions = {"insertions": Rows(InsertionRow, [InsertionRow.of(trial) for trial in self.insertions])}
-        return insertions | make_origin_table(self.origins) | steps
+        return insertions | make_origin_table(self.origins) | make_track_table(self.maps) | steps

@@ -1,7 +1,7 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -75,9 +75,21 @@ class CurvatureOrder:
 
 
 def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Analysis[Findings]:
+    """Return the output of `measure_curvature` as it is."""
+    return Findings(*(yield from measure_curvature(run, order, request)))
+
+
+def measure_curvature(
+    run: Run, order: CurvatureOrder, request: AnalysisRequest
+) -> Analysis[tuple[CurvatureResult, Callable[[Path], None]]]:
     """Measure the pictures, group them, and compare them with the truth if it is recorded.
 
     The intervals of the groups and of single pictures include the uncertainty of the bevel's roll.
+
+    Returns
+    -------
+    CurvatureResult, callable
+        The result, and the call that saves further files into its folder, as in `Findings`.
 
     Raises
     ------
@@ -117,7 +129,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
         truth=compare_with_truth(trials, finals, specimens, _read_drawn_radii(run)),
     )
-    return Findings(content, partial(_save, _collect_centre_lines(results, measured), mask))
+    return content, partial(_save, _collect_centre_lines(results, measured), mask)
 
 
 def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:

@@ -16,6 +16,7 @@ from labrig.analysis.result import (
     require_part,
 )
 from labrig.analysis.summary import Summary, TextTable
+from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
 from labrig.protocol.model import Model
 from labrig.text import interval, number
 from labrig.vision.error_budget import ErrorBudget
@@ -115,7 +116,8 @@ class _Settings(ResultPart):
 class CurvatureResult(Result):
     """The result of a steerability run or of imported pictures.
 
-    `not_in_interval` lists the sources of error that an interval leaves out; older results do not, None.
+    `not_in_interval` lists the sources of error that an interval leaves out; older results do not, None. `maps` has the
+    tracks in each block of gel with a specimen file.
     """
 
     kind: Literal["curvature"] = "curvature"
@@ -127,6 +129,7 @@ class CurvatureResult(Result):
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
     not_in_interval: tuple[str, ...] | None = None
+    maps: tuple[SpecimenMap, ...] = ()
 
     @property
     def tables(self) -> Mapping[str, Rows]:
@@ -135,7 +138,7 @@ class CurvatureResult(Result):
             "measurements": Rows(PictureResult, self.measurements),
             "specimens": Rows(SpecimenResult, self.specimens),
         }
-        return tables | make_origin_table(self.origins)
+        return tables | make_origin_table(self.origins) | make_track_table(self.maps)
 
 
 _HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % interval mm")

@@ -19,7 +19,8 @@ from labrig.experiments.steerability.schedule import (
     list_planned_trials,
     list_remaining_trials,
 )
-from labrig.protocol.sections import Specimen
+from labrig.experiments.steerability.tracks import find_track_problems
+from labrig.protocol.sections import GelBlock
 from labrig.runner.experiment import PlannedMove, RunPlan, total_duration_s
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
 from labrig.runner.plan import (
@@ -58,7 +59,7 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
         pictures=trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE) + pictures,
         operator_steps=sum(questions.values()),
         questions=questions,
-        problems=find_rig_problems(protocol, rig, (turn, *moves)),
+        problems=(*find_rig_problems(protocol, rig, (turn, *moves)), *find_track_problems(protocol)),
     )
 
 
@@ -84,7 +85,7 @@ def make_insertions(
     protocol: SteerabilityProtocol,
     session: Session,
     begun: Sequence[BegunTrial] = (),
-    placed: Specimen | None = None,
+    placed: GelBlock | None = None,
 ) -> None:
     """Make the insertions that remain, in order; each specimen is placed before its first one.
 
@@ -98,7 +99,7 @@ def make_insertions(
         The session.
     begun : sequence of BegunTrial
         The insertions of earlier sessions.
-    placed : Specimen or None
+    placed : GelBlock or None
         The specimen that is in the frame already.
     """
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
@@ -115,7 +116,7 @@ class _Sweep:
     protocol: SteerabilityProtocol
     session: Session
     begun: list[BegunTrial]
-    placed: Specimen | None = None
+    placed: GelBlock | None = None
 
     def list_remaining(self) -> tuple[PlannedTrial, ...]:
         """Return the insertions that remain."""

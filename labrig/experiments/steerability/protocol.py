@@ -1,23 +1,24 @@
 """The protocol of a steerability sweep."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import cos, pi
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field
 
 from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
+    GelBlock,
     GridSentinel,
     MovingProtocol,
     Needle,
     NeedleInPicture,
     Sheath,
-    Specimen,
     check_sheath,
     limit_conflict,
 )
+from labrig.protocol.specimen_file import TracksBySpecimen
 
 
 class Insertion(Model):
@@ -49,7 +50,7 @@ class SteerabilityProtocol(MovingProtocol):
     experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Steerability test", description="Heading of the report.")
     needle: Needle = Field(description="The needle of the run.")
-    specimens: tuple[Specimen, ...] = Field(
+    specimens: tuple[GelBlock, ...] = Field(
         min_length=1, max_length=50, description="The blocks of gel, in the order in which they are used."
     )
     insertions_per_specimen: int = Field(ge=1, le=500, description="Insertions into each block.")
@@ -69,14 +70,35 @@ class SteerabilityProtocol(MovingProtocol):
         return radius_mm * (1 - cos(min(self.insertion.length_mm / radius_mm, pi)))
 
     @property
+    def last_place_mm(self) -> float:
+        """The last entry point from which such an arc stays in its block [mm]."""
+        return self.specimen_width_mm - self.lateral_reach_mm
+
+    @property
     def pictured_needle(self) -> NeedleInPicture:
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    @property
+    def gels(self) -> Mapping[str, GelBlock]:
+        """Dotted key -> block of gel."""
+        return {f"specimens.{index}": gel for index, gel in enumerate(self.specimens)}
+
+    def put_tracks(self, tracks: TracksBySpecimen) -> Self:
+        """Return this protocol with the tracks in each of its specimens, by the specimen's name."""
+        return self.model_copy(update={"specimens": tuple(gel.put_tracks(tracks) for gel in self.specimens)})
+
+    def list_places_mm(self, gel: GelBlock) -> tuple[float, ...]:
+        """Return the planned entry points in a gel, from its first one [mm]."""
+        return tuple(
+            gel.first_hole_mm + hole * self.hole_spacing_mm for hole in range(self.insertions_per_specimen)
+        )
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield repeated names, and sizes that contradict each other."""
         yield from self._find_repeated_names()
         yield from self._find_holes_beyond_block()
+        yield from self._find_late_holes()
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.hole_spacing_mm <= self.needle.diameter_mm:
             yield limit_conflict(
@@ -96,7 +118,7 @@ class SteerabilityProtocol(MovingProtocol):
 
     def _find_holes_beyond_block(self) -> Iterator[Conflict]:
         gaps = self.insertions_per_specimen - 1
-        room_mm = self.specimen_width_mm - self.lateral_reach_mm
+        room_mm = self.last_place_mm
         if gaps * self.hole_spacing_mm <= room_mm:
             return
         if gaps == 0 or room_mm <= 0:
@@ -109,6 +131,18 @@ class SteerabilityProtocol(MovingProtocol):
         )
         most = int(room_mm / self.hole_spacing_mm) + 1
         yield Conflict("hole_spacing_mm", message, f"or insertions_per_specimen: {most}, or a wider block")
+
+    def _find_late_holes(self) -> Iterator[Conflict]:
+        """Yield a first hole that leaves too little of its block for the others, which would fit from 0 on."""
+        room_mm = self.last_place_mm
+        most_mm = room_mm - (self.insertions_per_specimen - 1) * self.hole_spacing_mm
+        for key, gel in self.gels.items():
+            if gel.first_hole_mm > most_mm >= 0:
+                message = (
+                    f"first_hole_mm is {gel.first_hole_mm:g}, must be at most {most_mm:.4g}: the holes behind it have "
+                    f"to fit into specimen_width_mm, {self.specimen_width_mm:g}"
+                )
+                yield Conflict(f"{key}.first_hole_mm", message, "fewer insertions, or a fresh block")
 
     def _explain_narrow_block(self) -> Conflict:
         message = (

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from labrig.errors import InputError
+from labrig.experiments.shared.hole_map import is_clear
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.protocol.sections import Specimen
+from labrig.experiments.steerability.tracks import plan_track
+from labrig.protocol.sections import GelBlock
 from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.events import RecordedTrial, Repeat
 
@@ -20,18 +22,18 @@ class PlannedTrial:
     ----------
     trial : int
         Its number, unique in a run.
-    specimen : Specimen
+    specimen : GelBlock
         The block of gel.
     hole : int
-        Number of the entry point in that block.
+        Number of the entry point in that block, of those of this run.
     hole_position_mm : float
-        Its distance from the first entry point.
+        Its distance from the first entry point that the block ever had.
     repeats : int or None
         The trial that it replaces: one that was interrupted, or that a person has made again.
     """
 
     trial: int
-    specimen: Specimen
+    specimen: GelBlock
     hole: int
     hole_position_mm: float
     repeats: int | None = None
@@ -45,9 +47,9 @@ def list_planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, .
     """Return every insertion of a sweep, in order: specimen by specimen, and hole by hole."""
     holes = protocol.insertions_per_specimen
     return tuple(
-        PlannedTrial(index * holes + hole, specimen, hole, hole * protocol.hole_spacing_mm)
+        PlannedTrial(index * holes + hole, specimen, hole, place_mm)
         for index, specimen in enumerate(protocol.specimens)
-        for hole in range(holes)
+        for hole, place_mm in enumerate(protocol.list_places_mm(specimen))
     )
 
 
@@ -101,7 +103,7 @@ def _plan_repeats(
             continue
         holes = [hole for name, hole, _ in used if name == lost.specimen]
         places_mm = [place_mm for name, _, place_mm in used if name == lost.specimen]
-        place_mm = _find_free_place_mm(protocol, lost, places_mm)
+        place_mm = _find_free_place_mm(protocol, specimens[lost.specimen], lost, places_mm)
         again = PlannedTrial(number, specimens[lost.specimen], max(holes) + 1, place_mm, lost.trial)
         used.append((lost.specimen, again.hole, place_mm))
         number += 1
@@ -113,18 +115,17 @@ def _is_made_again(trial: BegunTrial, decisions: Decisions) -> bool:
 
 
 def _find_free_place_mm(
-    protocol: SteerabilityProtocol, lost: SweepTrialStart, places_mm: Sequence[float]
+    protocol: SteerabilityProtocol, gel: GelBlock, lost: SweepTrialStart, places_mm: Sequence[float]
 ) -> float:
-    """Return a free entry point of a block, as far from the others as the protocol requires."""
+    """Return a free entry point of a block, as far from the others and from old tracks as the protocol requires."""
     spacing_mm = protocol.hole_spacing_mm
-    last_mm = protocol.specimen_width_mm - protocol.lateral_reach_mm
     behind_mm = max(places_mm) + spacing_mm
-    if behind_mm <= last_mm:
+    if behind_mm <= protocol.last_place_mm and is_clear(gel, plan_track(protocol, behind_mm)):
         return behind_mm
-    halfway_mm = [(hole + 0.5) * spacing_mm for hole in range(protocol.insertions_per_specimen - 1)]
+    halfway_mm = [place_mm + 0.5 * spacing_mm for place_mm in protocol.list_places_mm(gel)[:-1]]
     for place_mm in sorted(halfway_mm, key=lambda candidate_mm: abs(candidate_mm - lost.hole_position_mm)):
         nearest_mm = min(abs(place_mm - other) for other in places_mm)
-        if nearest_mm > protocol.needle.diameter_mm:
+        if nearest_mm > protocol.needle.diameter_mm and is_clear(gel, plan_track(protocol, place_mm)):
             return place_mm
     raise InputError(
         f"specimen {lost.specimen} has no room for another entry point, in which trial {lost.trial} "

@@ -1,0 +1,156 @@
+"""What is known of a specimen after a run: all tracks in it, the next hole, and how the curvature drifts."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from labrig.analysis.group_tests import LEVEL, fit_slope
+from labrig.analysis.result import Point, Rows
+from labrig.experiments.shared.hole_map import TrackShape, find_place
+from labrig.protocol.model import Model
+from labrig.protocol.sections import GelBlock
+from labrig.protocol.specimen_file import SpecimenTrack
+
+MOST_CHANGE_PERCENT = 2.0
+"""A drift of the curvature is told of if it is significant and, over what was observed, larger than this [%].
+
+From 10 to 19 % gelatin the paper's curvature changes by 4 %: a drift of half of that passes for another gel.
+"""
+
+
+class CurvatureTrend(Model):
+    """A straight line through the curvatures of one needle in one specimen, over its age or the number of the track.
+
+    `slope` is in 1/mm per hour or per track, with its 95 % interval and p. `change_percent` is what the line says of
+    the observed span, of the mean curvature. `drifts`: p is below 0.05, and that change is above the limit.
+    """
+
+    over: Literal["age_h", "track"]
+    n: int
+    span: float
+    mean_curvature_per_mm: float
+    slope: float
+    slope_ci95: Point
+    p: float
+    change_percent: float
+    drifts: bool
+
+
+class SpecimenTrackRow(Model):
+    """A track as a row of a table."""
+
+    specimen: str
+    track: int
+    run: str
+    trial: int
+    hole: int
+    entry_mm: float
+    needle_id: str
+    age_h: float
+    radius_mm: float | None
+
+
+class SpecimenMap(Model):
+    """The tracks in a specimen, in order of time: those before the run (`tracks[:earlier]`), then its own.
+
+    `next_hole_mm` is the first entry point from which one more such insertion is clear of all of them by
+    `clearance_mm`; None if the block has no room. `trends` are of the needle of the run.
+    """
+
+    key: str
+    name: str
+    clearance_mm: float
+    earlier: int
+    tracks: tuple[SpecimenTrack, ...]
+    next_hole_mm: float | None
+    needle_id: str
+    trends: tuple[CurvatureTrend, ...]
+
+
+def map_specimens(
+    gels: Mapping[str, GelBlock],
+    own: Mapping[str, Sequence[SpecimenTrack]],
+    next_shape: TrackShape,
+    last_mm: float,
+    needle_id: str,
+) -> tuple[SpecimenMap, ...]:
+    """Return the map of each gel with a specimen file.
+
+    Parameters
+    ----------
+    gels : mapping of str to GelBlock
+        By their key in the protocol.
+    own : mapping of str to sequence of SpecimenTrack
+        The tracks of the run, by the name of the specimen.
+    next_shape : TrackShape
+        One more insertion, as it lies if it enters at 0.
+    last_mm : float
+        The last entry point of such an insertion that the block has room for.
+    """
+    maps = []
+    for key, gel in gels.items():
+        if gel.block is None:
+            continue
+        tracks = (*gel.block.tracks, *own.get(gel.name, ()))
+        maps.append(
+            SpecimenMap(
+                key=key,
+                name=gel.name,
+                clearance_mm=gel.track_clearance_mm,
+                earlier=len(gel.block.tracks),
+                tracks=tracks,
+                next_hole_mm=find_place(tracks, [next_shape], last_mm, gel),
+                needle_id=needle_id,
+                trends=fit_trends(tracks, needle_id),
+            )
+        )
+    return tuple(maps)
+
+
+def fit_trends(tracks: Sequence[SpecimenTrack], needle_id: str) -> tuple[CurvatureTrend, ...]:
+    """Return the trends of the curvature that one needle cut, over age and over the number of the track."""
+    held = [
+        (track.age_h, float(number), 1.0 / track.radius_mm)
+        for number, track in enumerate(tracks, start=1)
+        if track.radius_mm is not None and track.needle_id == needle_id
+    ]
+    ages, numbers, curvatures = ([row[column] for row in held] for column in range(3))
+    trends = (_fit("age_h", ages, curvatures), _fit("track", numbers, curvatures))
+    return tuple(trend for trend in trends if trend is not None)
+
+
+def _fit(
+    over: Literal["age_h", "track"], values: Sequence[float], curvatures: Sequence[float]
+) -> CurvatureTrend | None:
+    """Return the trend; None for fewer than three values, or values that are all the same."""
+    found = fit_slope(values, curvatures, [0] * len(values)) if values else None
+    if found is None:
+        return None
+    span, mean = max(values) - min(values), float(np.mean(curvatures))
+    change_percent = 100.0 * found.slope * span / mean
+    return CurvatureTrend(
+        over=over,
+        n=len(values),
+        span=span,
+        mean_curvature_per_mm=mean,
+        slope=found.slope,
+        slope_ci95=found.ci95,
+        p=found.p,
+        change_percent=change_percent,
+        drifts=found.p < 1.0 - LEVEL and abs(change_percent) > MOST_CHANGE_PERCENT,
+    )
+
+
+def make_track_table(maps: Sequence[SpecimenMap]) -> dict[str, Rows]:
+    """Return the table of all tracks; no table without a specimen file."""
+    rows = [
+        SpecimenTrackRow(
+            specimen=specimen.name,
+            track=number,
+            **track.model_dump(include=SpecimenTrackRow.model_fields.keys() - {"specimen", "track"}),
+        )
+        for specimen in maps
+        for number, track in enumerate(specimen.tracks, start=1)
+    ]
+    return {"tracks": Rows(SpecimenTrackRow, rows)} if rows else {}

@@ -1,0 +1,59 @@
+"""Finds the tracks that the runs of a folder have left in specimens."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from labrig.errors import LabrigError, Problem
+from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
+from labrig.protocol.specimen_file import SpecimenTrack, TracksBySpecimen
+from labrig.record.fields import BLOCK_NAME
+from labrig.record.manifest import is_simulated
+from labrig.record.reader import open_run
+from labrig.record.search import find_runs
+
+
+@dataclass(frozen=True)
+class FoundTracks:
+    """The tracks in each specimen, in order of time, and the runs whose tracks are not known, with the reason."""
+
+    tracks: TracksBySpecimen
+    unread: tuple[Problem, ...] = ()
+
+
+def find_tracks(runs_dir: Path, names: Collection[str], *, simulated: bool) -> FoundTracks:
+    """Return the tracks that the runs of a folder left in specimens.
+
+    Parameters
+    ----------
+    names : collection of str
+        The specimens.
+    simulated : bool
+        Whether the tracks of simulated runs are asked for, which are in no block of gel, or those of all other runs.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be read.
+    """
+    found: dict[str, list[SpecimenTrack]] = {name: [] for name in names}
+    unread = []
+    if found:
+        condition = " or ".join(f'{BLOCK_NAME}="{name}"' for name in found)
+        for path in [run.summary.run for run in find_runs(runs_dir, condition, reverse=True)]:
+            try:
+                left = _list_tracks(path, simulated)
+            except LabrigError as error:
+                unread.append(Problem(str(path), error.message, error.hint))
+                continue
+            for name in found.keys() & left.keys():
+                found[name] += left[name]
+    return FoundTracks({name: tuple(tracks) for name, tracks in found.items()}, tuple(unread))
+
+
+def _list_tracks(path: Path, simulated: bool) -> TracksBySpecimen:
+    run = open_run(path)
+    experiment = find_run_experiment(run)
+    if is_simulated(run.manifest) != simulated or not experiment.maps_tracks:
+        return {}
+    return experiment.list_tracks(run, load_run_protocol(run), load_run_result(run))

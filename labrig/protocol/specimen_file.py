@@ -1,0 +1,199 @@
+"""A specimen file: one block of gel, how it was made, and what is known of it.
+
+It is here and not beside the experiments because protocols name it: what it says is filled into the protocol, so that a
+record needs no file outside of it. The tracks of earlier runs are filled in too, when a run is made or checked.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import AfterValidator, Field
+
+from labrig.errors import InputError
+from labrig.input_file import read_file
+from labrig.protocol.model import Conflict, Line, Model, Name, NonNegativeMm, Notes, PositiveMm
+from labrig.protocol.schema import JsonSchema, model_schema
+from labrig.protocol.yaml_file import load_yaml_model
+from labrig.protocol.yaml_tree import MAX_BYTES
+
+SPECIMENS_DIR = Path("data/specimens")
+SUFFIX = ".yaml"
+MOST_TRACKS = 1000
+"""Of one block; nobody inserts that often into one."""
+
+_NO_PATH = 'choose a name without "/", "\\" and ":" that does not begin with a dot, such as A1'
+
+
+def _require_file_name(text: str) -> str:
+    """Refuse a name that could lead out of its folder, or that some file system does not take."""
+    if text.startswith(".") or any(character in '/\\:*?"<>|' for character in text):
+        raise ValueError(f"a specimen's name is also that of its file: {_NO_PATH}")
+    return text
+
+
+def _require_moment(text: str) -> str:
+    """Refuse what is not a time with its distance from UTC; without that, an age could be wrong by a day."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        moment = None
+    if moment is None or moment.tzinfo is None:
+        raise ValueError("expected date, time and distance from UTC, such as 2026-11-20T09:30+01:00")
+    return text
+
+
+SpecimenName: TypeAlias = Annotated[Name, AfterValidator(_require_file_name)]
+"""A name that is also the name of a file."""
+
+Moment: TypeAlias = Annotated[str, Field(max_length=40), AfterValidator(_require_moment)]
+"""A time with its distance from UTC, ISO 8601."""
+
+Percent: TypeAlias = Annotated[float, Field(ge=1, le=50)]
+_Celsius: TypeAlias = Annotated[float, Field(ge=-30, le=100)]
+_PathPoint: TypeAlias = tuple[
+    Annotated[float, Field(ge=-1000, le=1000)], Annotated[float, Field(ge=-3000, le=3000)]
+]
+
+
+class SpecimenFile(Model):
+    """One block of gel."""
+
+    schema_version: Literal[1] = Field(
+        1, description="Version of this file format; a higher one needs a newer labrig."
+    )
+    name: SpecimenName = Field(description="Label on the block; also the name of this file.")
+    gelatin_percent: Percent = Field(
+        description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
+    )
+    batch: Line = Field("", description="Batch of gelatin that the block was cast from.")
+    mixed_on: Moment | None = Field(None, description="When powder and water were mixed.")
+    cast_on: Moment = Field(description="When the block was cast; its age counts from here.")
+    cured_for_h: float | None = Field(
+        None, ge=0, le=10_000, description="How long the block cures before it is used [h]."
+    )
+    cured_at_celsius: _Celsius | None = Field(None, description="Temperature at which it cures [°C].")
+    temperature_celsius: _Celsius | None = Field(None, description="Its temperature when it is used [°C].")
+    usable_until: Moment | None = Field(
+        None, description="Until when it may be used; a run after that is refused. null: no end is set."
+    )
+    refractive_index: float | None = Field(
+        None, ge=1, le=2, description="Measured refractive index; null: not measured."
+    )
+    refractive_index_sd: float | None = Field(
+        None, ge=0, le=0.5, description="Standard deviation of refractive_index."
+    )
+    length_mm: PositiveMm | None = Field(None, description="Length of the block along the insertion [mm].")
+    width_mm: PositiveMm | None = Field(None, description="Width of the block across the insertion [mm].")
+    height_mm: PositiveMm | None = Field(None, description="Height of the block [mm].")
+    notes: Notes = Field("", description="Anything worth knowing later; may have several lines.")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield times in the wrong order, and a spread of an index that was not measured."""
+        cast = datetime.fromisoformat(self.cast_on)
+        if self.mixed_on is not None and datetime.fromisoformat(self.mixed_on) > cast:
+            message = f"cast_on is {self.cast_on}, before mixed_on, {self.mixed_on}"
+            yield Conflict("cast_on", message, "a block is cast after its gelatin was mixed")
+        if self.usable_until is not None and datetime.fromisoformat(self.usable_until) < cast:
+            message = f"usable_until is {self.usable_until}, before cast_on, {self.cast_on}"
+            yield Conflict("usable_until", message, "was the year typed wrong?")
+        if self.refractive_index_sd is not None and self.refractive_index is None:
+            message = f"refractive_index_sd is {self.refractive_index_sd:g}, and refractive_index is missing"
+            yield Conflict("refractive_index_sd", message, "give both, or neither")
+
+    def find_age_h(self, moment: datetime) -> float:
+        """Return the age at a moment, since the block was cast [h]; negative before that."""
+        return (moment - datetime.fromisoformat(self.cast_on)).total_seconds() / 3600.0
+
+
+class SpecimenTrack(Model):
+    """The track that one insertion left in a block.
+
+    Along the insertion, places count from the block's entry face; across it from the first entry point, towards where
+    later holes are, which is -y of the steering plane. `path_mm` begins at the end of the sheath. A radius is that of
+    the final picture, None if none was accepted; `age_h` is the block's at the insertion.
+    """
+
+    run: str = Field(max_length=400, description="The run that made it.")
+    trial: int = Field(ge=0, description="Its trial in that run.")
+    hole: int = Field(ge=0, description="Its hole in that run, from 0.")
+    entry_mm: float = Field(ge=-3000, le=3000, description="Where it enters the block [mm].")
+    needle_id: Name = Field(description="The needle.")
+    needle_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    sheath_diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
+    sheath_depth_mm: NonNegativeMm = Field(description="How far the sheath went in [mm].")
+    age_h: float = Field(description="Age of the block at the insertion [h].")
+    radius_mm: float | None = Field(None, gt=0, description="Measured radius of curvature [mm].")
+    path_mm: tuple[_PathPoint, ...] = Field(
+        min_length=2, max_length=20, description="The needle's path, (along, across) [mm]."
+    )
+
+
+TracksBySpecimen: TypeAlias = Mapping[str, tuple[SpecimenTrack, ...]]
+"""The tracks in each specimen, by its name, in order of time."""
+
+
+class SpecimenSection(SpecimenFile):
+    """What a specimen file gave when the protocol was read, and the tracks that were in the block then.
+
+    labrig writes this section; people name the file.
+    """
+
+    sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of the specimen file.")
+    tracks: tuple[SpecimenTrack, ...] = Field(
+        (), max_length=MOST_TRACKS, description="Tracks of earlier runs in the block."
+    )
+
+
+def find_specimens_folder(protocol_folder: Path | None = None) -> Path:
+    """Return the folder of specimen files: below the working folder, else beside the folder of the protocol."""
+    beside = None if protocol_folder is None else protocol_folder.resolve().parent / SPECIMENS_DIR
+    return beside if beside is not None and beside.is_dir() and not SPECIMENS_DIR.is_dir() else SPECIMENS_DIR
+
+
+def list_specimens(folder: Path) -> list[str]:
+    """Return the names of the specimens in a folder, in order; none without the folder."""
+    return sorted(path.stem for path in folder.glob(f"*{SUFFIX}") if path.is_file())
+
+
+def load_specimen(name: str, folder: Path) -> tuple[SpecimenFile, str]:
+    """Return the specimen of this name, and the SHA-256 of its file.
+
+    Raises
+    ------
+    InputError
+        When the name is no file name, or no specimen has it; says which was probably meant.
+    FileFormatError
+        When the file is malformed, or names another specimen.
+    """
+    try:
+        _require_file_name(name)
+    except ValueError as error:
+        raise InputError(f"specimen {name!r}: {error}", _NO_PATH) from error
+    path = folder / f"{name}{SUFFIX}"
+    if not path.is_file():
+        near = get_close_matches(name, list_specimens(folder), 1)
+        raise InputError(
+            f"there is no specimen {name} in {folder}",
+            f"did you mean {near[0]}?" if near else f"labrig specimens new {name} writes its file",
+        )
+    specimen = load_yaml_model(path, SpecimenFile, others=_OTHER_KINDS)
+    if specimen.name != name:
+        raise InputError(
+            f"{path} holds the specimen {specimen.name}", f"rename it to {specimen.name}{SUFFIX}"
+        )
+    return specimen, hashlib.sha256(read_file(path, MAX_BYTES)).hexdigest()
+
+
+_OTHER_KINDS: Mapping[str, tuple[str, str]] = {
+    "experiment": ("this is a protocol, expected a specimen file", "labrig specimens list"),
+    "axes": ("this is a rig file, expected a specimen file", "labrig specimens list"),
+}
+
+
+def specimen_schema() -> JsonSchema:
+    """Return the JSON Schema (draft 2020-12) of a specimen file, for editors."""
+    return model_schema(SpecimenFile, "labrig specimen")

@@ -435,7 +435,7 @@ _SOURCES = tuple(field.name for field in fields(ErrorBudget))
 # Spreadsheets take "+y" for a formula, and the centre has the same information.
 _LEFT_OUT = {"bend"}
 # The longest first: a speed in mm/s also ends with s.
-_UNITS = ("mm_s", "rad_s", "mm", "px", "rad", "deg", "s", "hz", "percent")
+_UNITS = ("mm_s", "rad_s", "mm", "px", "rad", "deg", "s", "h", "hz", "percent")
 
 
 def _list_columns(model: type[Model]) -> dict[str, tuple[str, ...]]:

@@ -52,6 +52,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "Compute what to cut for a steering radius, by the paper and by our own search.",
     ),
     "runs": ("runs.app", "List the runs, newest first; search, check, compare and annotate them."),
+    "specimens": ("specimens.app", "Blocks of gel that protocols name: their files, tracks and labels."),
     "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, tip template."),
     "measure": ("measure.app", "Measure pictures that belong to no run."),
     "devices": ("devices.app", "Check the rig, move its axes, stop it."),

@@ -8,7 +8,7 @@ from labrig.cli.output import say_wrapped
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, Problem
-from labrig.experiments.specimen_tracks import FoundTracks, find_tracks
+from labrig.experiments.specimen_tracks import find_tracks
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.specimen_file import SpecimenSection
 
@@ -38,11 +38,7 @@ def prepare_specimens(
     if not named or rig is None:
         return PreparedSpecimens(protocol)
     names = {section.name for section in named.values()}
-    found = (
-        find_tracks(runs_dir, names, simulated=rig.kind == ONLY_SIMULATED)
-        if runs_dir.is_dir()
-        else FoundTracks({})
-    )
+    found = find_tracks(runs_dir, names, simulated=rig.kind == ONLY_SIMULATED)
     return PreparedSpecimens(
         protocol.put_tracks(found.tracks),
         tuple(problem for key, section in named.items() for problem in _find_age_problems(key, section, now)),

@@ -120,7 +120,7 @@ class SpecimenTrack(Model):
     run: str = Field(max_length=400, description="The run that made it.")
     trial: int = Field(ge=0, description="Its trial in that run.")
     hole: int = Field(ge=0, description="Its hole in that run, from 0.")
-    entry_mm: float = Field(ge=-3000, le=3000, description="Where it enters the block [mm].")
+    hole_position_mm: float = Field(ge=-3000, le=3000, description="Where it enters the block [mm].")
     needle_id: Name = Field(description="The needle.")
     needle_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
     sheath_diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")

@@ -24,6 +24,8 @@ from labrig.experiments.insertion.result import (
     TargetErrorSources,
 )
 from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
+from labrig.experiments.insertion.tracks import make_straight_shape
+from labrig.experiments.shared.specimen_page import make_specimen_views
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
@@ -113,7 +115,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         TEMPLATE,
         _write_verdict(content),
         describe_calibration(run),
-        _collect_content(run, result, content),
+        _collect_content(run, protocol, result, content),
         partial(make_films, content, load_plane_map(run)),
     )
 
@@ -130,7 +132,9 @@ def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
     )
 
 
-def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
+def _collect_content(
+    run: Run, protocol: InsertionProtocol, result: AnyResult, content: InsertionResult
+) -> dict[str, Any]:
     plane = load_plane_map(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
@@ -139,6 +143,7 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
         "sources": _collect_sources(content),
         "places": _describe_places(content.insertions),
+        "specimens": make_specimen_views(content.maps, protocol.gels, make_straight_shape(protocol)),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [

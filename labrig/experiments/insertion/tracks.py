@@ -25,15 +25,17 @@ def make_shape(protocol: InsertionProtocol, path_mm: ArrayLike) -> TrackShape:
 
     Without points it is taken to be straight and as long as the protocol allows.
     """
-    sheath, entry_mm = protocol.sheath, protocol.specimen.first_hole_mm
-    end = np.array([[sheath.depth_mm, entry_mm]])
+    sheath, hole_position_mm = protocol.sheath, protocol.specimen.first_hole_mm
+    end = np.array([[sheath.depth_mm, hole_position_mm]])
     y_z = np.asarray(path_mm, dtype=float).reshape(-1, 2)
     if not len(y_z):
         y_z = np.array([[0.0, sheath.depth_mm - sheath.origin_depth_mm + protocol.insertion.max_length_mm]])
-    points = np.vstack((end, np.column_stack((sheath.origin_depth_mm + y_z[:, 1], entry_mm - y_z[:, 0]))))
+    points = np.vstack(
+        (end, np.column_stack((sheath.origin_depth_mm + y_z[:, 1], hole_position_mm - y_z[:, 0])))
+    )
     kept = np.unique(np.linspace(0, len(points) - 1, _PATH_POINTS).round().astype(int))
     return TrackShape(
-        entry_mm=entry_mm,
+        hole_position_mm=hole_position_mm,
         sheath_depth_mm=sheath.depth_mm,
         sheath_diameter_mm=sheath.diameter_mm,
         needle_diameter_mm=protocol.needle.diameter_mm,
@@ -53,9 +55,13 @@ def map_insertions(
 ) -> tuple[SpecimenMap, ...]:
     """Return the map of the block, if it has a specimen file."""
     own = _trace_insertions(run, protocol, {trial.trial: trial.shaft_mm for trial in trials})
-    straight = make_shape(protocol, ()).shift(-protocol.specimen.first_hole_mm)
-    width_mm = protocol.specimen.width_mm
+    straight, width_mm = make_straight_shape(protocol), protocol.specimen.width_mm
     return map_specimens(protocol.gels, own, straight, width_mm, protocol.needle.needle_id)
+
+
+def make_straight_shape(protocol: InsertionProtocol) -> TrackShape:
+    """Return the track of a straight insertion that enters at 0, as long as the protocol allows."""
+    return make_shape(protocol, ()).shift(-protocol.specimen.first_hole_mm)
 
 
 def list_tracks(

@@ -29,7 +29,7 @@ _STEP_MM = 0.5
 class TrackShape:
     """The shape of a track: straight along the sheath, then a path of (along, across) [mm] from the sheath's end."""
 
-    entry_mm: float
+    hole_position_mm: float
     sheath_depth_mm: float
     sheath_diameter_mm: float
     needle_diameter_mm: float
@@ -43,23 +43,23 @@ class TrackShape:
     def shift(self, across_mm: float) -> "TrackShape":
         """Return the same shape further across [mm]."""
         path_mm = tuple((along, across + across_mm) for along, across in self.path_mm)
-        return replace(self, entry_mm=self.entry_mm + across_mm, path_mm=path_mm)
+        return replace(self, hole_position_mm=self.hole_position_mm + across_mm, path_mm=path_mm)
 
     @property
     def parts(self) -> tuple[tuple[LineString, float], ...]:
         """The centre lines of sheath and needle, each with its diameter [mm]."""
-        sheath = LineString([(0.0, self.entry_mm), (self.sheath_depth_mm, self.entry_mm)])
+        sheath = LineString([(0.0, self.hole_position_mm), (self.sheath_depth_mm, self.hole_position_mm)])
         return (sheath, self.sheath_diameter_mm), (LineString(self.path_mm), self.needle_diameter_mm)
 
 
 def sample_arc(
-    entry_mm: float, depth_mm: float, radius_mm: float, length_mm: float, side: int
+    hole_position_mm: float, depth_mm: float, radius_mm: float, length_mm: float, side: int
 ) -> tuple[Point, ...]:
     """Return points of an arc that begins straight at the end of a sheath, rounded to 0.01 mm.
 
     Parameters
     ----------
-    entry_mm, depth_mm : float
+    hole_position_mm, depth_mm : float
         Where the sheath entered, and how far it went in.
     side : int
         1 if it bends towards later holes, else -1.
@@ -68,7 +68,7 @@ def sample_arc(
     return tuple(
         (
             round(depth_mm + radius_mm * math.sin(angle), 2),
-            round(entry_mm + side * radius_mm * (1.0 - math.cos(angle)), 2),
+            round(hole_position_mm + side * radius_mm * (1.0 - math.cos(angle)), 2),
         )
         for angle in angles
     )
@@ -125,14 +125,14 @@ def find_crossings(
     if not crossings:
         return
     hole, (track, gap_mm) = crossings[0]
-    more = len(crossings) - 1
+    more, place_mm = len(crossings) - 1, planned[hole].hole_position_mm
     start_mm = find_place(
-        gel.block.tracks, [shape.shift(-planned[0].entry_mm) for shape in planned], last_mm, gel
+        gel.block.tracks, [shape.shift(-planned[0].hole_position_mm) for shape in planned], last_mm, gel
     )
     yield Problem(
         f"{key}.first_hole_mm",
-        f"hole {hole + 1}, at {planned[hole].entry_mm:g} mm, would {_describe_gap(gap_mm)} of hole {track.hole + 1} "
-        f"of run {track.run}, at {track.entry_mm:g} mm; the least clearance is {gel.track_clearance_mm:g} mm"
+        f"hole {hole + 1}, at {place_mm:g} mm, would {_describe_gap(gap_mm)} of hole {track.hole + 1} of run "
+        f"{track.run}, at {track.hole_position_mm:g} mm; the least clearance is {gel.track_clearance_mm:g} mm"
         + (f"; so would {format_count(more, 'hole')} more" if more else ""),
         _suggest(start_mm, len(planned)),
     )
@@ -164,7 +164,7 @@ def find_place(
         Its track_clearance_mm counts.
     """
     others = _join_parts([TrackShape.of_track(track) for track in old])
-    room_mm = last_mm - max(shape.entry_mm for shape in planned)
+    room_mm = last_mm - max(shape.hole_position_mm for shape in planned)
     for step in range(math.floor(room_mm / _STEP_MM) + 1):
         shifted = (shape.shift(step * _STEP_MM) for shape in planned)
         if not others or all(

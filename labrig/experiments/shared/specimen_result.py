@@ -45,7 +45,7 @@ class SpecimenTrackRow(Model):
     run: str
     trial: int
     hole: int
-    entry_mm: float
+    hole_position_mm: float
     needle_id: str
     age_h: float
     radius_mm: float | None

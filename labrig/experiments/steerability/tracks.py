@@ -98,7 +98,7 @@ def _planned_side(protocol: SteerabilityProtocol) -> int:
 def _make_shape(protocol: SteerabilityProtocol, place_mm: float, radius_mm: float, side: int) -> TrackShape:
     sheath, length_mm = protocol.sheath, protocol.insertion.length_mm
     return TrackShape(
-        entry_mm=place_mm,
+        hole_position_mm=place_mm,
         sheath_depth_mm=sheath.depth_mm,
         sheath_diameter_mm=sheath.diameter_mm,
         needle_diameter_mm=protocol.needle.diameter_mm,

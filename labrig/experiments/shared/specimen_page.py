@@ -1,0 +1,105 @@
+"""The section of a page about each specimen that has a file: what it is, its tracks, the next hole, and its drift."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from labrig.experiments.shared.hole_map import TrackShape
+from labrig.experiments.shared.specimen_figure import draw_curvatures, draw_hole_map
+from labrig.experiments.shared.specimen_result import MOST_CHANGE_PERCENT, CurvatureTrend, SpecimenMap
+from labrig.protocol.sections import GelBlock
+from labrig.protocol.specimen_file import SpecimenFile
+from labrig.report.formatting import Rows, number
+from labrig.text import format_count
+
+_OVER = {"age_h": "hour of age", "track": "track"}
+
+
+@dataclass(frozen=True)
+class SpecimenView:
+    """A specimen on a page; `drifts` and `steady` say in a sentence each what its trends are."""
+
+    map: SpecimenMap
+    facts: Rows
+    hole_map: Markup
+    curvatures: Markup | None
+    drifts: tuple[str, ...]
+    steady: tuple[str, ...]
+    most_change_percent: float = MOST_CHANGE_PERCENT
+
+
+def make_specimen_views(
+    maps: Sequence[SpecimenMap], gels: Mapping[str, GelBlock], next_shape: TrackShape
+) -> list[SpecimenView]:
+    """Return the section of each specimen, with all figures drawn.
+
+    Parameters
+    ----------
+    gels : mapping of str to GelBlock
+        Those of the protocol, by their key.
+    next_shape : TrackShape
+        One more insertion of the run, as it lies if it enters at 0.
+    """
+    return [
+        SpecimenView(
+            map=specimen,
+            facts=list_specimen_facts(section),
+            hole_map=draw_hole_map(
+                specimen,
+                None if specimen.next_hole_mm is None else next_shape.shift(specimen.next_hole_mm),
+                f"holes-{place}",
+            ),
+            curvatures=draw_curvatures(specimen, f"drift-{place}"),
+            drifts=tuple(describe_trend(trend) for trend in specimen.trends if trend.drifts),
+            steady=tuple(describe_trend(trend) for trend in specimen.trends if not trend.drifts),
+        )
+        for place, specimen in enumerate(maps)
+        if (section := gels[specimen.key].block) is not None
+    ]
+
+
+def list_specimen_facts(specimen: SpecimenFile) -> Rows:
+    """Return what a specimen file says, term by term, without what it leaves open."""
+    index = (
+        None
+        if specimen.refractive_index is None
+        else f"{specimen.refractive_index:g}"
+        + ("" if specimen.refractive_index_sd is None else f" (SD {specimen.refractive_index_sd:g})")
+    )
+    sizes = (specimen.length_mm, specimen.width_mm, specimen.height_mm)
+    rows = (
+        ("Gelatin", f"{specimen.gelatin_percent:g} %"),
+        ("Batch", specimen.batch or None),
+        ("Mixed", specimen.mixed_on),
+        ("Cast", specimen.cast_on),
+        ("Cures", _describe_curing(specimen)),
+        ("Usable until", specimen.usable_until),
+        ("Temperature in use", _format(specimen.temperature_celsius, "°C")),
+        ("Refractive index", index),
+        ("Length, width, height", None if sizes == (None,) * 3 else f"{' x '.join(map(number, sizes))} mm"),
+        ("Notes", specimen.notes or None),
+    )
+    return tuple((term, value) for term, value in rows if value is not None)
+
+
+def _describe_curing(specimen: SpecimenFile) -> str | None:
+    parts = (_format(specimen.cured_for_h, "h"), _format(specimen.cured_at_celsius, "°C"))
+    return " at ".join(part for part in parts if part is not None) or None
+
+
+def _format(value: float | None, unit: str) -> str | None:
+    return None if value is None else f"{value:g} {unit}"
+
+
+def describe_trend(trend: CurvatureTrend) -> str:
+    """Return a trend as a sentence: slope with its interval, what it comes to, and whether that is a drift."""
+    low, high = (100.0 * bound / trend.mean_curvature_per_mm for bound in trend.slope_ci95)
+    slope = 100.0 * trend.slope / trend.mean_curvature_per_mm
+    what = (
+        f"by {slope:+.2g} % per {_OVER[trend.over]} (95 % interval {low:+.2g} to {high:+.2g} %, "
+        f"{format_count(trend.n, 'track')}), {trend.change_percent:+.1f} % over what was observed"
+    )
+    if trend.drifts:
+        return f"The curvature changes {what}: above {MOST_CHANGE_PERCENT:g} %, and significant (p = {trend.p:.2g})."
+    return f"The curvature changes {what}; that is no drift (p = {trend.p:.2g})."

@@ -16,7 +16,6 @@ from labrig.protocol.specimen_file import (
     SPECIMENS_DIR,
     SUFFIX,
     SpecimenFile,
-    find_specimens_folder,
     list_specimens,
     load_specimen,
 )
@@ -29,7 +28,7 @@ _HEAD = f"# yaml-language-server: $schema={_SCHEMA_FILE}\n"
 
 
 def _complete_name(incomplete: str) -> list[str]:
-    return [name for name in list_specimens(find_specimens_folder()) if name.startswith(incomplete)]
+    return [name for name in list_specimens() if name.startswith(incomplete)]
 
 
 NameArgument = Annotated[
@@ -116,11 +115,10 @@ def _add_zone(text: str | None) -> str | None:
 @app.command("list", help="List the specimens.")
 def list_(as_json: AsJson = False) -> None:
     """List the specimens of data/specimens; a file that cannot be read is named."""
-    folder = find_specimens_folder()
     rows, faults = [], []
-    for name in list_specimens(folder):
+    for name in list_specimens():
         try:
-            rows.append(load_specimen(name, folder)[0])
+            rows.append(load_specimen(name)[0])
         except InputError as error:
             faults.append(error)
     if as_json:
@@ -132,7 +130,9 @@ def list_(as_json: AsJson = False) -> None:
         ]
         print_table(heads, cells)
     else:
-        say(f"no specimens in {folder}; write the first with: labrig specimens new NAME --gelatin-percent 10")
+        say(
+            f"no specimens in {SPECIMENS_DIR}; write the first with: labrig specimens new NAME --gelatin-percent 10"
+        )
     for fault in faults:
         say_wrapped(f"note: {fault.message}")
 
@@ -142,7 +142,7 @@ def show(name: NameArgument, runs_dir: RunsDirOption = DEFAULT_RUNS_DIR, as_json
     """Show its file, and the tracks that the runs of a folder have left in it: of real runs, and of simulated ones."""
     from labrig.experiments.specimen_tracks import find_tracks
 
-    specimen, sha256 = load_specimen(name, find_specimens_folder())
+    specimen, sha256 = load_specimen(name)
     found = {
         kind: find_tracks(runs_dir, [name], simulated=kind == "simulated") for kind in ("real", "simulated")
     }
@@ -187,7 +187,7 @@ def label(
     """Draw the label: 62 x 29 mm, the name as a QR code and what a person reads beside it."""
     from labrig.report.specimen_label import draw_label
 
-    specimen, _ = load_specimen(name, find_specimens_folder())
+    specimen, _ = load_specimen(name)
     if to.suffix.lower() != ".svg":
         raise InputError(f"--to {to} is not an SVG file", f"name it {to.stem or name}.svg")
     if to.exists():

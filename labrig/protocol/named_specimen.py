@@ -1,6 +1,6 @@
 """`specimen_file: NAME` in a gel of a protocol: what the specimen's file says, filled in as if the protocol held it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -9,7 +9,7 @@ from labrig.errors import InputError
 from labrig.protocol.formatting import Plain, show
 from labrig.protocol.model import Model
 from labrig.protocol.sections import GelBlock
-from labrig.protocol.specimen_file import SpecimenFile, find_specimens_folder, load_specimen
+from labrig.protocol.specimen_file import SpecimenFile, list_specimen_folders, load_specimen
 from labrig.protocol.tree import InputFault, KeyPath, Tree, file_format_error, locate_problems
 
 KEY = "specimen_file"
@@ -33,9 +33,9 @@ def fill_in_specimens(tree: Tree, model: type[Model], folder: Path) -> Tree:
     FileFormatError
         When a file is missing or malformed, or a gel contradicts it; each at its line.
     """
-    specimens = find_specimens_folder(folder)
+    folders = list_specimen_folders(folder)
     for path in [path for path in _list_gels(tree, model) if tree.holds((*path, KEY))]:
-        tree = _fill_in(tree, path, specimens)
+        tree = _fill_in(tree, path, folders)
     return tree
 
 
@@ -49,13 +49,13 @@ def _list_gels(tree: Tree, model: type[Model]) -> Iterator[KeyPath]:
         yield from ((name, index) for index in range(len(held))) if isinstance(held, list) else ((name,),)
 
 
-def _fill_in(tree: Tree, path: KeyPath, folder: Path) -> Tree:
+def _fill_in(tree: Tree, path: KeyPath, folders: Sequence[Path]) -> Tree:
     key = (*path, KEY)
     position, named = tree.at(key).value, tree.value(key)
     try:
         if not isinstance(named, str):
             raise InputError(f"{KEY} is {show(named)}, expected the name of a specimen", "such as A1")
-        specimen, sha256 = load_specimen(named, folder)
+        specimen, sha256 = load_specimen(named, folders)
     except InputError as error:
         raise file_format_error([*tree.faults, *locate_problems(position, key, error)]) from error
     if faults := tuple(_find_contradictions(tree, path, specimen)):

@@ -5,7 +5,7 @@ record needs no file outside of it. The tracks of earlier runs are filled in too
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
 from pathlib import Path
@@ -148,19 +148,18 @@ class SpecimenSection(SpecimenFile):
     )
 
 
-def find_specimens_folder(protocol_folder: Path | None = None) -> Path:
-    """Return the folder of specimen files: below the working folder, else beside the folder of the protocol."""
-    beside = None if protocol_folder is None else protocol_folder.resolve().parent / SPECIMENS_DIR
-    return beside if beside is not None and beside.is_dir() and not SPECIMENS_DIR.is_dir() else SPECIMENS_DIR
+def list_specimen_folders(protocol_folder: Path) -> tuple[Path, ...]:
+    """Return where a protocol's specimens are looked for: below the working folder, then beside its own folder."""
+    return SPECIMENS_DIR, protocol_folder.resolve().parent / SPECIMENS_DIR
 
 
-def list_specimens(folder: Path) -> list[str]:
+def list_specimens(folder: Path = SPECIMENS_DIR) -> list[str]:
     """Return the names of the specimens in a folder, in order; none without the folder."""
     return sorted(path.stem for path in folder.glob(f"*{SUFFIX}") if path.is_file())
 
 
-def load_specimen(name: str, folder: Path) -> tuple[SpecimenFile, str]:
-    """Return the specimen of this name, and the SHA-256 of its file.
+def load_specimen(name: str, folders: Sequence[Path] = (SPECIMENS_DIR,)) -> tuple[SpecimenFile, str]:
+    """Return the specimen of this name from the first folder that has it, and the SHA-256 of its file.
 
     Raises
     ------
@@ -173,11 +172,12 @@ def load_specimen(name: str, folder: Path) -> tuple[SpecimenFile, str]:
         _require_file_name(name)
     except ValueError as error:
         raise InputError(f"specimen {name!r}: {error}", _NO_PATH) from error
-    path = folder / f"{name}{SUFFIX}"
-    if not path.is_file():
-        near = get_close_matches(name, list_specimens(folder), 1)
+    places = (folder / f"{name}{SUFFIX}" for folder in folders)
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        near = get_close_matches(name, [known for folder in folders for known in list_specimens(folder)], 1)
         raise InputError(
-            f"there is no specimen {name} in {folder}",
+            f"there is no specimen {name} in {folders[0]}",
             f"did you mean {near[0]}?" if near else f"labrig specimens new {name} writes its file",
         )
     specimen = load_yaml_model(path, SpecimenFile, others=_OTHER_KINDS)

@@ -19,10 +19,8 @@ _QUIET_MODULES = 4
 """ISO/IEC 18004 asks for so many light modules around a code."""
 _TEXT_X_MM = _CODE_MM + 2 * _MARGIN_MM
 _ROOM_MM = WIDTH_MM - _TEXT_X_MM - _MARGIN_MM
-_NAME_MM, _FACT_MM = 5.0, 2.8
+_NAME_MM, _FACT_MM = 5.0, 2.6
 _MOST_CHARACTERS = 36
-_WIDE = "WF"
-"""East Asian widths that take two places."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +89,12 @@ def _write_moment(text: str) -> str:
 def _fit(x_mm: float, y_mm: float, size_mm: float, text: str, *, bold: bool = False) -> Line:
     """Return a line that keeps to its room; of a very long text the end is left out."""
     short = text if len(text) <= _MOST_CHARACTERS else f"{text[: _MOST_CHARACTERS - 1]}…"
-    places = sum(2 if unicodedata.east_asian_width(character) in _WIDE else 1 for character in short)
-    needs_mm = (0.65 if bold else 0.56) * size_mm * places
+    needs_mm = (1.1 if bold else 1.0) * size_mm * sum(map(_estimate_em, short))
     return Line(x_mm, y_mm, size_mm, short, bold, _ROOM_MM if needs_mm > _ROOM_MM else None)
+
+
+def _estimate_em(character: str) -> float:
+    """Return about how wide a character is, in a sans-serif that is rather wide (DejaVu Sans) [em]."""
+    if unicodedata.east_asian_width(character) in {"W", "F"}:
+        return 1.0
+    return 0.85 if character.isupper() or character in "mw%&<>@+=" else 0.56

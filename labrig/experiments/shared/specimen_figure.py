@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import matplotlib as mpl
 import numpy as np
+import shapely
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -50,16 +51,17 @@ def draw_hole_map(specimen: SpecimenMap, next_shape: TrackShape | None, name: st
 
 def _fill(axes: Axes, shape: TrackShape, colour: str) -> None:
     """Draw a track as wide as its sheath and its needle."""
-    for line, diameter_mm in shape.parts:
-        axes.fill(
-            *line.buffer(diameter_mm / 2, quad_segs=2).exterior.xy, color=colour, alpha=0.7, linewidth=0
-        )
+    sheath, needle = (
+        line.buffer(diameter_mm / 2, cap_style="flat", quad_segs=4) for line, diameter_mm in shape.parts
+    )
+    outline = shapely.get_coordinates(shapely.get_exterior_ring(sheath.union(needle)))
+    axes.fill(outline[:, 0], outline[:, 1], color=colour, alpha=0.7, linewidth=0)
 
 
 def _write_number(axes: Axes, shape: TrackShape, text: str) -> None:
     place = (0.0, shape.hole_position_mm)
     axes.annotate(
-        text, place, xytext=(-4, 0), textcoords="offset points", ha="right", va="center", fontsize=7.5
+        text, place, xytext=(-3, 0), textcoords="offset points", ha="right", va="center", fontsize=7.5
     )
 
 

@@ -1,0 +1,113 @@
+"""`labrig specimens`, and runs in a block of gel that has a file."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from labrig.record.reader import open_run
+from tests.cli.conftest import RIG, Labrig
+from tests.cli.cut_runs import cut_short
+from tests.protocol.specimens import sweep_in, write_specimen
+
+SHORT = (
+    *("--rig", RIG, "--set", "insertions_per_specimen=1", "--set", "insertion.length_mm=22"),
+    *("--set", "insertion.speed_mm_s=5", "--set", "insertion.frame_every_mm=20"),
+)
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a working folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def begin_at(place_mm: float) -> tuple[str, ...]:
+    """Return the options for the first hole of a run."""
+    return "--set", f"specimens.0.first_hole_mm={place_mm}"
+
+
+def list_places_mm(run: Path) -> Sequence[float]:
+    """Return the entry points of a run [mm]."""
+    return list(open_run(run).trials["hole_position_mm"])
+
+
+def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Labrig) -> None:
+    """The first run's hole is refused, the proposed one is clear, and the page of the second shows both tracks."""
+    assert labrig("specimens", "new", "A1", "--gelatin-percent", 10, "--batch", "<b>7</b>").exit_code == 0
+    protocol = sweep_in(bench, "specimen_file: A1")
+    assert labrig("run", protocol, *SHORT, "--run-name", "one", "--json").exit_code == 0
+    checked = labrig("check", protocol, *SHORT, "--json")
+    (problem,) = checked.json()["problems"]
+    assert (checked.exit_code, problem["where"]) == (1, "specimens.0.first_hole_mm")
+    assert "would cross the track of hole 1 of run one, at 0 mm" in problem["message"]
+    refused = labrig("run", protocol, *SHORT, "--run-name", "none")
+    assert (refused.exit_code, (bench / "data/runs/none").exists()) == (2, False)
+    place_mm = float(problem["hint"].split("first_hole_mm: ")[1].split(" ")[0])
+    made = labrig("run", protocol, *SHORT, *begin_at(place_mm), "--run-name", "two", "--json")
+    assert made.exit_code == 0
+    run = bench / "data" / "runs" / "two"
+    assert list_places_mm(run) == [place_mm]
+    (drawn,) = made.json()["result"]["maps"]
+    assert [track["run"] for track in drawn["tracks"]] == ["one", "two"]
+    assert (drawn["earlier"], drawn["next_hole_mm"]) == (1, 2 * place_mm)
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert f"<code>first_hole_mm: {2 * place_mm:g}</code>" in page
+    assert "&lt;b&gt;7&lt;/b&gt;" in page
+    assert "<b>7</b>" not in page
+    shown = labrig("specimens", "show", "A1", "--json").json()
+    assert [track["hole_position_mm"] for track in shown["tracks"]["simulated"]] == [0.0, place_mm]
+    assert shown["tracks"]["real"] == []
+    assert labrig("replay", run, "--json").json()["identical"] is True
+    assert labrig("reanalyze", run).exit_code == 0
+    again = json.loads((run / "analysis" / "002" / "result.json").read_text(encoding="utf-8"))
+    assert again["maps"] == [drawn]
+    assert "A1,2,two,0,0," in (run / "analysis" / "002" / "tracks.csv").read_text(encoding="utf-8")
+    assert labrig("export", run, "--csv", "--out", bench / "tables").exit_code == 0
+    _resume_beside(run, labrig, place_mm)
+
+
+def _resume_beside(run: Path, labrig: Labrig, place_mm: float) -> None:
+    """A run that was cut short in its insertion resumes, and makes it again clear of the old tracks."""
+    start_s = float(open_run(run).trials["start_t_s"][0])
+    cut = cut_short(run, run.with_name("cut"), start_s + 8.0)
+    assert labrig("resume", cut, "--json").exit_code == 0
+    assert list_places_mm(cut) == [place_mm, place_mm + 10.0]
+
+
+def test_a_block_that_is_not_of_an_age_to_be_used_is_refused(bench: Path, labrig: Labrig) -> None:
+    """Cast in the future and past its time are refused with both times; one that still cures is warned of."""
+    protocol = sweep_in(bench, "specimen_file: A1")
+    write_specimen(bench, lines="usable_until: 2026-11-21T09:30+01:00\n")
+    late = labrig("check", protocol, *SHORT)
+    assert (late.exit_code, "was usable until 2026-11-21T09:30+01:00" in late.out) == (1, True)
+    assert labrig("run", protocol, *SHORT).exit_code == 2
+    path = write_specimen(bench)
+    path.write_text(path.read_text().replace("2026", "9026"), encoding="utf-8")
+    early = labrig("check", protocol, *SHORT)
+    assert (early.exit_code, "was cast on 9026-11-20T09:30+01:00, and now" in early.out) == (1, True)
+    assert labrig("specimens", "new", "A2", "--gelatin-percent", 10, "--cured-for-h", 24).exit_code == 0
+    curing = labrig("check", protocol, *SHORT, "--set", "specimens.0.specimen_file=A2")
+    assert (curing.exit_code, "cures for 24 h by its file" in curing.out) == (0, True)
+
+
+def test_a_specimen_is_written_once_listed_and_labelled(bench: Path, labrig: Labrig) -> None:
+    """Neither a file nor a label is replaced; a name that is a path, or of no specimen, is refused with a hint."""
+    assert labrig("specimens", "list").err.startswith("no specimens in data/specimens")
+    new = ("specimens", "new", "A1", "--gelatin-percent", 10, "--cast-on", "2026-11-20 09:30+01:00")
+    assert labrig(*new, "--json").json()["cast_on"] == "2026-11-20 09:30+01:00"
+    kept = (bench / "data/specimens/A1.yaml").read_bytes()
+    assert labrig(*new).err.startswith("error: data/specimens/A1.yaml exists already")
+    assert (bench / "data/specimens/A1.yaml").read_bytes() == kept
+    assert labrig("specimens", "new", "../A1", "--gelatin-percent", 10).exit_code == 2
+    assert not (bench / "data" / "A1.yaml").exists()
+    (bench / "data/specimens/B1.yaml").write_text("name: [", encoding="utf-8")
+    listed = labrig("specimens", "list", "--json")
+    assert [row["name"] for row in json.loads(listed.out)] == ["A1"]
+    assert "B1.yaml" in listed.err
+    assert "did you mean A1?" in labrig("specimens", "show", "A11").err
+    assert labrig("specimens", "label", "A1", "--to", "a1.svg").exit_code == 0
+    assert labrig("specimens", "label", "A1", "--to", "a1.svg").exit_code == 2
+    assert labrig("specimens", "label", "A1", "--to", "a1.png").exit_code == 2

@@ -1,0 +1,90 @@
+"""Specimen files, and protocols whose gels name one."""
+
+import hashlib
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import FileFormatError, InputError
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.protocol.load import load_protocol, load_recorded_protocol
+from labrig.protocol.schema import schema_text
+from labrig.protocol.specimen_file import load_specimen, specimen_schema
+from labrig.protocol.yaml_file import dump_yaml
+from tests.protocol.specimens import make_track, sweep_in, write_specimen
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_committed_schema_is_that_of_the_model() -> None:
+    """data/specimens/specimen.schema.json is what labrig schema specimen prints."""
+    committed = ROOT / "data" / "specimens" / "specimen.schema.json"
+    assert committed.read_text(encoding="utf-8") == schema_text(specimen_schema())
+
+
+def test_a_gel_has_what_its_specimen_file_says(tmp_path: Path) -> None:
+    """Name, gelatin and age come from the file beside the protocol, with its SHA-256; a record of it reads the same."""
+    file = write_specimen(tmp_path, lines="batch: B7\n")
+    protocol = load_protocol(sweep_in(tmp_path, "specimen_file: A1"), PROTOCOL_MODELS)
+    (gel,) = protocol.gels.values()
+    assert (gel.name, gel.gelatin_percent, gel.block.batch) == ("A1", 10.0, "B7")
+    assert gel.block.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert gel.block.find_age_h(datetime.fromisoformat("2026-11-21T08:30+00:00")) == 24.0
+    with_tracks = protocol.put_tracks({"A1": (make_track(4.5),)})
+    kept = tmp_path / "recorded.yaml"
+    kept.write_text(dump_yaml(with_tracks), encoding="utf-8")
+    assert load_recorded_protocol(kept, PROTOCOL_MODELS) == with_tracks
+
+
+@pytest.mark.parametrize(
+    ("gel", "words"),
+    [
+        (
+            "{specimen_file: A1, gelatin_percent: 13}",
+            "gelatin_percent is 13, and the file of specimen A1 says 10",
+        ),
+        ("{specimen_file: A1, name: A2}", 'name is "A2", and the file of specimen A1 says "A1"'),
+        ("{specimen_file: A1, block: null}", "only one of the two is allowed"),
+        ("specimen_file: A11", "did you mean A1?"),
+        ("specimen_file: ../A1", "a specimen's name is also that of its file"),
+        ("specimen_file: 7", "specimen_file is 7, expected the name of a specimen"),
+        ("{gelatin_percent: 10}", "name is missing"),
+    ],
+)
+def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(
+    gel: str, words: str, tmp_path: Path
+) -> None:
+    """Another ratio or name, an unknown specimen and a name that is a path: each with line, column and hint."""
+    write_specimen(tmp_path)
+    with pytest.raises(FileFormatError, match=r"sweep\.yaml:\d+:\d+ specimens\.0") as refused:
+        load_protocol(sweep_in(tmp_path, gel), PROTOCOL_MODELS)
+    assert words in f"{refused.value.message} {refused.value.hint}"
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("mixed_on: 2026-11-21T09:30+01:00\n", "cast_on is 2026-11-20T09:30+01:00, before mixed_on"),
+        ("usable_until: 2026-11-19T09:30+01:00\n", "before cast_on"),
+        ("mixed_on: 2026-11-20\n", "expected date, time and distance from UTC"),
+        ("mixed_on: 20261120\n", "mixed_on is 20261120, expected text"),
+        ("refractive_index_sd: 0.01\n", "refractive_index is missing"),
+        ("cured: 24\n", "unknown key cured"),
+        ("experiment: steerability\n", "this is a protocol, expected a specimen file"),
+    ],
+)
+def test_a_malformed_specimen_file_is_refused_at_its_line(lines: str, words: str, tmp_path: Path) -> None:
+    """Times in the wrong order or without a zone, a spread without its value, and another kind of file."""
+    path = write_specimen(tmp_path, lines=lines)
+    with pytest.raises(FileFormatError, match=r"A1\.yaml:\d+:\d+") as refused:
+        load_specimen("A1", [path.parent])
+    assert words in refused.value.message
+
+
+def test_a_file_under_another_name_is_refused(tmp_path: Path) -> None:
+    """A copied file that still holds the name of the old block would keep the tracks of both under it."""
+    path = write_specimen(tmp_path)
+    path.rename(path.with_name("A2.yaml"))
+    with pytest.raises(InputError, match=r"A2\.yaml holds the specimen A1"):
+        load_specimen("A2", [path.parent])

@@ -11,7 +11,7 @@ from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
 from labrig.devices.clocks import SystemClock
 from labrig.durable import disk_errors, write_atomically
-from labrig.errors import DiskError, InputError, OutputExistsError
+from labrig.errors import InputError, OutputExistsError
 from labrig.protocol.specimen_file import (
     SPECIMENS_DIR,
     SUFFIX,
@@ -79,7 +79,10 @@ def new(
     }
     specimen = validate_values(values, "labrig specimens new", SpecimenFile)
     path = SPECIMENS_DIR / f"{name}{SUFFIX}"
-    _write_new(path, (_HEAD + dump_yaml(specimen)).encode("utf-8"))
+    _require_new(path, "", "edit it, or give the new block another name: its tracks are kept under it")
+    with disk_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, (_HEAD + dump_yaml(specimen)).encode("utf-8"))
     if as_json:
         print_json({"file": str(path), **specimen.model_dump(mode="json")})
         return
@@ -87,18 +90,10 @@ def new(
     say(f"in a protocol: specimen_file: {name}; its label: labrig specimens label {name} --to {name}.svg")
 
 
-def _write_new(path: Path, content: bytes) -> None:
-    """Write a file that does not exist yet. Raises `OutputExistsError`, `DiskError`."""
-    try:
-        with disk_errors(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("xb") as file:
-                file.write(content)
-    except DiskError as error:
-        if isinstance(error.__cause__, FileExistsError):
-            hint = "edit it, or give the new block another name: its tracks are kept under it"
-            raise OutputExistsError(f"{path} exists already", hint) from error
-        raise
+def _require_new(path: Path, option: str, hint: str) -> None:
+    """Refuse to replace a file. Raises `OutputExistsError`."""
+    if path.exists():
+        raise OutputExistsError(f"{option}{path} exists already", hint)
 
 
 def _add_zone(text: str | None) -> str | None:
@@ -190,7 +185,6 @@ def label(
     specimen, _ = load_specimen(name)
     if to.suffix.lower() != ".svg":
         raise InputError(f"--to {to} is not an SVG file", f"name it {to.stem or name}.svg")
-    if to.exists():
-        raise OutputExistsError(f"--to {to} exists already", "name another file")
+    _require_new(to, "--to ", "name another file")
     write_atomically(to, draw_label(specimen))
     print_line(str(to))

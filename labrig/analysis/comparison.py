@@ -96,7 +96,7 @@ def compare_runs(
     rows = _read_rows(used, wanted)
     asked = tuple(ALIASES.get(name, name) for name in by)
     grouped, chosen, notes = group_rows(rows, used, asked)
-    grouped = grouped.assign(block=pd.Series(find_blocks(grouped), dtype=object))
+    grouped = grouped.assign(block=pd.Series(find_blocks(grouped, used), dtype=object))
     unit_of_analysis, unit_notes = choose_unit(grouped, unit)
     comparison = _compare(used, grouped, wanted, chosen, unit_of_analysis)
     told = (*unit_notes, *notes, *_note_shared_blocks(grouped), *_list_warnings(comparison))

@@ -9,6 +9,7 @@ from labrig.analysis.comparison_result import Unit
 from labrig.analysis.measurements import MeasuredRun
 from labrig.errors import InputError
 from labrig.record.condition import find_paths
+from labrig.record.fields import BLOCK_NAME
 from labrig.text import format_count
 
 DEFAULT_FIELDS = ("needle_id", "gelatin_percent")
@@ -103,13 +104,18 @@ def _find_values(rows: pd.DataFrame, runs: Sequence[MeasuredRun], name: str) -> 
 
 
 def _find_run_value(run: MeasuredRun, name: str) -> str | None:
+    return ", ".join(_list_run_values(run, name)) or None
+
+
+def _list_run_values(run: MeasuredRun, name: str) -> tuple[str, ...]:
+    """Return the values of a field of manifest or protocol, each once."""
     values = [
         _to_text(value)
         for path in find_paths(name, run.fields)
         for value in run.fields[path]
         if value is not None and value != ""
     ]
-    return ", ".join(dict.fromkeys(values)) or None
+    return tuple(dict.fromkeys(values))
 
 
 def _to_text(value: object) -> str:
@@ -129,15 +135,17 @@ def _name_group(by: Sequence[str], values: Sequence[str | None]) -> str | None:
     return ", ".join(parts)
 
 
-def find_blocks(rows: pd.DataFrame) -> list[str | None]:
+def find_blocks(rows: pd.DataFrame, runs: Sequence[MeasuredRun]) -> list[str | None]:
     """Return the block of gel of each row: a specimen of a run; None where none is named.
 
-    Specimens of different runs are different blocks, whatever their names: no record says that one was used again.
+    A specimen with a file is one block in all runs. Others are different blocks in different runs, whatever their
+    names: no record says that one was used again. Simulated gel is new in every run.
     """
     if "specimen" not in rows:
         return [None] * len(rows)
+    with_file = {run.name: () if run.is_simulated else _list_run_values(run, BLOCK_NAME) for run in runs}
     return [
-        None if pd.isna(specimen) else f"{run}/{specimen}"
+        None if pd.isna(specimen) else specimen if specimen in with_file[run] else f"{run}/{specimen}"
         for run, specimen in zip(rows["run"], rows["specimen"], strict=True)
     ]
 

@@ -25,7 +25,7 @@ BLOCK_NAME = "block.name"
 
 Leaves = dict[str, list[Value]]
 
-# Hashes and lists of all pictures differ between runs, but nobody searches for them.
+# Hashes, lists of all pictures and old tracks differ between runs, but nobody searches for them.
 _LEFT_OUT = frozenset(
     {
         "schema_version",
@@ -37,9 +37,10 @@ _LEFT_OUT = frozenset(
         "packages",
         "inputs",
         "created",
+        "tracks",
     }
 )
-_LONG_LISTS = ("measurements", "cells", "corners")
+_LONG_LISTS = ("measurements", "cells", "corners", "maps")
 _LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", *_LONG_LISTS})
 
 

@@ -43,6 +43,16 @@ def test_insertions_into_one_block_are_no_independent_specimens(tmp_path: Path) 
     assert (asked.groups[0].n, "too narrow" in asked.warnings[0]) == (5, True)
 
 
+def test_a_specimen_with_a_file_is_one_block_in_all_runs(tmp_path: Path) -> None:
+    """Two runs in the same block count one specimen; without its file, nothing says that it is the same."""
+    runs = [
+        write_measured_run(tmp_path, name, {SOFT: (28.0, 28.4), HARD: (27.0,)}, with_file=["gel A"])
+        for name in ("a", "b")
+    ]
+    soft, hard = _compare(*runs).comparison.groups
+    assert (soft.specimens, soft.insertions, hard.specimens, hard.insertions) == (1, 4, 2, 2)
+
+
 def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calibration(
     tmp_path: Path,
 ) -> None:

@@ -38,13 +38,13 @@ class CurvatureTrend(Model):
 
 
 class SpecimenTrackRow(Model):
-    """A track as a row of a table."""
+    """A track as a row of a table; it is of another run than the table's if `from_run` says so."""
 
     specimen: str
     track: int
-    run: str
-    trial: int
-    hole: int
+    from_run: str
+    from_trial: int
+    from_hole: int
     hole_position_mm: float
     needle_id: str
     age_h: float
@@ -148,7 +148,8 @@ def make_track_table(maps: Sequence[SpecimenMap]) -> dict[str, Rows]:
         SpecimenTrackRow(
             specimen=specimen.name,
             track=number,
-            **track.model_dump(include=SpecimenTrackRow.model_fields.keys() - {"specimen", "track"}),
+            **{f"from_{key}": getattr(track, key) for key in ("run", "trial", "hole")},
+            **track.model_dump(include=set(SpecimenTrackRow.model_fields)),
         )
         for specimen in maps
         for number, track in enumerate(specimen.tracks, start=1)

@@ -13,9 +13,12 @@ Decided here:
 - The needle of a protocol or a scenario may name a design file (`design_file:`) instead of diameter and radius. The
   numbers are filled in when the file is read, so that the record is complete. The name is relative, and the file must
   be below the parent of the folder that holds the protocol.
+- A gel may name a specimen (`specimen_file:`). What its file says is filled in too, and the protocol may not contradict
+  it. The tracks of earlier runs are put in by `labrig run` and `labrig check` (`put_tracks`), so that what a
+  run was refused or allowed by, and where it repeats a hole, follows from its record alone.
 - The rig file and its `world:` section use the same `Model` and the same reader.
 
 This room knows no experiment. Each experiment's folder holds its own model, a subclass of `ExperimentProtocol`, and
 `load_protocol` is handed all of them by name. After a change of a model, run
-`labrig schema > protocols/protocol.schema.json`.
+`labrig schema > protocols/protocol.schema.json`; of a specimen file, `labrig schema specimen`, into `data/specimens`.
 """

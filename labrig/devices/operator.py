@@ -72,9 +72,8 @@ class ShiftToHole(OperatorRequest):
     @property
     def text(self) -> str:
         """Return the request as a person reads it."""
-        return (
-            f"Shift specimen {self.specimen} to hole {self.hole + 1}, {self.position_mm:g} mm from the first."
-        )
+        place = f"{self.position_mm:g} mm from its first entry point"
+        return f"Shift specimen {self.specimen} to hole {self.hole + 1}, {place}."
 
 
 @dataclass(frozen=True)

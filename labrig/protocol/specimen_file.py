@@ -164,7 +164,8 @@ def load_specimen(name: str, folders: Sequence[Path] = (SPECIMENS_DIR,)) -> tupl
     Raises
     ------
     InputError
-        When the name is no file name, or no specimen has it; says which was probably meant.
+        When the name is no file name, or no specimen has it; says which was probably meant. Or when its file is a link
+        that leaves the folder.
     FileFormatError
         When the file is malformed, or names another specimen.
     """
@@ -180,6 +181,8 @@ def load_specimen(name: str, folders: Sequence[Path] = (SPECIMENS_DIR,)) -> tupl
             f"there is no specimen {name} in {folders[0]}",
             f"did you mean {near[0]}?" if near else f"labrig specimens new {name} writes its file",
         )
+    if not path.resolve().is_relative_to(path.parent.resolve()):
+        raise InputError(f"{path} is a link that leaves its folder", "put the file itself there")
     specimen = load_yaml_model(path, SpecimenFile, others=_OTHER_KINDS)
     if specimen.name != name:
         raise InputError(

@@ -47,6 +47,7 @@ from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.posix import WORKER_START_METHOD
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol
+from labrig.protocol.specimen_file import load_specimen
 from labrig.record.annotations import note_on_run
 from labrig.record.check import check_run
 from labrig.record.json_lines import checksum, encode_line
@@ -272,6 +273,15 @@ def _read_state(path: Path) -> None:
     assert isinstance(state.doubt, str)
 
 
+_SPECIMEN = b"""name: A1
+gelatin_percent: 10
+batch: B7
+mixed_on: 2026-11-20T08:30+01:00
+cast_on: 2026-11-20T09:30+01:00
+cured_for_h: 24
+refractive_index: 1.35
+refractive_index_sd: 0.002
+"""
 _SCENARIO = b"""needle:
   radius_mm: 30
   diameter_mm: 1.2
@@ -315,6 +325,13 @@ def _simple_files() -> Iterator[Kind]:
     known = load_intrinsics(calibration / "simulated-intrinsics.json")
     yield _file("rig", 12, rig, spoil_yaml, load_rig)
     yield _file("design file", 4, {"design.json": design.read_bytes()}, spoil_json, load_design)
+    yield _file(
+        "specimen file",
+        3,
+        {"A1.yaml": _SPECIMEN},
+        spoil_yaml,
+        lambda path: load_specimen("A1", [path.parent]),
+    )
     yield _file(
         "scenario", 3, {"s.yaml": _SCENARIO}, spoil_yaml, lambda path: make_problem(load_scenario(path))
     )

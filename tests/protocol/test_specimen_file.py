@@ -82,9 +82,12 @@ def test_a_malformed_specimen_file_is_refused_at_its_line(lines: str, words: str
     assert words in refused.value.message
 
 
-def test_a_file_under_another_name_is_refused(tmp_path: Path) -> None:
-    """A copied file that still holds the name of the old block would keep the tracks of both under it."""
+def test_a_file_under_another_name_or_elsewhere_is_refused(tmp_path: Path) -> None:
+    """A copied file with the old block's name would keep the tracks of both; a link does not leave the folder."""
     path = write_specimen(tmp_path)
+    path.with_name("A3.yaml").symlink_to(write_specimen(tmp_path / "elsewhere", "A3"))
+    with pytest.raises(InputError, match=r"A3\.yaml is a link that leaves its folder"):
+        load_specimen("A3", [path.parent])
     path.rename(path.with_name("A2.yaml"))
     with pytest.raises(InputError, match=r"A2\.yaml holds the specimen A1"):
         load_specimen("A2", [path.parent])

@@ -6,6 +6,7 @@ from itertools import zip_longest
 from typing import Any
 
 from labrig.analysis.summary import ResultComparison, Summary, TextTable
+from labrig.experiments.shared.specimen_result import summarise_maps
 from labrig.text import interval, number
 
 _HEADS = (
@@ -127,7 +128,9 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         [(trial["trial"], source) for trial in trials if (source := trial.get("target_error_interval_by"))]
     )
     rests_on = () if places is None else (f"error: by the shaft in the last picture; in space: {places}",)
-    return Summary((TextTable(_HEADS, rows), *_list_sources(trials), *rests_on, arrived, *alarm), values)
+    specimens = summarise_maps(document.get("maps", ()))
+    tables = (TextTable(_HEADS, rows), *_list_sources(trials))
+    return Summary((*tables, *rests_on, arrived, *alarm, *specimens), values)
 
 
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:

@@ -16,7 +16,7 @@ from labrig.analysis.result import (
     require_part,
 )
 from labrig.analysis.summary import Summary, TextTable
-from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
+from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table, summarise_maps
 from labrig.protocol.model import Model
 from labrig.text import interval, number
 from labrig.vision.error_budget import ErrorBudget
@@ -161,7 +161,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     )
     mean = f"mean of the means  {number(document['mean_radius_mm'])} mm"
     return Summary(
-        (TextTable(_HEADS, rows), mean) if rows else (),
+        (*((TextTable(_HEADS, rows), mean) if rows else ()), *summarise_maps(document.get("maps", ()))),
         {
             **{f"{group['name']}: mean radius mm": group["mean_radius_mm"] for group in groups},
             "pictures": len(measured),

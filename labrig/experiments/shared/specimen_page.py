@@ -7,13 +7,10 @@ from markupsafe import Markup
 
 from labrig.experiments.shared.hole_map import TrackShape
 from labrig.experiments.shared.specimen_figure import draw_curvatures, draw_hole_map
-from labrig.experiments.shared.specimen_result import MOST_CHANGE_PERCENT, CurvatureTrend, SpecimenMap
+from labrig.experiments.shared.specimen_result import MOST_CHANGE_PERCENT, SpecimenMap, describe_trend
 from labrig.protocol.sections import GelBlock
 from labrig.protocol.specimen_file import SpecimenFile
 from labrig.report.formatting import Rows, number
-from labrig.text import format_count
-
-_OVER = {"age_h": "hour of age", "track": "track"}
 
 
 @dataclass(frozen=True)
@@ -90,16 +87,3 @@ def _describe_curing(specimen: SpecimenFile) -> str | None:
 
 def _format(value: float | None, unit: str) -> str | None:
     return None if value is None else f"{value:g} {unit}"
-
-
-def describe_trend(trend: CurvatureTrend) -> str:
-    """Return a trend as a sentence: slope with its interval, what it comes to, and whether that is a drift."""
-    low, high = (100.0 * bound / trend.mean_curvature_per_mm for bound in trend.slope_ci95)
-    slope = 100.0 * trend.slope / trend.mean_curvature_per_mm
-    what = (
-        f"by {slope:+.2g} % per {_OVER[trend.over]} (95 % interval {low:+.2g} to {high:+.2g} %, "
-        f"{format_count(trend.n, 'track')}), {trend.change_percent:+.1f} % over what was observed"
-    )
-    if trend.drifts:
-        return f"The curvature changes {what}: above {MOST_CHANGE_PERCENT:g} %, and significant (p = {trend.p:.2g})."
-    return f"The curvature changes {what}; that is no drift (p = {trend.p:.2g})."

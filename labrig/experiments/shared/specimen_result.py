@@ -1,7 +1,7 @@
 """What is known of a specimen after a run: all tracks in it, the next hole, and how the curvature drifts."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,12 +11,16 @@ from labrig.experiments.shared.hole_map import TrackShape, find_place
 from labrig.protocol.model import Model
 from labrig.protocol.sections import GelBlock
 from labrig.protocol.specimen_file import SpecimenTrack
+from labrig.text import format_count
 
 MOST_CHANGE_PERCENT = 2.0
 """A drift of the curvature is told of if it is significant and, over what was observed, larger than this [%].
 
 From 10 to 19 % gelatin the paper's curvature changes by 4 %: a drift of half of that passes for another gel.
 """
+
+
+_OVER = {"age_h": "hour of age", "track": "track"}
 
 
 class CurvatureTrend(Model):
@@ -140,6 +144,32 @@ def _fit(
         change_percent=change_percent,
         drifts=found.p < 1.0 - LEVEL and abs(change_percent) > MOST_CHANGE_PERCENT,
     )
+
+
+def describe_trend(trend: CurvatureTrend) -> str:
+    """Return a trend as a sentence: slope with its interval, what it comes to, and whether that is a drift."""
+    low, high = (100.0 * bound / trend.mean_curvature_per_mm for bound in trend.slope_ci95)
+    slope = 100.0 * trend.slope / trend.mean_curvature_per_mm
+    what = (
+        f"by {slope:+.2g} % per {_OVER[trend.over]} (95 % interval {low:+.2g} to {high:+.2g} %, "
+        f"{format_count(trend.n, 'track')}), {trend.change_percent:+.1f} % over what was observed"
+    )
+    if trend.drifts:
+        return f"The curvature changes {what}: above {MOST_CHANGE_PERCENT:g} %, and significant (p = {trend.p:.2g})."
+    return f"The curvature changes {what}; that is no drift (p = {trend.p:.2g})."
+
+
+def summarise_maps(maps: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return a line for each specimen of a result document: its tracks and the next hole, and one for each drift."""
+    lines = []
+    for specimen in (SpecimenMap.model_validate(document, strict=False) for document in maps):
+        next_mm = specimen.next_hole_mm
+        place = (
+            "no room for one more" if next_mm is None else f"next clear hole at first_hole_mm: {next_mm:g}"
+        )
+        lines.append(f"specimen {specimen.name}  {format_count(len(specimen.tracks), 'track')}, {place}")
+        lines += [f"warning: {describe_trend(trend)}" for trend in specimen.trends if trend.drifts]
+    return tuple(lines)
 
 
 def make_track_table(maps: Sequence[SpecimenMap]) -> dict[str, Rows]:

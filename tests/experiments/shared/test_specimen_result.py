@@ -4,10 +4,16 @@ from random import Random
 
 import pytest
 
-from labrig.experiments.shared.specimen_page import describe_trend
-from labrig.experiments.shared.specimen_result import fit_trends
+from labrig.experiments.shared.hole_map import TrackShape
+from labrig.experiments.shared.specimen_result import (
+    describe_trend,
+    fit_trends,
+    map_specimens,
+    summarise_maps,
+)
+from labrig.protocol.sections import GelBlock
 from labrig.protocol.specimen_file import SpecimenTrack
-from tests.protocol.specimens import make_track
+from tests.protocol.specimens import make_section, make_track
 
 
 def tracks(percent_per_h: float, needle_id: str = "N1") -> list[SpecimenTrack]:
@@ -37,6 +43,17 @@ def test_scatter_and_other_needles_are_no_drift() -> None:
     assert (small.p < 0.05, small.drifts) == (True, False)
     mixed = [*tracks(0.0), *(track.model_copy(update={"radius_mm": 60.0}) for track in tracks(0.0, "N2"))]
     assert fit_trends(mixed, "N1") == fit_trends(tracks(0.0), "N1")
+
+
+def test_the_terminal_tells_the_next_hole_and_a_drift() -> None:
+    """A result as its file holds it gives a line for the specimen, and one for each trend that drifts."""
+    gel = GelBlock(name="A1", gelatin_percent=10.0, block=make_section(*tracks(0.4)))
+    straight = TrackShape.of_track(make_track(0.0))
+    (found,) = map_specimens({"specimens.0": gel}, {}, straight, 100.0, "N1")
+    line, *warnings = summarise_maps([found.model_dump(mode="json")])
+    assert line == "specimen A1  12 tracks, next clear hole at first_hole_mm: 4"
+    assert len(warnings) == 2
+    assert all(warning.startswith("warning: The curvature changes by +") for warning in warnings)
 
 
 def test_too_few_tracks_have_no_trend() -> None:

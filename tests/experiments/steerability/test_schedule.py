@@ -13,6 +13,8 @@ from labrig.experiments.steerability.schedule import (
     list_planned_trials,
     list_remaining_trials,
 )
+from labrig.experiments.steerability.tracks import plan_track
+from tests.protocol.specimens import make_section, make_track
 from tests.runner.sessions import sweep
 
 TWO_GELS = "specimens=[{name: a, gelatin_percent: 10}, {name: b, gelatin_percent: 19}]"
@@ -94,3 +96,17 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cu
     assert len({(start.specimen, start.hole_position_mm) for start in starts}) == len(past)
     assert len({(start.specimen, start.hole) for start in starts}) == len(past)
     assert list_remaining_trials(wide, past) == ()
+
+
+def test_a_repeated_hole_keeps_off_old_tracks() -> None:
+    """The place behind the last hole is taken by the track of an earlier run: the repetition goes halfway instead."""
+    loaded = protocol("specimens=[{name: A1, gelatin_percent: 10}]")
+    old = make_track(30.0, path_mm=plan_track(loaded, 30.0).path_mm)
+    (gel,) = loaded.specimens
+    sweep_in_a1 = loaded.model_copy(
+        update={"specimens": (gel.model_copy(update={"block": make_section(old)}),)}
+    )
+    begun = [begin(trial, finished=trial.trial != 1) for trial in list_planned_trials(sweep_in_a1)]
+    (again,) = list_remaining_trials(sweep_in_a1, begun)
+    assert (again.repeats, again.hole_position_mm) == (1, 5.0)
+    assert list_remaining_trials(loaded, begun)[0].hole_position_mm == 30.0

@@ -8,7 +8,7 @@ from typing import get_args
 from labrig.errors import InputError
 from labrig.protocol.formatting import Plain, show
 from labrig.protocol.model import Model
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenFile, list_specimen_folders, load_specimen
 from labrig.protocol.tree import InputFault, KeyPath, Tree, file_format_error, locate_problems
 
@@ -43,7 +43,7 @@ def _list_gels(tree: Tree, model: type[Model]) -> Iterator[KeyPath]:
     """Yield the key path of each gel that may name a specimen file."""
     for name, field in model.model_fields.items():
         kinds = (field.annotation, *get_args(field.annotation))
-        if not any(isinstance(kind, type) and issubclass(kind, GelBlock) for kind in kinds):
+        if not any(isinstance(kind, type) and issubclass(kind, TrackedSpecimen) for kind in kinds):
             continue
         held = tree.value((name,))
         yield from ((name, index) for index in range(len(held))) if isinstance(held, list) else ((name,),)

@@ -61,7 +61,7 @@ class ExperimentProtocol(Model):
         return {}
 
     @property
-    def gels(self) -> Mapping[str, "GelBlock"]:
+    def gels(self) -> Mapping[str, "TrackedSpecimen"]:
         """Dotted key -> block of gel that may name a specimen file; empty for an experiment without any."""
         return {}
 
@@ -180,7 +180,7 @@ def _allow_specimen_file(schema: dict[str, Any]) -> None:
     schema |= {key: value for key, value in _BLOCK_OR_FILE.items() if key != "properties"}
 
 
-class GelBlock(Specimen):
+class TrackedSpecimen(Specimen):
     """One block of gel; one with a specimen file keeps its tracks from run to run."""
 
     model_config = ConfigDict(json_schema_extra=_allow_specimen_file)

@@ -24,7 +24,7 @@ _MOST_CHARACTERS = 36
 
 
 @dataclass(frozen=True)
-class Line:
+class LabelLine:
     """A line of text; one that may be too long for its room is pressed together to `fit_mm`."""
 
     x_mm: float
@@ -36,7 +36,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Placed:
+class CodePlace:
     """Where a drawing stands, and how large a unit of it is [mm]."""
 
     left: float
@@ -53,13 +53,13 @@ def draw_label(specimen: SpecimenFile) -> bytes:
         "width_mm": WIDTH_MM,
         "height_mm": HEIGHT_MM,
         "code": code.svg_inline(border=_QUIET_MODULES, light="#fff"),
-        "code_mm": Placed(_MARGIN_MM, _MARGIN_MM, round(_CODE_MM / modules, 5)),
+        "code_mm": CodePlace(_MARGIN_MM, _MARGIN_MM, round(_CODE_MM / modules, 5)),
         "lines": _list_lines(specimen),
     }
     return render(TEMPLATES / "label.svg.jinja", context).encode("utf-8")
 
 
-def _list_lines(specimen: SpecimenFile) -> list[Line]:
+def _list_lines(specimen: SpecimenFile) -> list[LabelLine]:
     cured = (
         None
         if specimen.cured_for_h is None
@@ -86,11 +86,11 @@ def _write_moment(text: str) -> str:
     return datetime.fromisoformat(text).strftime("%Y-%m-%d %H:%M")
 
 
-def _fit(x_mm: float, y_mm: float, size_mm: float, text: str, *, bold: bool = False) -> Line:
+def _fit(x_mm: float, y_mm: float, size_mm: float, text: str, *, bold: bool = False) -> LabelLine:
     """Return a line that keeps to its room; of a very long text the end is left out."""
     short = text if len(text) <= _MOST_CHARACTERS else f"{text[: _MOST_CHARACTERS - 1]}…"
     needs_mm = (1.1 if bold else 1.0) * size_mm * sum(map(_estimate_em, short))
-    return Line(x_mm, y_mm, size_mm, short, bold, _ROOM_MM if needs_mm > _ROOM_MM else None)
+    return LabelLine(x_mm, y_mm, size_mm, short, bold, _ROOM_MM if needs_mm > _ROOM_MM else None)
 
 
 def _estimate_em(character: str) -> float:

@@ -9,13 +9,13 @@ from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.model import Conflict, Former, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
 from labrig.protocol.sections import (
     Advance,
-    GelBlock,
     GridSentinel,
     MovingProtocol,
     Needle,
     NeedleInPicture,
     RollZeroSteps,
     Sheath,
+    TrackedSpecimen,
     check_sheath,
 )
 from labrig.protocol.specimen_file import TracksBySpecimen
@@ -28,7 +28,7 @@ _DEFAULT = SteeringPolicy()
 _Rate = Annotated[float, Field(ge=-0.5, le=0.5)]
 
 
-class Phantom(GelBlock):
+class Phantom(TrackedSpecimen):
     """A block of gel with obstacles cast in."""
 
     length_mm: float = Field(
@@ -296,7 +296,7 @@ class InsertionProtocol(MovingProtocol):
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
     @property
-    def gels(self) -> Mapping[str, GelBlock]:
+    def gels(self) -> Mapping[str, TrackedSpecimen]:
         """Dotted key -> block of gel."""
         return {"specimen": self.specimen}
 

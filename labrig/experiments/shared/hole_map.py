@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from labrig.analysis.result import Point
 from labrig.errors import Problem
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenTrack
 from labrig.text import format_count
 
@@ -91,12 +91,12 @@ def compute_gap_mm(shape: TrackShape, other: TrackShape) -> float:
     return _compute_gap_mm(shape.parts, other.parts)
 
 
-def is_clear(gel: GelBlock, shape: TrackShape) -> bool:
+def is_clear(gel: TrackedSpecimen, shape: TrackShape) -> bool:
     """Return whether a track keeps off the old tracks of a gel, or need not."""
     return gel.block is None or gel.allow_crossing or _find_crossing(gel, shape) is None
 
 
-def _find_crossing(gel: GelBlock, shape: TrackShape) -> tuple[SpecimenTrack, float] | None:
+def _find_crossing(gel: TrackedSpecimen, shape: TrackShape) -> tuple[SpecimenTrack, float] | None:
     """Return the old track that a planned one comes closest to, and how close, if that is too close [mm]."""
     old = () if gel.block is None else gel.block.tracks
     gaps = ((track, compute_gap_mm(shape, TrackShape.of_track(track))) for track in old)
@@ -105,7 +105,7 @@ def _find_crossing(gel: GelBlock, shape: TrackShape) -> tuple[SpecimenTrack, flo
 
 
 def find_crossings(
-    key: str, gel: GelBlock, planned: Sequence[TrackShape], last_mm: float
+    key: str, gel: TrackedSpecimen, planned: Sequence[TrackShape], last_mm: float
 ) -> Iterator[Problem]:
     """Yield a planned track that comes too close to an old one, once for a gel: the first of them, and how many.
 
@@ -150,7 +150,7 @@ def _suggest(start_mm: float | None, holes: int) -> str:
 
 
 def find_place(
-    old: Iterable[SpecimenTrack], planned: Sequence[TrackShape], last_mm: float, gel: GelBlock
+    old: Iterable[SpecimenTrack], planned: Sequence[TrackShape], last_mm: float, gel: TrackedSpecimen
 ) -> float | None:
     """Return the first place, in steps of 0.5 mm, from which planned tracks are clear of old ones; None without any.
 
@@ -160,7 +160,7 @@ def find_place(
         As they lie if the first of them is at 0.
     last_mm : float
         As in `find_crossings`.
-    gel : GelBlock
+    gel : TrackedSpecimen
         Its track_clearance_mm counts.
     """
     others = _join_parts([TrackShape.of_track(track) for track in old])

@@ -8,7 +8,7 @@ from markupsafe import Markup
 from labrig.experiments.shared.hole_map import TrackShape
 from labrig.experiments.shared.specimen_figure import draw_curvatures, draw_hole_map
 from labrig.experiments.shared.specimen_result import MOST_CHANGE_PERCENT, SpecimenMap, describe_trend
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenFile
 from labrig.report.formatting import Rows, number
 
@@ -27,13 +27,13 @@ class SpecimenView:
 
 
 def make_specimen_views(
-    maps: Sequence[SpecimenMap], gels: Mapping[str, GelBlock], next_shape: TrackShape
+    maps: Sequence[SpecimenMap], gels: Mapping[str, TrackedSpecimen], next_shape: TrackShape
 ) -> list[SpecimenView]:
     """Return the section of each specimen, with all figures drawn.
 
     Parameters
     ----------
-    gels : mapping of str to GelBlock
+    gels : mapping of str to TrackedSpecimen
         Those of the protocol, by their key.
     next_shape : TrackShape
         One more insertion of the run, as it lies if it enters at 0.

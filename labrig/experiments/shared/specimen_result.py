@@ -9,7 +9,7 @@ from labrig.analysis.group_tests import LEVEL, fit_slope
 from labrig.analysis.result import Point, Rows
 from labrig.experiments.shared.hole_map import TrackShape, find_place
 from labrig.protocol.model import Model
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenTrack
 from labrig.text import format_count
 
@@ -73,7 +73,7 @@ class SpecimenMap(Model):
 
 
 def map_specimens(
-    gels: Mapping[str, GelBlock],
+    gels: Mapping[str, TrackedSpecimen],
     own: Mapping[str, Sequence[SpecimenTrack]],
     next_shape: TrackShape,
     last_mm: float,
@@ -83,7 +83,7 @@ def map_specimens(
 
     Parameters
     ----------
-    gels : mapping of str to GelBlock
+    gels : mapping of str to TrackedSpecimen
         By their key in the protocol.
     own : mapping of str to sequence of SpecimenTrack
         The tracks of the run, by the name of the specimen.

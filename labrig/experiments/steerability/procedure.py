@@ -20,7 +20,7 @@ from labrig.experiments.steerability.schedule import (
     list_remaining_trials,
 )
 from labrig.experiments.steerability.tracks import find_track_problems
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.runner.experiment import PlannedMove, RunPlan, total_duration_s
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
 from labrig.runner.plan import (
@@ -85,7 +85,7 @@ def make_insertions(
     protocol: SteerabilityProtocol,
     session: Session,
     begun: Sequence[BegunTrial] = (),
-    placed: GelBlock | None = None,
+    placed: TrackedSpecimen | None = None,
 ) -> None:
     """Make the insertions that remain, in order; each specimen is placed before its first one.
 
@@ -99,7 +99,7 @@ def make_insertions(
         The session.
     begun : sequence of BegunTrial
         The insertions of earlier sessions.
-    placed : GelBlock or None
+    placed : TrackedSpecimen or None
         The specimen that is in the frame already.
     """
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
@@ -116,7 +116,7 @@ class _Sweep:
     protocol: SteerabilityProtocol
     session: Session
     begun: list[BegunTrial]
-    placed: GelBlock | None = None
+    placed: TrackedSpecimen | None = None
 
     def list_remaining(self) -> tuple[PlannedTrial, ...]:
         """Return the insertions that remain."""

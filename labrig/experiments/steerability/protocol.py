@@ -9,12 +9,12 @@ from pydantic import Field
 from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
-    GelBlock,
     GridSentinel,
     MovingProtocol,
     Needle,
     NeedleInPicture,
     Sheath,
+    TrackedSpecimen,
     check_sheath,
     limit_conflict,
 )
@@ -50,7 +50,7 @@ class SteerabilityProtocol(MovingProtocol):
     experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Steerability test", description="Heading of the report.")
     needle: Needle = Field(description="The needle of the run.")
-    specimens: tuple[GelBlock, ...] = Field(
+    specimens: tuple[TrackedSpecimen, ...] = Field(
         min_length=1, max_length=50, description="The blocks of gel, in the order in which they are used."
     )
     insertions_per_specimen: int = Field(ge=1, le=500, description="Insertions into each block.")
@@ -80,7 +80,7 @@ class SteerabilityProtocol(MovingProtocol):
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
     @property
-    def gels(self) -> Mapping[str, GelBlock]:
+    def gels(self) -> Mapping[str, TrackedSpecimen]:
         """Dotted key -> block of gel."""
         return {f"specimens.{index}": gel for index, gel in enumerate(self.specimens)}
 
@@ -88,7 +88,7 @@ class SteerabilityProtocol(MovingProtocol):
         """Return this protocol with the tracks in each of its specimens, by the specimen's name."""
         return self.model_copy(update={"specimens": tuple(gel.put_tracks(tracks) for gel in self.specimens)})
 
-    def list_places_mm(self, gel: GelBlock) -> tuple[float, ...]:
+    def list_places_mm(self, gel: TrackedSpecimen) -> tuple[float, ...]:
         """Return the planned entry points in a gel, from its first one [mm]."""
         return tuple(
             gel.first_hole_mm + hole * self.hole_spacing_mm for hole in range(self.insertions_per_specimen)

@@ -13,7 +13,7 @@ from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialSt
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import BegunTrial, list_remaining_trials
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.record.events import INTERRUPTED, TrialStop
 from labrig.record.reader import Run
 from labrig.runner.axis_positions import AxisPositions
@@ -89,7 +89,7 @@ def _continue_sweep(protocol: SteerabilityProtocol, past: Past, session: Session
     make_insertions(protocol, session, past.begun, placed)
 
 
-def _find_placed(protocol: SteerabilityProtocol, past: Past, session: Session) -> GelBlock | None:
+def _find_placed(protocol: SteerabilityProtocol, past: Past, session: Session) -> TrackedSpecimen | None:
     """Return the specimen in the frame if the operator confirms that all is as it was; None: it is asked for again."""
     if not past.begun or not session.rig.stands_at_start:
         return None

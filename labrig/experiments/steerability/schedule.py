@@ -9,7 +9,7 @@ from labrig.experiments.shared.hole_map import is_clear
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.tracks import plan_track
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.events import RecordedTrial, Repeat
 
@@ -22,7 +22,7 @@ class PlannedTrial:
     ----------
     trial : int
         Its number, unique in a run.
-    specimen : GelBlock
+    specimen : TrackedSpecimen
         The block of gel.
     hole : int
         Number of the entry point in that block, of those of this run.
@@ -33,7 +33,7 @@ class PlannedTrial:
     """
 
     trial: int
-    specimen: GelBlock
+    specimen: TrackedSpecimen
     hole: int
     hole_position_mm: float
     repeats: int | None = None
@@ -115,7 +115,7 @@ def _is_made_again(trial: BegunTrial, decisions: Decisions) -> bool:
 
 
 def _find_free_place_mm(
-    protocol: SteerabilityProtocol, gel: GelBlock, lost: SweepTrialStart, places_mm: Sequence[float]
+    protocol: SteerabilityProtocol, gel: TrackedSpecimen, lost: SweepTrialStart, places_mm: Sequence[float]
 ) -> float:
     """Return a free entry point of a block, as far from the others and from old tracks as the protocol requires."""
     spacing_mm = protocol.hole_spacing_mm

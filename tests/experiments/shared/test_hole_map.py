@@ -9,14 +9,14 @@ from labrig.experiments.shared.hole_map import (
     find_place,
     sample_arc,
 )
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from tests.protocol.specimens import make_section, make_track
 
 
-def gel(*places_mm: float, **changed: object) -> GelBlock:
+def gel(*places_mm: float, **changed: object) -> TrackedSpecimen:
     """Return a gel with straight old tracks at these places."""
     section = make_section(*(make_track(place_mm) for place_mm in places_mm))
-    return GelBlock(name="A1", gelatin_percent=10.0, block=section).model_copy(update=changed)
+    return TrackedSpecimen(name="A1", gelatin_percent=10.0, block=section).model_copy(update=changed)
 
 
 def straight(place_mm: float) -> TrackShape:

@@ -11,7 +11,7 @@ from labrig.experiments.shared.specimen_result import (
     map_specimens,
     summarise_maps,
 )
-from labrig.protocol.sections import GelBlock
+from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenTrack
 from tests.protocol.specimens import make_section, make_track
 
@@ -47,7 +47,7 @@ def test_scatter_and_other_needles_are_no_drift() -> None:
 
 def test_the_terminal_tells_the_next_hole_and_a_drift() -> None:
     """A result as its file holds it gives a line for the specimen, and one for each trend that drifts."""
-    gel = GelBlock(name="A1", gelatin_percent=10.0, block=make_section(*tracks(0.4)))
+    gel = TrackedSpecimen(name="A1", gelatin_percent=10.0, block=make_section(*tracks(0.4)))
     straight = TrackShape.of_track(make_track(0.0))
     (found,) = map_specimens({"specimens.0": gel}, {}, straight, 100.0, "N1")
     line, *warnings = summarise_maps([found.model_dump(mode="json")])

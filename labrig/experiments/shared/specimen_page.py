@@ -10,7 +10,7 @@ from labrig.experiments.shared.specimen_figure import draw_curvatures, draw_hole
 from labrig.experiments.shared.specimen_result import MOST_CHANGE_PERCENT, SpecimenMap, describe_trend
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenFile
-from labrig.report.formatting import Rows, number
+from labrig.report.formatting import Rows
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,6 @@ def list_specimen_facts(specimen: SpecimenFile) -> Rows:
         else f"{specimen.refractive_index:g}"
         + ("" if specimen.refractive_index_sd is None else f" (SD {specimen.refractive_index_sd:g})")
     )
-    sizes = (specimen.length_mm, specimen.width_mm, specimen.height_mm)
     rows = (
         ("Gelatin", f"{specimen.gelatin_percent:g} %"),
         ("Batch", specimen.batch or None),
@@ -74,7 +73,9 @@ def list_specimen_facts(specimen: SpecimenFile) -> Rows:
         ("Usable until", specimen.usable_until),
         ("Temperature in use", _format(specimen.temperature_celsius, "°C")),
         ("Refractive index", index),
-        ("Length, width, height", None if sizes == (None,) * 3 else f"{' x '.join(map(number, sizes))} mm"),
+        ("Length", _format(specimen.length_mm, "mm")),
+        ("Width", _format(specimen.width_mm, "mm")),
+        ("Height", _format(specimen.height_mm, "mm")),
         ("Notes", specimen.notes or None),
     )
     return tuple((term, value) for term, value in rows if value is not None)

@@ -6,7 +6,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -327,17 +326,5 @@ def _explain_left_out(run: Run, trials: "pd.Series[float]") -> list[str | None]:
 
 def _find_time(run: Run, t_s: float | None) -> str | None:
     """Return the calendar time of a rig time; None for a run that does not say when it began."""
-    sessions = [
-        (0.0, run.manifest.get("started")),
-        *((float(s.get("t0_s", 0)), s.get("started")) for s in run.sessions),
-    ]
-    at_s = 0.0 if t_s is None or pd.isna(t_s) else float(t_s)
-    t0_s, started = max(
-        (session for session in sessions if session[0] <= at_s), key=lambda session: session[0]
-    )
-    try:
-        return (datetime.fromisoformat(str(started)) + timedelta(seconds=at_s - t0_s)).isoformat(
-            timespec="seconds"
-        )
-    except ValueError:
-        return None
+    moment = run.find_moment(0.0 if t_s is None or pd.isna(t_s) else float(t_s))
+    return None if moment is None else moment.isoformat(timespec="seconds")

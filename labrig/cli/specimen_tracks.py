@@ -10,7 +10,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, Problem
 from labrig.experiments.specimen_tracks import find_tracks
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.specimen_file import SpecimenSection
+from labrig.protocol.specimen_file import MOST_TRACKS, SpecimenSection, TracksBySpecimen
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,10 @@ def prepare_specimens(
     found = find_tracks(runs_dir, names, simulated=rig.kind == ONLY_SIMULATED)
     return PreparedSpecimens(
         protocol.put_tracks(found.tracks),
-        tuple(problem for key, section in named.items() for problem in _find_age_problems(key, section, now)),
+        (
+            *(problem for key, section in named.items() for problem in _find_age_problems(key, section, now)),
+            *find_too_many(next(iter(named)), found.tracks),
+        ),
         (
             *(problem for key, section in named.items() for problem in _warn_of_age(key, section, now)),
             *(_warn_of_unread(problem) for problem in found.unread),
@@ -81,6 +84,15 @@ def _find_age_problems(key: str, section: SpecimenSection, now: datetime) -> lis
             Problem(where, message, "take a fresh block, or set usable_until in its file to a later time")
         ]
     return []
+
+
+def find_too_many(key: str, tracks: TracksBySpecimen) -> list[Problem]:
+    """Return that the blocks have more tracks than a record keeps."""
+    count = sum(map(len, tracks.values()))
+    if count <= MOST_TRACKS:
+        return []
+    message = f"the specimens of this protocol have {count} tracks, and a record keeps {MOST_TRACKS}"
+    return [Problem(f"{key}.specimen_file", message, "take a fresh block, or make a run for each")]
 
 
 def _warn_of_age(key: str, section: SpecimenSection, now: datetime) -> list[Problem]:

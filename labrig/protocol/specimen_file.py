@@ -22,8 +22,8 @@ from labrig.protocol.yaml_tree import MAX_BYTES
 
 SPECIMENS_DIR = Path("data/specimens")
 SUFFIX = ".yaml"
-MOST_TRACKS = 1000
-"""Of one block; nobody inserts that often into one."""
+MOST_TRACKS = 200
+"""In all blocks of a protocol: four with 50 holes each. With them its record stays below what a YAML file may have."""
 
 _NO_PATH = 'choose a name without "/", "\\" and ":" that does not begin with a dot, such as A1'
 
@@ -54,9 +54,7 @@ Moment: TypeAlias = Annotated[str, Field(max_length=40), AfterValidator(_require
 
 Percent: TypeAlias = Annotated[float, Field(ge=1, le=50)]
 _Celsius: TypeAlias = Annotated[float, Field(ge=-30, le=100)]
-_PathPoint: TypeAlias = tuple[
-    Annotated[float, Field(ge=-1000, le=1000)], Annotated[float, Field(ge=-3000, le=3000)]
-]
+_Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 class SpecimenFile(Model):
@@ -120,14 +118,14 @@ class SpecimenTrack(Model):
     run: str = Field(max_length=400, description="The run that made it.")
     trial: int = Field(ge=0, description="Its trial in that run.")
     hole: int = Field(ge=0, description="Its hole in that run, from 0.")
-    hole_position_mm: float = Field(ge=-3000, le=3000, description="Where it enters the block [mm].")
+    hole_position_mm: _Coordinate = Field(description="Where it enters the block [mm].")
     needle_id: Name = Field(description="The needle.")
     needle_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
     sheath_diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
     sheath_depth_mm: NonNegativeMm = Field(description="How far the sheath went in [mm].")
     age_h: float = Field(description="Age of the block at the insertion [h].")
     radius_mm: float | None = Field(None, gt=0, description="Measured radius of curvature [mm].")
-    path_mm: tuple[_PathPoint, ...] = Field(
+    path_mm: tuple[tuple[_Coordinate, _Coordinate], ...] = Field(
         min_length=2, max_length=20, description="The needle's path, (along, across) [mm]."
     )
 

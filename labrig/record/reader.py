@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -210,6 +210,20 @@ class Run:
         if not isinstance(sessions, list) or not all(isinstance(session, dict) for session in sessions):
             raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", COPY_HINT)
         return tuple(sessions)
+
+    def find_moment(self, t_s: float) -> datetime | None:
+        """Return the calendar time of a rig time [s], by its session; None if the run does not say when it began."""
+        sessions = [
+            (0.0, self.manifest.get("started")),
+            *((float(session.get("t0_s", 0)), session.get("started")) for session in self.sessions),
+        ]
+        t0_s, started = max(
+            (session for session in sessions if session[0] <= t_s), key=lambda session: session[0]
+        )
+        try:
+            return datetime.fromisoformat(str(started)) + timedelta(seconds=t_s - t0_s)
+        except ValueError:
+            return None
 
     def lines(self, stream: str) -> list[dict[str, Any]]:
         """Return the lines of `states`, `events`, `frames` or `truth` as they were recorded.

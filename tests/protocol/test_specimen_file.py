@@ -10,7 +10,7 @@ from labrig.errors import FileFormatError, InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, load_recorded_protocol
 from labrig.protocol.schema import schema_text
-from labrig.protocol.specimen_file import load_specimen, specimen_schema
+from labrig.protocol.specimen_file import MOST_TRACKS, load_specimen, specimen_schema
 from labrig.protocol.yaml_file import dump_yaml
 from tests.protocol.specimens import make_track, sweep_in, write_specimen
 
@@ -91,3 +91,14 @@ def test_a_file_under_another_name_or_elsewhere_is_refused(tmp_path: Path) -> No
     path.rename(path.with_name("A2.yaml"))
     with pytest.raises(InputError, match=r"A2\.yaml holds the specimen A1"):
         load_specimen("A2", [path.parent])
+
+
+def test_a_record_can_hold_as_many_tracks_as_are_allowed(tmp_path: Path) -> None:
+    """A protocol with the most tracks, of runs with the longest names, is small enough to be read again."""
+    write_specimen(tmp_path)
+    protocol = load_protocol(sweep_in(tmp_path, "specimen_file: A1"), PROTOCOL_MODELS)
+    path_mm = tuple((100.0 + point, 123.45 + point) for point in range(20))
+    full = protocol.put_tracks({"A1": (make_track(run="r" * 200, path_mm=path_mm),) * MOST_TRACKS})
+    kept = tmp_path / "recorded.yaml"
+    kept.write_text(dump_yaml(full), encoding="utf-8")
+    assert load_recorded_protocol(kept, PROTOCOL_MODELS) == full

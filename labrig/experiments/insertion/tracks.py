@@ -1,7 +1,6 @@
 """The tracks of insertions to a target in their block of gel: the planned one, and those that a run left."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from labrig.experiments.insertion.events import InsertionStart, NeedleRetreat, T
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult, InsertionTrial
 from labrig.experiments.shared.hole_map import TrackShape, find_crossings
-from labrig.experiments.shared.specimen_result import SpecimenMap, map_specimens
+from labrig.experiments.shared.specimen_result import SpecimenMap, find_track_age_h, map_specimens
 from labrig.protocol.specimen_file import SpecimenSection, SpecimenTrack, TracksBySpecimen
 from labrig.record.reader import Run
 
@@ -109,12 +108,11 @@ def _trace(
     start: InsertionStart,
     path_mm: Sequence[Point],
 ) -> SpecimenTrack:
-    moment = datetime.fromisoformat(str(run.manifest["started"])) + timedelta(seconds=start.t_s)
     return SpecimenTrack(
         run=run.path.name,
         trial=start.trial,
         hole=start.hole,
         needle_id=start.needle_id,
-        age_h=round(section.find_age_h(moment), 3),
+        age_h=find_track_age_h(run, section, start.t_s),
         **vars(make_shape(protocol, path_mm)),
     )

@@ -7,10 +7,13 @@ import numpy as np
 
 from labrig.analysis.group_tests import LEVEL, fit_slope
 from labrig.analysis.result import Point, Rows
+from labrig.errors import RecordError
 from labrig.experiments.shared.hole_map import TrackShape, find_place
 from labrig.protocol.model import Model
 from labrig.protocol.sections import TrackedSpecimen
-from labrig.protocol.specimen_file import SpecimenTrack
+from labrig.protocol.specimen_file import SpecimenFile, SpecimenTrack
+from labrig.record.layout import COPY_HINT
+from labrig.record.reader import Run
 from labrig.text import format_count
 
 MOST_CHANGE_PERCENT = 2.0
@@ -70,6 +73,20 @@ class SpecimenMap(Model):
     next_hole_mm: float | None
     needle_id: str
     trends: tuple[CurvatureTrend, ...]
+
+
+def find_track_age_h(run: Run, specimen: SpecimenFile, t_s: float) -> float:
+    """Return the age of a specimen at a rig time of a run [h], rounded to seconds.
+
+    Raises
+    ------
+    RecordError
+        When the run does not say when it began.
+    """
+    moment = run.find_moment(t_s)
+    if moment is None:
+        raise RecordError(f"{run.path} does not say when it began", COPY_HINT)
+    return round(specimen.find_age_h(moment), 4)
 
 
 def map_specimens(

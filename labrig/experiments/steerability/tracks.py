@@ -2,14 +2,13 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from datetime import datetime, timedelta
 
 from labrig.analysis.result import AnalysisResult
 from labrig.errors import Problem
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import find_final_pictures
 from labrig.experiments.shared.hole_map import TrackShape, find_crossings, sample_arc
-from labrig.experiments.shared.specimen_result import SpecimenMap, map_specimens
+from labrig.experiments.shared.specimen_result import SpecimenMap, find_track_age_h, map_specimens
 from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.specimen_file import SpecimenTrack, TracksBySpecimen
@@ -53,11 +52,10 @@ def trace_insertions(
     its full length: a track that is not there costs a place, one that is overlooked an insertion.
     """
     sections = {gel.name: gel.block for gel in protocol.gels.values() if gel.block is not None}
-    started = datetime.fromisoformat(str(run.manifest["started"]))
     starts = run.read_events(SweepTrialStart)
     return {
         name: tuple(
-            _trace(run, protocol, start, section.find_age_h(started + timedelta(seconds=start.t_s)), finals)
+            _trace(run, protocol, start, find_track_age_h(run, section, start.t_s), finals)
             for start in starts
             if start.specimen == name
         )
@@ -84,7 +82,7 @@ def _trace(
         trial=start.trial,
         hole=start.hole,
         needle_id=start.needle_id,
-        age_h=round(age_h, 3),
+        age_h=age_h,
         radius_mm=None if radius_mm is None else round(radius_mm, 4),
         **vars(shape),
     )

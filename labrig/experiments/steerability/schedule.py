@@ -122,7 +122,8 @@ def _find_free_place_mm(
     behind_mm = max(places_mm) + spacing_mm
     if behind_mm <= protocol.last_place_mm and is_clear(gel, plan_track(protocol, behind_mm)):
         return behind_mm
-    halfway_mm = [place_mm + 0.5 * spacing_mm for place_mm in protocol.list_places_mm(gel)[:-1]]
+    holes = range(protocol.insertions_per_specimen - 1)
+    halfway_mm = [gel.first_hole_mm + (hole + 0.5) * spacing_mm for hole in holes]
     for place_mm in sorted(halfway_mm, key=lambda candidate_mm: abs(candidate_mm - lost.hole_position_mm)):
         nearest_mm = min(abs(place_mm - other) for other in places_mm)
         if nearest_mm > protocol.needle.diameter_mm and is_clear(gel, plan_track(protocol, place_mm)):

@@ -40,7 +40,7 @@ from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.experiment import Experiment, RunPlan
-from labrig.runner.plan import estimate_disk_bytes
+from labrig.runner.plan import estimate_disk_bytes, require_valid_calibration
 from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 
@@ -179,6 +179,7 @@ def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun
     if order.rig is not None:
 
         def begin(rig: Rig, reporter: Reporter) -> Session:
+            require_valid_calibration(plan, rig)
             open_record = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
             return begin_session(rig, open_record, reporter, plan.workload)
 

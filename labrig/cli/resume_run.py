@@ -34,7 +34,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment
-from labrig.runner.plan import estimate_disk_bytes
+from labrig.runner.plan import estimate_disk_bytes, require_valid_calibration
 from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
@@ -107,6 +107,7 @@ def resume_run(
     require_free_bytes(path, int(share * estimate_disk_bytes(plan, description) + 1e6 * least_free_mb))
 
     def begin(rig: Rig, reporter: Reporter) -> Session:
+        require_valid_calibration(plan, rig)
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
         return begin_session(rig, reopen, reporter, plan.workload.leave(share))
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -107,10 +107,16 @@ class Frame:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """The requested settings of the camera, and those that it read back."""
+    """The requested settings of the camera, those that it read back, and those that it reports without a request."""
 
     asked: Mapping[str, Setting]
     readback: Mapping[str, Setting]
+    reported: Mapping[str, Setting] = field(default_factory=dict)
+
+    @property
+    def in_use(self) -> dict[str, Setting]:
+        """Every setting that is known."""
+        return {**self.reported, **self.readback}
 
 
 class Camera:
@@ -149,14 +155,15 @@ class Camera:
         self._shape = (description.height_px, description.width_px)
         self._sequence = 0
         self._shown: tuple[bytes, tuple[float, float]] | None = None
-        self.settings = _negotiate(source, description.settings())
+        self.settings = _negotiate(source, description)
 
     def read_settings(self, meanwhile: Callable[[], None] = _do_nothing) -> dict[str, Setting | None]:
-        """Return the value in use of each requested setting; None if the camera cannot tell.
+        """Return the value in use of each setting that was requested or reported; None if the camera cannot tell.
 
         Raises `CameraError`.
         """
-        return self._ask(lambda: {name: self._source.get(name) for name in self.settings.asked}, meanwhile)
+        names = (*self.settings.asked, *self.settings.reported)
+        return self._ask(lambda: {name: self._source.get(name) for name in names}, meanwhile)
 
     def capture(self, meanwhile: Callable[[], None] = _do_nothing) -> Frame:
         """Take a picture, and call `meanwhile` again and again until it is there.
@@ -253,12 +260,15 @@ def close_source(source: PictureSource, worker: Worker) -> None:
         worker.do(source.close, _do_nothing, _PATIENCE_S)
 
 
-def _negotiate(source: PictureSource, asked: Mapping[str, Setting]) -> CameraSettings:
+def _negotiate(source: PictureSource, description: CameraDescription) -> CameraSettings:
     """Make every setting, then read all of them back: a later one may have changed an earlier one."""
+    asked = description.settings()
     for name, value in asked.items():
         source.set(name, value)
     readback = {name: _read_back(source, name, value) for name, value in asked.items()}
-    return CameraSettings(asked, readback)
+    told = {name: source.get(name) for name in description.reported()}
+    reported = {name: value for name, value in told.items() if value is not None}
+    return CameraSettings(asked, readback, reported)
 
 
 def _read_back(source: PictureSource, name: str, asked: Setting) -> Setting:

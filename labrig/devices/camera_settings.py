@@ -16,6 +16,11 @@ CONTROL_NAMES = ("mains_hz", "exposure_us", "gain", "white_balance_k", "focus")
 """Settings that a camera may lack, and that are then null, in the order in which a camera takes them."""
 
 
+HELD_BY_CALIBRATION = ("pixel_format", "focus")
+"""Settings that decide where a point falls in the picture, besides its size, which a calibration states itself. The
+others change brightness, colour and rate."""
+
+
 class CameraDescription(Model):
     """The camera and each of its settings; one that it does not take, or does not read back, is refused."""
 
@@ -42,6 +47,10 @@ class CameraDescription(Model):
     def settings(self) -> dict[str, Setting]:
         """Return the settings to be made, in the order in which a camera takes them."""
         return {"width_px": self.width_px, "height_px": self.height_px, "rate_hz": self.rate_hz}
+
+    def reported(self) -> tuple[str, ...]:
+        """Return the settings that are not made, and that the camera is asked for all the same."""
+        return ()
 
 
 class ControlledCameraDescription(CameraDescription):
@@ -85,3 +94,7 @@ class ControlledCameraDescription(CameraDescription):
             **{name: getattr(self, name) for name in CONTROL_NAMES},
         }
         return {name: value for name, value in values.items() if value is not None}
+
+    def reported(self) -> tuple[str, ...]:
+        """Return the focus where it is not set: an autofocus would change it unseen."""
+        return ("focus",) if self.focus is None else ()

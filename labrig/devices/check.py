@@ -12,6 +12,7 @@ import numpy as np
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
+from labrig.devices.calibrated_camera import list_other_changes, require_calibrated_camera
 from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import find_camera_kind
 from labrig.devices.can_description import ONLY_SIMULATED
@@ -25,7 +26,12 @@ from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError, OutputExistsError, SecondMasterError
-from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
+from labrig.vision.calibration_file import (
+    load_intrinsics,
+    load_plane,
+    read_camera_settings,
+    read_creation_time,
+)
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.mask import load_mask
 from labrig.vision.plane import PlaneMap
@@ -114,12 +120,14 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
             ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items()),
         )
         yield from find_camera_kind(rig.camera.driver).check(rig.camera, camera)
+        for path in rig.calibration_paths().values():
+            require_calibrated_camera(rig, path, camera.settings.reported)
     except LabrigError as error:
         yield failed("camera", error)
 
 
 def check_calibration(rig: RigDescription, now: datetime | None = None) -> Iterator[CheckResult]:
-    """Check that the rig's calibration is there, was accepted, and is of this camera's picture size."""
+    """Check that the rig's calibration is there, was accepted, and is of this camera's picture size and settings."""
     paths = rig.calibration_paths()
     calibrate = (
         f"labrig run protocols/calibration.yaml {rig.option}, then labrig calibrate adopt RUN {rig.option}"
@@ -128,13 +136,13 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 
     def lens(path: Path) -> str:
         found = load_intrinsics(path)
-        _require_usable(rig, found)
+        _require_usable(rig, found, path)
         intrinsics.append(found)
         return f"{path.name}: {found.image_size[0]}x{found.image_size[1]} px, rms {found.rms_px:.3f} px"
 
     def plane(path: Path) -> str:
         found = load_plane(path, intrinsics[0] if intrinsics else None)
-        _require_usable(rig, found)
+        _require_usable(rig, found, path)
         view = found.view_sentence()
         return f"{path.name}: {found.mm_per_px:.4f} mm/px" + ("" if view is None else f". {view}")
 
@@ -146,6 +154,7 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
         yield result
         if now is not None and path is not None and result.status is CheckStatus.PASS:
             yield _check_age(which, path, now, moves=rig.kind != ONLY_SIMULATED)
+            yield from _check_other_settings(rig, which, path)
     for path in rig.mask_paths().values():
         yield _check_calibration_file("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
 
@@ -181,6 +190,20 @@ def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckRe
     )
 
 
+def _check_other_settings(rig: RigDescription, which: str, path: Path) -> Iterator[CheckResult]:
+    """Yield a warning if settings changed that do not void a calibration, or if its settings are not known."""
+    check = f"calibration {which} camera"
+    if rig.camera.recorded:
+        return
+    if read_camera_settings(path) is None:
+        if rig.kind != ONLY_SIMULATED:
+            value = "the camera's settings when it was made are not known"
+            solution = "calibrate again where focus or format may have changed since; labrig run keeps them"
+            yield CheckResult(check, CheckStatus.WARN, value, solution)
+    elif changes := ", ".join(list_other_changes(path, rig.camera.settings())):
+        yield CheckResult(check, CheckStatus.WARN, changes, "calibrate again if the view changed with it")
+
+
 def _check_calibration_file(
     which: str, path: Path | None, describe: Callable[[Path], str], solution: str
 ) -> CheckResult:
@@ -194,8 +217,8 @@ def _check_calibration_file(
         return CheckResult(check, CheckStatus.FAIL, error.message, error.hint or solution)
 
 
-def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap) -> None:
-    """Refuse a calibration that was rejected when it was made, or is for another picture size."""
+def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap, path: Path) -> None:
+    """Refuse a calibration that was rejected when it was made, or is for another picture size, format or focus."""
     if not found.accepted:
         raise InputError(
             f"refused when it was made: {'; '.join(found.reasons)}", "calibrate again as this says"
@@ -206,6 +229,7 @@ def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap) -> None:
             f"made for {size[0]}x{size[1]} px, the camera gives {camera[0]}x{camera[1]} px",
             "calibrate again at this size",
         )
+    require_calibrated_camera(rig, path, rig.camera.settings())
 
 
 def _check_disk() -> CheckResult:

@@ -380,6 +380,7 @@ class Rig:
             **({"recorded_pictures": True} if self.description.camera.recorded else {}),
             "asked": dict(camera.settings.asked),
             "readback": dict(camera.settings.readback),
+            **({"reported": dict(camera.settings.reported)} if camera.settings.reported else {}),
         }
 
     # Moving

@@ -56,6 +56,8 @@ class RunPlan:
         Why the answer will be no although the run could be made, such as no path to a target.
     warnings : tuple of Problem
         Why the answer may be no, such as a tolerance below what the camera can certify.
+    uses_calibration : bool
+        Whether lengths are measured by the rig's calibration, so that the camera has to be as it was then.
     """
 
     trials: int = 0
@@ -66,6 +68,7 @@ class RunPlan:
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
+    uses_calibration: bool = False
 
     @property
     def workload(self) -> Workload:

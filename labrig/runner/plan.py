@@ -3,9 +3,11 @@
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
+from labrig.devices.calibrated_camera import require_calibrated_camera
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.operator import ClearBench, LayGraphPaper
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, check_axis_move, section_problems, unknown_entries
 from labrig.errors import LimitError, Problem
 from labrig.protocol.sections import ExperimentProtocol, GridSentinel, Sheath
@@ -136,6 +138,19 @@ def find_move_problems(
         except LimitError as error:
             problems.append(Problem(move.where, error.message, error.hint))
     return tuple(problems)
+
+
+def require_valid_calibration(plan: RunPlan, rig: Rig) -> None:
+    """Refuse an opened rig whose camera reports another focus than the calibration that the run measures by.
+
+    Raises
+    ------
+    InputError
+        As `require_calibrated_camera`; what the rig file sets is a problem of the plan already.
+    """
+    if plan.uses_calibration:
+        for path in rig.description.calibration_paths().values():
+            require_calibrated_camera(rig.description, path, rig.camera.settings.reported)
 
 
 def estimate_disk_bytes(plan: RunPlan, rig: RigDescription | None) -> int:

@@ -208,6 +208,15 @@ def read_creation_time(path: Path) -> datetime | None:
     return None
 
 
+def read_camera_settings(path: Path) -> dict[str, str | float] | None:
+    """Return the camera's settings when a calibration was made, from its provenance; None if they are unknown."""
+    with suppress(ValueError, KeyError, TypeError, AttributeError):
+        document: Any = parse_json(_read(path))
+        settings = document["provenance"]["camera"]["settings"]
+        return {str(name): value for name, value in settings.items() if isinstance(value, str | int | float)}
+    return None
+
+
 def _name_lens(fingerprint: str | None) -> str:
     return "no intrinsics" if fingerprint is None else f"the intrinsics {fingerprint[:12]}"
 

@@ -239,6 +239,7 @@ plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
         "started": NOW,
         "title": "Camera",
         "provenance": PROVENANCE,
+        "devices": {"camera": {"readback": {"pixel_format": "GREY"}, "reported": {"focus": 0}}},
     }
     recorder = Recorder.create(
         folder,

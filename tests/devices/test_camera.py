@@ -47,7 +47,7 @@ class Lens:
 
     def get(self, name: str) -> Setting | None:
         """Tell it."""
-        return self._settings[name]
+        return self._settings.get(name)
 
     def read(self) -> Exposure | None:
         """Give the next."""

@@ -1,7 +1,7 @@
 """`labrig devices check` and `stop`, below the command line."""
 
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import can
@@ -166,6 +166,58 @@ def test_a_calibration_is_checked_against_the_camera(
     assert results["calibration intrinsics"].status is status
     assert words in results["calibration intrinsics"].value
     assert "protocols/calibration.yaml" in results["calibration plane"].solution
+
+
+@pytest.mark.parametrize(
+    ("made_with", "changes", "status", "words"),
+    [
+        ({"focus": 5}, {"focus": 5}, CheckStatus.PASS, "1280x720 px"),
+        ({"focus": 5}, {"focus": 7}, CheckStatus.FAIL, "made with camera.focus 5, it is 7 now"),
+        (
+            {"pixel_format": "YUYV"},
+            {},
+            CheckStatus.FAIL,
+            "made with camera.pixel_format YUYV, it is GREY now",
+        ),
+        ({"gain": 3}, {}, CheckStatus.PASS, "1280x720 px"),
+        ({"focus": 5}, {"focus": None}, CheckStatus.PASS, "1280x720 px"),
+    ],
+)
+def test_another_focus_or_format_voids_a_calibration(
+    tmp_path: Path, made_with: dict[str, object], changes: dict[str, object], status: CheckStatus, words: str
+) -> None:
+    """The setting is named with its value then and now; what changes brightness alone is a warning."""
+    save_intrinsics(tmp_path / "simulated-intrinsics.json", _lens(1280), {"camera": {"settings": made_with}})
+    rig = simulated_rig().placed_in(tmp_path)
+    rig = rig.model_copy(update={"camera": rig.camera.model_copy(update=changes)}).placed_in(tmp_path)
+    results = _by_name(list(check_calibration(rig, datetime.now(UTC))))
+    assert results["calibration intrinsics"].status is status
+    assert words in results["calibration intrinsics"].value
+    assert ("calibration intrinsics camera" in results) is ("gain" in made_with)
+
+
+def test_a_bench_calibration_without_its_settings_is_warned_of(tmp_path: Path) -> None:
+    """A file of before cannot be compared; it stays usable."""
+    save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), {})
+    results = _by_name(list(check_calibration(load_rig(BENCH).placed_in(tmp_path), datetime.now(UTC))))
+    assert results["calibration intrinsics"].status is CheckStatus.PASS
+    warning = results["calibration intrinsics camera"]
+    assert (warning.status, warning.value) == (
+        CheckStatus.WARN,
+        "the camera's settings when it was made are not known",
+    )
+
+
+def test_a_camera_that_reports_another_focus_fails_the_check(tmp_path: Path) -> None:
+    """Where the rig file sets no focus, that of the open camera is compared."""
+    save_intrinsics(
+        tmp_path / "simulated-intrinsics.json", _lens(1280), {"camera": {"settings": {"focus": 12}}}
+    )
+    result = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))["camera"]
+    assert (result.status, result.value) == (
+        CheckStatus.FAIL,
+        "simulated-intrinsics.json was made with camera.focus 12, it is 0 now",
+    )
 
 
 def test_a_telecentric_lens_needs_no_intrinsics(tmp_path: Path) -> None:

@@ -68,7 +68,12 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
         scale_comparison=comparison,
         corners=_find_corners(pictures.boards, lens, protocol),
     )
-    made_from = {"run": run.path.name, "created": stamp.created, "inputs": dict(stamp.inputs)}
+    made_from = {
+        "run": run.path.name,
+        "created": stamp.created,
+        "inputs": dict(stamp.inputs),
+        **_read_camera(run),
+    }
     return Findings(content, partial(_save_calibration, lens, plane, {**stamp.provenance, **made_from}))
 
 
@@ -79,6 +84,16 @@ def _save_calibration(
         save_intrinsics(folder / INTRINSICS_FILE, lens, dict(provenance))
     if plane is not None:
         save_plane(folder / PLANE_FILE, plane, dict(provenance))
+
+
+def _read_camera(run: Run) -> dict[str, Any]:
+    """Return the camera and its settings as the record states them; nothing if it does not."""
+    devices = run.manifest.get("devices")
+    camera = devices.get("camera") if isinstance(devices, Mapping) else None
+    if not isinstance(camera, Mapping) or not isinstance(camera.get("readback"), Mapping):
+        return {}
+    settings = {**camera.get("reported", {}), **camera["readback"]}
+    return {"camera": {"driver": camera.get("driver"), "device": camera.get("device"), "settings": settings}}
 
 
 def _read_pictures(run: Run, progress: Progress | None) -> _Pictures:

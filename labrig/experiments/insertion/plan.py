@@ -63,6 +63,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         problems=problems or foreseen.problems,
         refusal=foreseen.refusal,
         warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig)),
+        uses_calibration=True,
     )
 
 

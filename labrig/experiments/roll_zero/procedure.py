@@ -34,6 +34,7 @@ def plan(protocol: RollZeroProtocol, rig: RigDescription) -> RunPlan:
         pictures=order.pictures + pictures,
         operator_steps=3 + order.holes + operator_steps,
         problems=find_rig_problems(protocol, rig, moves),
+        uses_calibration=True,
     )
 
 

@@ -60,6 +60,7 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
         operator_steps=sum(questions.values()),
         questions=questions,
         problems=(*find_rig_problems(protocol, rig, (turn, *moves)), *find_track_problems(protocol)),
+        uses_calibration=True,
     )
 
 

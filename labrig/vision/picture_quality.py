@@ -1,0 +1,252 @@
+"""Whether a picture is fit to be measured: focus, saturation, exposure, and flicker over several pictures.
+
+Focus is the width of the edges: the contrast across an edge over its steepest slope, in pixels. A step that a Gaussian
+of standard deviation s blurs is 2.5 s wide; a sharp one is 2 px wide, as slopes are taken over two pixels. A thin line
+is a step up and a step down, and its edges are a third narrower. The median of the strongest edges is stated, so noise
+in even grey and soft reflections take no part.
+
+Flicker is the variation of the mean brightness, without its slow drift. Lamps on the mains flicker with twice its
+frequency; pictures at a lower rate show a beat of that, whose period is stated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lombscargle
+
+from labrig.vision.picture import Picture, as_grey
+
+_FloatArray = NDArray[np.float64]
+
+_SATURATED, _BLACK = 254, 1
+# Standard deviation of the smoothing before slopes are taken [px], and reach around an edge in which its contrast lies.
+_SMOOTH_PX, _REACH_PX = 0.7, 10
+# Slope of noise of one grey level after that smoothing, and how far an edge is steeper.
+_NOISE_SLOPE, _STEEPER = 0.25, 8.0
+_LEAST_SLOPE, _LEAST_CONTRAST = 2.0, 20.0
+# Edges less steep than this share of a high quantile take no part; fewer edges than that say nothing.
+_STRONG, _STEEPEST, _FEWEST_EDGES = 0.5, 0.99, 50
+FEWEST_FOR_FLICKER = 8
+_LEAST_PERIODIC = 0.5
+
+
+@dataclass(frozen=True)
+class PictureQuality:
+    """What one picture tells.
+
+    Attributes
+    ----------
+    edge_width_px : float or None
+        Median width of the strongest edges [px]; None for a picture with too few edges.
+    saturated, black : float
+        Shares of the pixels at grey level 254 or more, and 1 or less.
+    median_grey, low_grey, high_grey : float
+        Median, 1 % and 99 % quantile of the grey level.
+    mean_grey : float
+        Mean of the grey level.
+    """
+
+    edge_width_px: float | None
+    saturated: float
+    black: float
+    median_grey: float
+    low_grey: float
+    high_grey: float
+    mean_grey: float
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """Standard deviation of the mean brightness over its mean, and its period [s]; None where it has none."""
+
+    variation: float
+    period_s: float | None
+
+
+def measure_quality(image: Picture) -> PictureQuality:
+    """Measure a picture, (H, W) or (H, W, 3)."""
+    grey = as_grey(image)
+    counts = np.bincount(grey.ravel(), minlength=256)
+    shares = np.cumsum(counts) / grey.size
+    low, median, high = (float(np.searchsorted(shares, share)) for share in (0.01, 0.5, 0.99))
+    return PictureQuality(
+        edge_width_px=_measure_edge_width(grey),
+        saturated=float(1.0 - shares[_SATURATED - 1]),
+        black=float(shares[_BLACK]),
+        median_grey=median,
+        low_grey=low,
+        high_grey=high,
+        mean_grey=float(counts @ np.arange(256)) / grey.size,
+    )
+
+
+def _measure_edge_width(grey: Picture) -> float | None:
+    """Return the median width [px] of the strongest edges; None if there are too few."""
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SMOOTH_PX)
+    du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    slope = cv2.magnitude(du, dv)
+    least = max(_LEAST_SLOPE, _STEEPER * _NOISE_SLOPE * _estimate_noise(grey))
+    window = np.ones((2 * _REACH_PX + 1,) * 2, np.uint8)
+    contrast = cv2.dilate(smooth, window) - cv2.erode(smooth, window)
+    crest = slope >= cv2.dilate(slope, np.ones((3, 3), np.uint8)) - 1e-6
+    # Where the picture saturates, the top of an edge is cut off, and it looks sharper than it is.
+    whole = cv2.dilate(grey, window) < _SATURATED
+    edges = crest & whole & (slope >= least) & (contrast >= _LEAST_CONTRAST)
+    if np.count_nonzero(edges) < _FEWEST_EDGES:
+        return None
+    strong = edges & (slope >= _STRONG * np.quantile(slope[edges], _STEEPEST))
+    return float(np.median(contrast[strong] / slope[strong]))
+
+
+def _estimate_noise(grey: Picture) -> float:
+    """Return the standard deviation of the noise (Immerkaer, Computer Vision and Image Understanding, 1996)."""
+    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    curved = cv2.filter2D(grey, cv2.CV_32F, mask)
+    return float(np.sqrt(0.5 * np.pi) * np.abs(curved).mean() / 6.0)
+
+
+def measure_flicker(times_s: Sequence[float], means: Sequence[float]) -> Flicker | None:
+    """Measure the variation of the mean brightness of successive pictures.
+
+    Parameters
+    ----------
+    times_s : sequence of float
+        Time of each picture [s].
+    means : sequence of float
+        Their mean grey levels.
+
+    Returns
+    -------
+    Flicker or None
+        None for fewer than eight pictures. The period is that which explains most of the variation (Lomb, Astrophysics
+        and Space Science, 1976), between two pictures and half the time observed; None if it explains less than half.
+    """
+    t_s, grey = np.asarray(times_s, float), np.asarray(means, float)
+    if len(grey) < FEWEST_FOR_FLICKER or not grey.mean() > 0.0:
+        return None
+    observed_s = float(t_s[-1] - t_s[0])
+    if not observed_s > 0.0:
+        return Flicker(float(grey.std() / grey.mean()), None)
+    left = grey - np.polynomial.Polynomial.fit(t_s, grey, 1)(t_s)
+    return Flicker(float(left.std() / grey.mean()), _find_period_s(t_s - t_s[0], left, observed_s))
+
+
+def _find_period_s(t_s: _FloatArray, left: _FloatArray, observed_s: float) -> float | None:
+    fastest_hz = 0.5 * (len(t_s) - 1) / observed_s
+    slowest_hz = 2.0 / observed_s
+    if not left.std() > 0.0 or fastest_hz <= slowest_hz:
+        return None
+    rates_hz = np.linspace(slowest_hz, fastest_hz, 8 * len(t_s))
+    power = lombscargle(t_s, left, 2.0 * np.pi * rates_hz, normalize=True)
+    best = int(np.argmax(power))
+    return float(1.0 / rates_hz[best]) if power[best] >= _LEAST_PERIODIC else None
+
+
+MOST_EDGE_WIDTH_PX = 6.0
+"""Of eight drawn insertions at 0.065 mm a pixel, with more and more blur, radii are 0.03 mm off at 5.8 px, the first is
+refused at 6.7 px, five at 7.7 px."""
+
+MOST_SATURATED, MOST_BLACK, MOST_FLICKER = 0.01, 0.01, 0.02
+MEDIAN_GREY = (50.0, 220.0)
+"""Conventional limits: room for noise and uneven light above, grey levels enough to place an edge below."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A quantity of pictures beside its limit.
+
+    Attributes
+    ----------
+    name : str
+        focus, saturation, black, exposure or flicker.
+    value : float or None
+        In `unit`; None if it is not known.
+    unit, limit : str
+        The limit as a person reads it, such as `at most 1 %`.
+    good : bool or None
+        Whether the value is within the limit; None if it is not known.
+    text : str
+        The value as a person reads it, or why it is not known.
+    hint : str
+        What to do where it is beyond.
+    """
+
+    name: str
+    value: float | None
+    unit: str
+    limit: str
+    good: bool | None
+    text: str
+    hint: str = ""
+
+
+def judge_quality(quality: PictureQuality, flicker: Flicker | None) -> tuple[Score, ...]:
+    """Return the scores of the newest picture, and of the flicker in those before it."""
+    return (
+        _judge_focus(quality.edge_width_px),
+        _judge_share(
+            "saturation",
+            "saturated",
+            quality.saturated,
+            MOST_SATURATED,
+            "shorten the exposure, or dim the light",
+        ),
+        _judge_share("black", "black", quality.black, MOST_BLACK, "lengthen the exposure, or add light"),
+        _judge_exposure(quality),
+        _judge_flicker(flicker),
+    )
+
+
+def _judge_focus(width_px: float | None) -> Score:
+    limit = f"at most {MOST_EDGE_WIDTH_PX:g} px"
+    if width_px is None:
+        return Score(
+            "focus",
+            None,
+            "px",
+            limit,
+            None,
+            "no sharp edges in the picture",
+            "show the camera graph paper or the needle",
+        )
+    good = width_px <= MOST_EDGE_WIDTH_PX
+    hint = "" if good else "turn the lens, or change camera.focus in the rig file; then calibrate again"
+    return Score("focus", width_px, "px", limit, good, f"edges are {width_px:.1f} px wide", hint)
+
+
+def _judge_share(name: str, kind: str, share: float, most: float, remedy: str) -> Score:
+    good = share <= most
+    text = f"{100 * share:.1f} % of the pixels are {kind}"
+    return Score(name, 100 * share, "%", f"at most {100 * most:g} %", good, text, "" if good else remedy)
+
+
+def _judge_exposure(quality: PictureQuality) -> Score:
+    least, most = MEDIAN_GREY
+    median = quality.median_grey
+    text = f"median grey level {median:.0f}, 98 % from {quality.low_grey:.0f} to {quality.high_grey:.0f}"
+    hint = (
+        "lengthen the exposure, or add light"
+        if median < least
+        else "shorten the exposure, or dim the light"
+        if median > most
+        else ""
+    )
+    return Score("exposure", median, "grey level", f"{least:g} to {most:g}", not hint, text, hint)
+
+
+def _judge_flicker(flicker: Flicker | None) -> Score:
+    limit = f"at most {100 * MOST_FLICKER:g} %"
+    if flicker is None:
+        return Score("flicker", None, "%", limit, None, f"known from {FEWEST_FOR_FLICKER} pictures on")
+    good = flicker.variation <= MOST_FLICKER
+    period = "" if good or flicker.period_s is None else f", with a period of {flicker.period_s:.2g} s"
+    text = f"brightness varies by {100 * flicker.variation:.1f} %{period}"
+    hint = (
+        ""
+        if good
+        else "set camera.mains_hz, expose for a multiple of half a mains period, or use a steady lamp"
+    )
+    return Score("flicker", 100 * flicker.variation, "%", limit, good, text, hint)

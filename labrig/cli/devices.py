@@ -1,9 +1,10 @@
-"""`labrig devices`: checks the rig, moves it axis by axis, and stops it."""
+"""`labrig devices`: checks the rig, shows its camera, moves it axis by axis, and stops it."""
 
 from dataclasses import asdict
 
 import typer
 
+from labrig.cli.devices_camera import camera
 from labrig.cli.devices_motion import home, jog, withdraw
 from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, find_rig_file
@@ -42,6 +43,10 @@ def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
         say(line)
 
 
+app.command(
+    "camera",
+    help="Show the camera's picture with scores of focus, saturation, exposure and flicker, and what is found in it.",
+)(camera)
 app.command("home", help="Home axes after confirmation; refused with a needle in tissue.")(home)
 app.command(
     "jog", help="Move one axis slowly after confirmation; verify direction, lead, backlash and limits."

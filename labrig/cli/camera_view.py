@@ -1,0 +1,293 @@
+"""What `labrig devices camera` does: takes pictures, scores each, and shows them at the terminal or in a browser."""
+
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import IO, Any, cast
+
+import cv2
+
+from labrig.cli.calibration_files import require_writable
+from labrig.cli.output import SafeStandardError, escape_controls, print_json, print_line, print_table, say
+from labrig.cli.signals import SignalNote, note_signals
+from labrig.devices.calibrated_camera import require_calibrated_camera
+from labrig.devices.camera import Camera
+from labrig.devices.camera_alone import open_camera
+from labrig.devices.clocks import SystemClock
+from labrig.devices.rig_file import RigDescription
+from labrig.devices.worker import WorkerThread
+from labrig.durable import write_atomically
+from labrig.errors import InputError
+from labrig.experiments.shared.rig_view import load_plane_map
+from labrig.report.picture_page import PicturePage, ShownPicture
+from labrig.vision.landmarks import Landmark, find_landmarks
+from labrig.vision.picture import Picture
+from labrig.vision.picture_quality import Score, judge_quality, measure_flicker, measure_quality
+from labrig.vision.plane import PlaneMap
+
+_INTERRUPTED = 130
+_COUNTED = 16
+_REMEMBERED = 64
+_PERIOD_S = 0.1
+"""Shortest time between two pictures that are shown: nobody sees more, and a simulated camera has no rate."""
+
+_WORDS = {True: "good", False: "BAD", None: ""}
+
+
+@dataclass(frozen=True)
+class CameraOrder:
+    """What to look at, and how.
+
+    Attributes
+    ----------
+    rig : RigDescription
+    web : bool
+        Whether a page is served.
+    port : int
+        Where; 0 for any free port.
+    pictures : int or None
+        How many pictures; None: until interrupted, or a default number where nobody could interrupt.
+    save : Path or None
+        Where the last picture is written.
+    sheath_diameter_mm : float
+    as_json : bool
+    """
+
+    rig: RigDescription
+    web: bool
+    port: int
+    pictures: int | None
+    save: Path | None
+    sheath_diameter_mm: float
+    as_json: bool
+
+    @property
+    def wanted(self) -> int | None:
+        """How many pictures are taken; None: until interrupted."""
+        watched = self.web or (sys.stdout.isatty() and not self.as_json and self.save is None)
+        return self.pictures if self.pictures is not None or watched else _COUNTED
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredPicture:
+    """A picture with its number, from 1, and its scores."""
+
+    number: int
+    image: Picture
+    scores: tuple[Score, ...]
+
+
+Show = Callable[[ScoredPicture, tuple[Landmark, ...]], None]
+"""Shows a picture, and the landmarks of one shortly before."""
+
+
+@dataclass
+class _Watch:
+    """Takes pictures and scores them, until as many are taken as are wanted or a signal has come."""
+
+    camera: Camera
+    wanted: int | None
+    interrupted: SignalNote
+    show: Show
+    clock: SystemClock = field(default_factory=SystemClock)
+    taken: list[dict[str, Any]] = field(default_factory=list)
+    last: ScoredPicture | None = None
+    landmarks: tuple[Landmark, ...] = ()
+    _times_s: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _means: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _shown_s: float = 0.0
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether no more pictures are taken."""
+        enough = self.wanted is not None and self.last is not None and self.last.number >= self.wanted
+        return enough or self.interrupted() is not None
+
+    def step(self) -> None:
+        """Take a picture and show it, unless all is over."""
+        if self.has_ended:
+            return
+        self.clock.sleep(max(0.0, self._shown_s + _PERIOD_S - self.clock.now_s()))
+        self._shown_s = self.clock.now_s()
+        frame = self.camera.capture()
+        quality = measure_quality(frame.image)
+        self._times_s.append(frame.t_s)
+        self._means.append(quality.mean_grey)
+        scores = judge_quality(quality, measure_flicker(self._times_s, self._means))
+        self.last = ScoredPicture(frame.sequence + 1, frame.image, scores)
+        if self.wanted is not None:
+            self.taken.append({"picture": self.last.number, "scores": [asdict(score) for score in scores]})
+        self.show(self.last, self.landmarks)
+
+
+def view_camera(order: CameraOrder) -> int:
+    """Show the camera of a rig, and return the exit code.
+
+    Raises
+    ------
+    InputError
+        When the file for the picture cannot be written, or the port of the page cannot be had.
+    LockedError, CameraError
+        When the camera cannot be opened, or gives no picture.
+    """
+    _require_png(order.save)
+    require_writable(order.save, force=False, hint="choose another name")
+    with ExitStack() as stack:
+        interrupted = stack.enter_context(note_signals())
+        camera = stack.enter_context(open_camera(order.rig, "labrig devices camera"))
+        show = stack.enter_context(_open_shows(order))
+        watch = _Watch(camera, order.wanted, interrupted, show)
+        search = partial(_search, order, camera)
+        if order.wanted is None or order.web:
+            _watch_and_search(watch, search)
+        while not watch.has_ended:
+            watch.step()
+    if watch.last is None:
+        return _INTERRUPTED
+    if not watch.landmarks and watch.interrupted() is None:
+        watch.landmarks = search(watch.last.image)
+    _report(order, watch, camera)
+    _save(order.save, watch.last.image)
+    if watch.interrupted() is not None:
+        return _INTERRUPTED
+    return 1 if any(score.good is False for score in watch.last.scores) else 0
+
+
+def _watch_and_search(watch: _Watch, search: Callable[[Picture], tuple[Landmark, ...]]) -> None:
+    """Search one picture after another for landmarks, and take and show pictures meanwhile."""
+    worker = WorkerThread("landmarks", watch.clock)
+    try:
+        watch.step()
+        while not watch.has_ended and watch.last is not None:
+            found = worker.do(partial(search, watch.last.image), partial(_step_until_stopped, watch))
+            watch.landmarks = found
+    except _StoppedError:
+        return
+    finally:
+        worker.close(0.0)
+
+
+class _StoppedError(Exception):
+    """A signal has come while landmarks were searched."""
+
+
+def _step_until_stopped(watch: _Watch) -> None:
+    watch.step()
+    if watch.interrupted() is not None:
+        raise _StoppedError
+
+
+def _search(order: CameraOrder, camera: Camera, image: Picture) -> tuple[Landmark, ...]:
+    return find_landmarks(image, partial(_load_valid_plane, order.rig, camera), order.sheath_diameter_mm)
+
+
+def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
+    """Return the rig's plane map if the camera is set as it was then. Raises `InputError`."""
+    for path in rig.calibration_paths().values():
+        require_calibrated_camera(rig, path, camera.settings.in_use)
+    return load_plane_map(rig)
+
+
+# Showing
+
+
+@contextmanager
+def _open_shows(order: CameraOrder) -> Iterator[Show]:
+    """Open what shows pictures while they are taken: a page, a table on a terminal, both, or nothing."""
+    with ExitStack() as stack:
+        shows: list[Show] = []
+        if order.web:
+            page = stack.enter_context(closing(PicturePage(order.port)))
+            say(f"open {page.url}")
+            heading = f"Camera of rig {order.rig.name}"
+            shows.append(lambda picture, marks: page.show(_show_in_page(picture, marks, heading)))
+        if sys.stdout.isatty() and not order.as_json and order.wanted is None:
+            shows.append(stack.enter_context(_open_table()))
+
+        def show_all(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
+            for show in shows:
+                show(picture, landmarks)
+
+        yield show_all
+
+
+def _show_in_page(picture: ScoredPicture, landmarks: tuple[Landmark, ...], heading: str) -> ShownPicture:
+    return ShownPicture(picture.number, picture.image, heading, "", picture.scores, landmarks)
+
+
+@contextmanager
+def _open_table() -> Iterator[Show]:
+    """Keep a table on the terminal up to date; it is gone in the end."""
+    from rich.console import Console
+    from rich.live import Live
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(file=cast("IO[str]", SafeStandardError()))
+    with Live(console=console, refresh_per_second=8, transient=True) as live:
+
+        def show(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
+            table = Table(*_HEADS, title=f"picture {picture.number}; Ctrl+C ends")
+            for row in _list_rows(picture.scores, landmarks):
+                table.add_row(*(Text(escape_controls(cell)) for cell in row))
+            live.update(table)
+
+        yield show
+
+
+_HEADS = ("", "score", "value", "limit", "what to do")
+
+
+def _list_rows(
+    scores: tuple[Score, ...], landmarks: tuple[Landmark, ...]
+) -> list[tuple[str, str, str, str, str]]:
+    judged = [(_WORDS[score.good], score.name, score.text, score.limit, score.hint) for score in scores]
+    searched = [
+        (
+            "found" if mark.found else "",
+            mark.name,
+            mark.text if mark.found else f"not found: {mark.text}",
+            "",
+            "",
+        )
+        for mark in landmarks
+    ]
+    return [*judged, *searched]
+
+
+def _report(order: CameraOrder, watch: _Watch, camera: Camera) -> None:
+    """Print the scores of the last picture; as JSON those of all, if their number was given."""
+    assert watch.last is not None
+    if order.as_json:
+        scores = [score.good for score in watch.last.scores]
+        print_json(
+            {
+                "rig": order.rig.name,
+                "driver": order.rig.camera.driver,
+                "settings": camera.settings.in_use,
+                "ok": False not in scores,
+                "pictures": watch.taken,
+                "landmarks": [asdict(mark) for mark in watch.landmarks],
+            }
+        )
+    else:
+        print_line(f"picture {watch.last.number} of rig {order.rig.name}")
+        print_table(_HEADS, _list_rows(watch.last.scores, watch.landmarks))
+
+
+def _require_png(save: Path | None) -> None:
+    if save is not None and save.suffix.lower() != ".png":
+        raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
+
+
+def _save(path: Path | None, image: Picture) -> None:
+    """Write a test frame. Raises `OutputExistsError` if somebody has made a file of that name meanwhile."""
+    if path is None:
+        return
+    require_writable(path, force=False, hint="choose another name")
+    write_atomically(path, cv2.imencode(".png", image)[1].tobytes())
+    say(f"written: {path}")

@@ -1,0 +1,122 @@
+"""The page with a camera's picture, as a browser on this computer gets it."""
+
+import json
+from collections.abc import Iterator
+from contextlib import closing
+from http.client import HTTPConnection, HTTPResponse
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+
+from labrig.errors import InputError
+from labrig.report.picture_page import PicturePage, Pixel, ShownPicture, Verdict
+from labrig.vision.landmarks import Landmark
+
+IMAGE = np.arange(40 * 60, dtype=np.uint32).astype(np.uint8).reshape(40, 60)
+HOSTILE = "<img src=x onerror=alert(1)>\"'&"
+JSON = {"Content-Type": "application/json"}
+
+
+def _take(pixel: Pixel) -> Verdict:
+    return Verdict(pixel == (7, 9), f"{pixel[0]} {pixel[1]}")
+
+
+@pytest.fixture
+def page() -> Iterator[PicturePage]:
+    """Serve a page that asks for a pixel."""
+    with closing(PicturePage(take=_take)) as served:
+        served.show(
+            ShownPicture(3, IMAGE, HOSTILE, landmarks=[Landmark("sheath", found=False, text=HOSTILE)])
+        )
+        yield served
+
+
+def _request(
+    page: PicturePage, name: str, *, sent: object = None, path: str | None = None, **headers: str
+) -> tuple[HTTPResponse, bytes]:
+    with closing(HTTPConnection("127.0.0.1", page.port, timeout=10)) as browser:
+        body = None if sent is None else json.dumps(sent)
+        given = {key.replace("_", "-"): value for key, value in headers.items()}
+        place = urlsplit(page.url).path + name if path is None else path
+        browser.request("GET" if sent is None else "POST", place, body, given)
+        reply = browser.getresponse()
+        return reply, reply.read()
+
+
+def test_the_page_and_its_parts_are_served_under_the_token(page: PicturePage) -> None:
+    """Picture, state and files come with a policy under which nothing else is loaded, framed or kept."""
+    for name in ("", "picture.js", "picture.css", "style.css", "icon.svg"):
+        reply, content = _request(page, name)
+        assert reply.status == 200
+        assert "default-src 'none'" in (reply.getheader("Content-Security-Policy") or "")
+        assert reply.getheader("Cache-Control") == "no-store"
+        assert reply.getheader("Referrer-Policy") == "no-referrer"
+        assert b"onclick" not in content
+    _, png = _request(page, "picture.png?n=3")
+    assert np.array_equal(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED), IMAGE)
+
+
+def test_text_reaches_the_page_as_json_alone(page: PicturePage) -> None:
+    """Markup in a heading or a reason is data; the page itself is a fixed file, whose script writes text only."""
+    reply, content = _request(page, "state.json")
+    assert reply.getheader("Content-Type") == "application/json"
+    state = json.loads(content)
+    assert (state["heading"], state["landmarks"][0]["text"]) == (HOSTILE, HOSTILE)
+    _, script = _request(page, "picture.js")
+    assert not any(
+        word in script for word in (b"innerHTML", b"insertAdjacentHTML", b"document.write", b"eval(")
+    )
+    assert b"alert" not in _request(page, "")[1]
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/", {}, 404),
+        ("/wrong-token/state.json", {}, 404),
+        (None, {"Host": "labrig.example:80"}, 421),
+        (None, {"Host": "127.0.0.1"}, 421),
+    ],
+)
+def test_nobody_without_the_address_is_answered(
+    path: str | None, headers: dict[str, str], status: int, page: PicturePage
+) -> None:
+    """Neither another account that guesses, nor a page whose name was bound to this computer."""
+    reply, content = _request(page, "state.json", path=path, **headers)
+    assert reply.status == status
+    assert b"heading" not in content
+
+
+@pytest.mark.parametrize(
+    ("sent", "headers", "status"),
+    [
+        ({"u": 7, "v": 9}, JSON, 200),
+        ({"u": 8, "v": 9}, JSON, 409),
+        ({"u": 60, "v": 9}, JSON, 400),
+        ({"u": -1, "v": 9}, JSON, 400),
+        ({"u": "7", "v": 9}, JSON, 400),
+        ({"u": 7.5, "v": 9}, JSON, 400),
+        ([7, 9], JSON, 400),
+        ([[[[["deep"]]]]] * 100, JSON, 413),
+        ({"u": 7, "v": 9}, {}, 415),
+        ({"u": 7, "v": 9}, {**JSON, "Origin": "http://labrig.example"}, 403),
+    ],
+)
+def test_a_confirmed_pixel_is_taken(
+    sent: object, headers: dict[str, str], status: int, page: PicturePage
+) -> None:
+    """One that is not the answer is told so; what is no pixel of the picture, or comes from elsewhere, is refused."""
+    assert _request(page, "answer", sent=sent, **headers)[0].status == status
+
+
+def test_a_page_that_asks_nothing_takes_nothing_and_a_port_is_had_once(tmp_path: Path) -> None:
+    """Before the first picture the state says that there is none; a second page on the port is refused with a hint."""
+    with closing(PicturePage()) as page:
+        assert json.loads(_request(page, "state.json")[1])["number"] == -1
+        assert _request(page, "answer", sent={"u": 1, "v": 1}, **JSON)[0].status == 404
+        with pytest.raises(InputError, match=f"port {page.port} of 127.0.0.1 cannot be had") as refused:
+            PicturePage(page.port)
+        assert "--port" in refused.value.hint

@@ -12,6 +12,7 @@ from typing import IO, Any, cast
 import cv2
 
 from labrig.cli.calibration_files import require_writable
+from labrig.cli.forwarding import suggest_forwarding
 from labrig.cli.output import SafeStandardError, escape_controls, print_json, print_line, print_table, say
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.devices.calibrated_camera import require_calibrated_camera
@@ -202,7 +203,7 @@ def _open_shows(order: CameraOrder) -> Iterator[Show]:
         shows: list[Show] = []
         if order.web:
             page = stack.enter_context(closing(PicturePage(order.port)))
-            say(f"open {page.url}")
+            say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
             heading = f"Camera of rig {order.rig.name}"
             shows.append(lambda picture, marks: page.show(_show_in_page(picture, marks, heading)))
         if sys.stdout.isatty() and not order.as_json and order.wanted is None:

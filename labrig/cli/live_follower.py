@@ -7,12 +7,11 @@ the viewer. It ends with the run, with the viewer, or with the process that star
 import os
 import sys
 import webbrowser
-from getpass import getuser
 from pathlib import Path
-from platform import node
 from types import TracebackType
 
 from labrig.cli.bug_report import keep_traceback
+from labrig.cli.forwarding import suggest_forwarding
 from labrig.devices.cia402_states import describe_statusword
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
@@ -24,7 +23,6 @@ from labrig.report.live_view import LiveView
 from labrig.report.record_drawing import RecordDrawing
 from labrig.report.rerun_view import end_stream, open_stream
 from labrig.report.viewer import RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
-from labrig.report.web_page import LOCALHOST
 
 
 def main() -> None:
@@ -64,17 +62,15 @@ def _show(path: Path, wanted: ViewerKind, program: str) -> None:
 
 def _tell_where(viewer: RunningViewer) -> None:
     """Say where the run can be seen, from another computer too."""
-    elsewhere = f"{getuser()}@{node()}"
-    forward = f"-L {viewer.port}:{LOCALHOST}:{viewer.port}"
     if viewer.kind == "web":
-        forward = f"{forward} -L {viewer.web_port}:{LOCALHOST}:{viewer.web_port}"
-        _tell(f"open {viewer.page}\nfrom another computer first: ssh {forward} {elsewhere}")
+        forward = suggest_forwarding(viewer.port, viewer.web_port)
+        _tell(f"open {viewer.page}\nfrom another computer first: {forward}")
         if has_display(os.environ):
             webbrowser.open(viewer.page)
     elif viewer.kind == "server":
         _tell(
             "there is no display here; to see the run on another computer:\n"
-            f"  ssh {forward} {elsewhere}\n  rerun --connect {viewer.url}"
+            f"  {suggest_forwarding(viewer.port)}\n  rerun --connect {viewer.url}"
         )
 
 

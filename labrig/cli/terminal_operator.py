@@ -4,9 +4,11 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import TextIO, TypeVar
 
 from labrig.cli.output import CONTROLS, ring_bell, say_wrapped
+from labrig.cli.pixel_page import PixelPage, offer_page
 from labrig.cli.progress import hold_bar
 from labrig.cli.signals import SignalNote
 from labrig.devices.clocks import SystemClock
@@ -17,7 +19,7 @@ from labrig.devices.operator import (
     Offer,
     OperatorRequest,
     Paused,
-    PickTarget,
+    PickPixel,
     ReadScale,
 )
 from labrig.errors import InterruptedRunError, SafetyStopError
@@ -113,6 +115,13 @@ class TerminalOperator:
 
     def _ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer) -> Answer:
         """Ask until the answer is understood or no; say what is wanted if it is neither."""
+        with offer_page(request, meanwhile) as page:
+            return self._ask_beside(page, request, meanwhile, offer)
+
+    def _ask_beside(
+        self, page: PixelPage | None, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer
+    ) -> Answer:
+        """Ask at the terminal, and take the answer of a page too; the one that is read first counts."""
         wanted, read_answer = _choose_reader(request)
         keys = "".join(f", {' '.join(_KEYS[choice])}" for choice in offer.choices)
         remark, lead = "", f"\n{offer.status}\n" if offer.status else "\n"
@@ -120,12 +129,12 @@ class TerminalOperator:
             say_wrapped(f"{lead}>> {request.text}", 3)
             self._use_terminal(discard_typed)
             say_wrapped(f"   {remark}{wanted}{keys}, or no to stop: ", 3)
-            line = _clean(self._read_line(meanwhile))
+            line, clicked = self._read_line_or_click(meanwhile, page)
             typed = line.lower()
             if typed in {"n", "no"}:
                 return Answer(confirmed=False, note=typed)
             if (answer := read_answer(typed)) is not None:
-                return answer
+                return _confirm_click(page, answer) if clicked else answer
             if (chosen := self._read_choice(line, offer, meanwhile)) is not None:
                 return chosen
             remark, lead = _explain(typed, offer), "\n"
@@ -139,7 +148,7 @@ class TerminalOperator:
         if choice in _TEXTS:
             if not text.strip():
                 say_wrapped(f"   {_TEXTS[choice]}: ", 3)
-                text = _clean(self._read_line(meanwhile))
+                text = self._read_line(meanwhile)
             if len(text) > _LONGEST_TEXT:
                 say_wrapped(f"   only its first {_LONGEST_TEXT} characters are kept", 3)
                 text = text[:_LONGEST_TEXT]
@@ -149,7 +158,13 @@ class TerminalOperator:
         return Answer(confirmed=False, note=text.strip(), choice=choice)
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
-        """Wait for a line; check for signals and look after the rig twenty times a second."""
+        return self._read_line_or_click(meanwhile, None)[0]
+
+    def _read_line_or_click(self, meanwhile: Callable[[], None], page: PixelPage | None) -> tuple[str, bool]:
+        """Wait for a line, and return it without control characters, and whether it comes from the page.
+
+        Signals are checked for, and the rig is looked after, twenty times a second.
+        """
         typed = b""
         meanwhile()  # at least once: a replay of a pause counts on it
         while not typed.endswith((b"\n", b"\r")):
@@ -157,6 +172,11 @@ class TerminalOperator:
                 meanwhile()
                 if self._interrupted() is not None:
                     raise InterruptedRunError(f"interrupted by {self._interrupted()}")
+                # What was typed meanwhile comes first.
+                if page is not None and not wait_for_input(self._terminal, 0.0):
+                    click = page.take()
+                    if click is not None:
+                        return click, True
                 continue
             more = self._use_terminal(read_typed)
             if not more:
@@ -164,7 +184,7 @@ class TerminalOperator:
                     "standard input ended before the operator answered", "run labrig in a terminal"
                 )
             typed += more
-        return typed.splitlines()[0].decode("utf-8", "replace")
+        return _clean(typed.splitlines()[0].decode("utf-8", "replace")), False
 
     def _use_terminal(self, use: Callable[[TextIO], _T]) -> _T:
         try:
@@ -176,6 +196,15 @@ class TerminalOperator:
             ) from error
 
 
+def _confirm_click(page: PixelPage | None, answer: Answer) -> Answer:
+    """Tell page and terminal that a click is the answer, and return it with a note of that."""
+    if page is not None:
+        page.confirm()
+    note = f"{answer.note}, clicked"
+    say_wrapped(f"   {note}", 3)
+    return replace(answer, note=note)
+
+
 def _choose_reader(request: OperatorRequest) -> tuple[str, Callable[[str], Answer | None]]:
     """Return what the answer to a request looks like, and what reads it."""
     match request:
@@ -183,7 +212,7 @@ def _choose_reader(request: OperatorRequest) -> tuple[str, Callable[[str], Answe
             return "c to continue", _read_continuation
         case ReadScale():
             return "a number such as 12.5", _read_number
-        case PickTarget():
+        case PickPixel():
             return "two numbers such as 640 290.5", _read_pixel
         case _:
             return "yes", _read_consent

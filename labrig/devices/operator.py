@@ -133,12 +133,34 @@ class PlacePhantom(OperatorRequest):
 
 
 @dataclass(frozen=True)
-class PickTarget(OperatorRequest):
+class PickPixel(OperatorRequest):
+    """Name a pixel of a picture; the answer has it."""
+
+    picture: str
+
+
+@dataclass(frozen=True)
+class PickTarget(PickPixel):
     """Name the target's pixel on a picture."""
 
     sentence = "Name the target's pixel on {picture}: u to the right, v down."
 
-    picture: str
+
+@dataclass(frozen=True)
+class PickObstacle(PickPixel):
+    """Name the pixel of an obstacle's centre on a picture; `asked` counts from 0 those that are asked for."""
+
+    asked: int
+    of: int
+    radius_mm: float
+
+    @property
+    def text(self) -> str:
+        """Return the request as a person reads it."""
+        return (
+            f"Name the pixel of the centre of an obstacle on {self.picture}, number {self.asked + 1} of {self.of}, "
+            f"{self.radius_mm:g} mm in radius: u to the right, v down."
+        )
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,11 @@ answer may be kept, framed, or read by another origin.
 
 import secrets
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from threading import Condition, Thread
 from typing import Any
 
 from labrig.errors import InputError
@@ -85,6 +86,11 @@ class LocalServer:
         """The address of the page, with the token."""
         return f"http://{LOCALHOST}:{self.port}/{self._token}/"
 
+    def finish_replies(self, within_s: float) -> None:
+        """Wait until everybody who has sent something has a reply, but not longer than this."""
+        with self._server.is_idle:
+            self._server.is_idle.wait_for(lambda: self._server.unanswered == 0, within_s)
+
     def close(self) -> None:
         """Stop listening."""
         self._server.shutdown()
@@ -97,6 +103,23 @@ class _Server(ThreadingHTTPServer):
     block_on_close = False
     token = ""
     answer: Answerer
+    unanswered = 0
+
+    def __init__(self, *place: Any) -> None:
+        self.is_idle = Condition()
+        super().__init__(*place)
+
+    @contextmanager
+    def count_unanswered(self) -> Iterator[None]:
+        """Count a sender as one without a reply during the block."""
+        with self.is_idle:
+            self.unanswered += 1
+        try:
+            yield
+        finally:
+            with self.is_idle:
+                self.unanswered -= 1
+                self.is_idle.notify_all()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Pass over a browser that has gone; whatever else fails is a bug."""
@@ -114,7 +137,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Answer to a document that was sent."""
-        self._reply(self._refuse() or self._refuse_sender() or self._answer(self._read_sent()))
+        with self.server.count_unanswered():
+            self._reply(self._refuse() or self._refuse_sender() or self._answer(self._read_sent()))
 
     def _refuse(self) -> Reply | None:
         """Return why a request is not answered: it names another computer, or does not know the token."""

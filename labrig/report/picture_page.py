@@ -99,7 +99,8 @@ class PicturePage:
             name: Reply(file.read_bytes(), kind) for name, (file, kind) in _FILES.items()
         }
         self._server = LocalServer(self._answer, port)
-        self.url, self.port, self.close = self._server.url, self._server.port, self._server.close
+        self.url, self.port = self._server.url, self._server.port
+        self.finish_replies, self.close = self._server.finish_replies, self._server.close
 
     def show(self, picture: ShownPicture) -> None:
         """Show this from now on."""

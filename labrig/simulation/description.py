@@ -273,6 +273,12 @@ class WorldDescription(Model):
         (4.0, 100.0),
         description="Where the simulated operator sees the target when asked for it, (y, z) [mm].",
     )
+    obstacle_marks_mm: tuple[tuple[float, float, PositiveMm], ...] = Field(
+        (),
+        max_length=100,
+        description="Obstacles cast into every block besides those whose places the protocol states, each as y, z and "
+        "radius; the simulated operator names them in turn when asked for obstacles [mm].",
+    )
     blur_px: Annotated[float, Field(ge=0, le=2)] = Field(
         0.8, description="Standard deviation of the lens's blur [px]."
     )

@@ -114,7 +114,7 @@ class World:
     def place_phantom(self, name: str, gelatin_percent: float, obstacles: Sequence[Ball]) -> None:
         """Put a fresh block with obstacles cast in before the sheath, for one insertion.
 
-        The obstacles are given where the protocol says; the description may shift them.
+        The obstacles are given where the protocol says, besides those that the description marks; it may shift them.
 
         Raises
         ------
@@ -123,7 +123,10 @@ class World:
         """
         self._refuse_if_stuck(f"{name} is placed")
         plain = cast_specimen(self.description, self._seed, name, gelatin_percent)
-        cast = self._shift_obstacles(name, obstacles)
+        marked = [
+            Ball((0.0, y_mm, z_mm), radius_mm) for y_mm, z_mm, radius_mm in self.description.obstacle_marks_mm
+        ]
+        cast = self._shift_obstacles(name, (*obstacles, *marked))
         self._put_before_sheath(replace(plain, obstacles=cast, is_phantom=True))
 
     def _shift_obstacles(self, name: str, obstacles: Sequence[Ball]) -> tuple[Ball, ...]:
@@ -160,6 +163,23 @@ class World:
         lens = self.description.lens
         y, z = steering_plane_pose(lens).intersect(unproject(np.array([pixel]), lens))
         return 0.0, float(y[0]), float(z[0])
+
+    def obstacle_mark_px(self, asked: int) -> tuple[float, float]:
+        """Return the pixel (u, v) at which the simulated operator sees the next marked obstacle.
+
+        Raises
+        ------
+        InputError
+            If the description marks fewer obstacles.
+        """
+        marks = self.description.obstacle_marks_mm
+        if asked >= len(marks):
+            raise InputError(
+                f"the simulated operator sees {len(marks)} marked obstacles, and was asked for one more",
+                "give each obstacle with ask: true its place in world.obstacle_marks_mm",
+            )
+        u, v = plane_to_pixels(np.array([marks[asked][:2]]), self.description.lens)[0].tolist()
+        return u, v
 
     def target_mark_px(self) -> tuple[float, float]:
         """Return the pixel (u, v) at which the simulated operator sees the target."""

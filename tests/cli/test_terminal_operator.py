@@ -1,7 +1,9 @@
 """Questions to the operator, at a real pseudo-terminal."""
 
 import io
+import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,9 +15,14 @@ from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import TextIO
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
+import cv2
+import numpy as np
 import pytest
 
+from labrig.cli.pixel_page_process import PixelArbiter
 from labrig.cli.progress import progress
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
@@ -344,3 +351,80 @@ def test_the_first_ctrl_c_pauses_and_the_second_stops() -> None:
         twice.take(signal.SIGINT, None)
         twice.take(signal.SIGINT, None)
     assert twice() == "SIGINT"
+
+
+@dataclass
+class Browser:
+    """A person at the page of a question, who confirms a pixel once its address is shown."""
+
+    capsys: pytest.CaptureFixture[str]
+    pixel: tuple[int, int]
+    types: Callable[[], None] = lambda: None
+    shown: str = ""
+    replies: list[tuple[int, str]] = field(default_factory=list)
+    thread: Thread | None = None
+
+    def __call__(self) -> None:
+        """Look for the address, and confirm in a thread: the reply comes when the terminal has taken the pixel."""
+        self.shown += self.capsys.readouterr().err
+        found = re.search(r"or click at (\S+)", self.shown)
+        if found is not None and self.thread is None:
+            self.types()
+            self.thread = Thread(target=self._confirm, args=(found[1],))
+            self.thread.start()
+
+    def _confirm(self, url: str) -> None:
+        u, v = self.pixel
+        sent = Request(
+            f"{url}answer", json.dumps({"u": u, "v": v}).encode(), {"Content-Type": "application/json"}
+        )
+        try:
+            with urlopen(sent, timeout=30) as reply:
+                self.replies.append((reply.status, reply.read().decode()))
+        except HTTPError as refusal:
+            self.replies.append((refusal.code, refusal.read().decode()))
+            refusal.close()
+        except OSError:
+            self.replies.append((0, "the question is closed"))
+
+
+@pytest.fixture
+def picture(tmp_path: Path) -> PickTarget:
+    """Return the question for a pixel of a picture that exists."""
+    file = tmp_path / "000003.png"
+    file.write_bytes(cv2.imencode(".png", np.full((40, 60), 90, np.uint8))[1].tobytes())
+    return PickTarget(str(file))
+
+
+def test_a_pixel_may_be_clicked(
+    picture: PickTarget, terminal: Terminal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pixel that is confirmed on the page is the answer that typing it gives, and both sides are told."""
+    browser = Browser(capsys, (12, 7))
+    answer = TerminalOperator(SignalNote(), terminal.stream).ask(picture, browser)
+    assert (answer.confirmed, answer.pixel, answer.note) == (True, (12.0, 7.0), "12 7, clicked")
+    browser.thread.join()
+    assert browser.replies == [(200, "12 7 is taken. You can close this page.")]
+    assert "12 7, clicked" in browser.shown + capsys.readouterr().err
+
+
+def test_of_two_answers_the_first_counts(
+    picture: PickTarget, terminal: Terminal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pixel that was typed before another one is confirmed on the page stays the answer; the page is told."""
+    browser = Browser(capsys, (12, 7), types=lambda: terminal.type("5 6\n"))
+    answer = TerminalOperator(SignalNote(), terminal.stream).ask(picture, browser)
+    assert (answer.pixel, answer.note) == ((5.0, 6.0), "5 6")
+    browser.thread.join()
+    ((status, _),) = browser.replies
+    assert status in {0, 409}
+
+
+def test_a_second_page_is_told_that_the_pixel_was_taken() -> None:
+    """Whoever asks decides once; a pixel that comes later, or after the question was closed, is not taken."""
+    for taken in (True, False):
+        arbiter = PixelArbiter()
+        arbiter.decide(taken=taken)
+        arbiter.decide(taken=True)
+        verdict = arbiter.take((3, 4))
+        assert (verdict.taken, verdict.text) == (False, "3 4 is not taken: another answer came first.")

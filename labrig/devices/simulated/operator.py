@@ -13,6 +13,7 @@ from labrig.devices.operator import (
     MountNeedle,
     Offer,
     OperatorRequest,
+    PickObstacle,
     PickTarget,
     PlacePhantom,
     PlaceSpecimen,
@@ -60,6 +61,8 @@ class SimulatedOperator:
         match request:
             case PickTarget():
                 return Answer(confirmed=True, note=_WHO, pixel=self._world.target_mark_px())
+            case PickObstacle(_, asked):
+                return Answer(confirmed=True, note=_WHO, pixel=self._world.obstacle_mark_px(asked))
             case ReadScale(axis, unit):
                 truly = self._true_positions()[axis]
                 return Answer(

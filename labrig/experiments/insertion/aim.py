@@ -1,13 +1,13 @@
 """The aim of an insertion: target and obstacles of the protocol in mm, and what rules them out."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from labrig.errors import InputError, Problem
-from labrig.experiments.insertion.protocol import InsertionProtocol, Place
+from labrig.experiments.insertion.protocol import InsertionObstacle, InsertionProtocol, Place, Target
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.steering.moving import expect_places, move_obstacles
 from labrig.steering.problem import Obstacle
@@ -17,6 +17,7 @@ _RIM_PX = 25.0
 """A tip closer to the rim of the picture than this is not found."""
 
 Point = tuple[float, float, float]
+Pixel = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -27,34 +28,59 @@ class Aim:
     obstacles: tuple[Obstacle, ...]
 
 
-def make_aim(
-    protocol: InsertionProtocol, plane: PlaneMap, picked_px: tuple[float, float] | None = None
-) -> Aim:
+@dataclass(frozen=True)
+class PickedPlaces:
+    """Pixels (u, v) that the operator named: that of the target, and those of obstacles by their numbers from 0."""
+
+    target_px: Pixel | None = None
+    obstacles_px: Mapping[int, Pixel | None] = field(default_factory=dict)
+
+
+def make_aim(protocol: InsertionProtocol, plane: PlaneMap, picked: PickedPlaces | None = None) -> Aim:
     """Return the target of an insertion and the obstacles that it avoids.
 
     Parameters
     ----------
     protocol : InsertionProtocol
     plane : PlaneMap
-        Maps pixels of the protocol, and the picked pixel, to mm.
-    picked_px : (float, float), optional
-        The target's pixel if the protocol asks for it.
+        Maps pixels of the protocol, and those picked, to mm.
+    picked : PickedPlaces, optional
+        The pixels that the protocol asks for.
 
     Raises
     ------
     InputError
-        When the protocol asks for the target and no pixel was picked.
+        When the protocol asks for a place and no pixel was picked.
     """
-    target = protocol.target
-    if target.ask and picked_px is None:
-        raise InputError("the target was asked for and not named", "name its pixel")
-    place = Place(pixel=picked_px) if target.ask else target
-    return Aim(_locate(place, plane), locate_obstacles(protocol, plane))
+    picked = picked or PickedPlaces()
+    return Aim(
+        _locate_picked(protocol.target, picked.target_px, "the target", plane),
+        tuple(
+            Obstacle(
+                _locate_picked(obstacle, picked.obstacles_px.get(number), f"obstacle {number + 1}", plane),
+                obstacle.radius_mm,
+            )
+            for number, obstacle in enumerate(protocol.obstacles)
+        ),
+    )
 
 
-def locate_obstacles(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
-    """Return the obstacles in mm."""
-    return tuple(Obstacle(_locate(obstacle, plane), obstacle.radius_mm) for obstacle in protocol.obstacles)
+def locate_stated_obstacles(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
+    """Return in mm the obstacles whose places the protocol states."""
+    return tuple(
+        Obstacle(_locate(obstacle, plane), obstacle.radius_mm)
+        for obstacle in protocol.obstacles
+        if not obstacle.ask
+    )
+
+
+def _locate_picked(
+    place: Target | InsertionObstacle, picked_px: Pixel | None, what: str, plane: PlaneMap
+) -> Point:
+    """Return a place in mm, by the picked pixel if the protocol asks for it. Raises `InputError`."""
+    if place.ask and picked_px is None:
+        raise InputError(f"{what} was asked for and not named", "name its pixel")
+    return _locate(Place(pixel=picked_px) if place.ask else place, plane)
 
 
 def find_pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:

@@ -59,7 +59,9 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         pictures=trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE)
         + (0 if first is None else first.pictures)
         + pictures,
-        operator_steps=2 * trials + (0 if first is None else 3 + first.holes) + operator_steps,
+        operator_steps=(2 + protocol.asked_places) * trials
+        + (0 if first is None else 3 + first.holes)
+        + operator_steps,
         problems=problems or foreseen.problems,
         refusal=foreseen.refusal,
         warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig)),
@@ -158,7 +160,7 @@ def _find_aim_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iter
         return
     astray = tuple(find_pixel_problems(protocol, plane))
     yield from astray
-    if not (astray or protocol.target.ask):
+    if not (astray or protocol.asked_places):
         yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
 
 
@@ -172,8 +174,8 @@ class _Foreseen:
 
 
 def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
-    """Plan the path, unless the target is not known yet, and bound the error at its end."""
-    if protocol.target.ask:
+    """Plan the path, unless a place is not known yet, and bound the error at its end."""
+    if protocol.asked_places:
         return _Foreseen(problems=tuple(find_track_problems(protocol, ())))
     plane = load_plane_map(rig)
     aim = make_aim(protocol, plane)

@@ -23,9 +23,15 @@ from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
-from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
+from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickObstacle, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
-from labrig.experiments.insertion.aim import Aim, find_aim_problems, locate_obstacles, make_aim
+from labrig.experiments.insertion.aim import (
+    Aim,
+    PickedPlaces,
+    find_aim_problems,
+    locate_stated_obstacles,
+    make_aim,
+)
 from labrig.experiments.insertion.bevel import Bevel
 from labrig.experiments.insertion.ending import (
     Ending,
@@ -248,22 +254,35 @@ def _steer(
 
 
 def _find_aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: int) -> Aim:
-    """Have the block placed, ask for the target if the protocol requires it, and return target and obstacles."""
+    """Have the block placed, ask for the places that the protocol asks for, and return target and obstacles."""
     specimen = protocol.specimen
     obstacles = tuple(
         (view.compute_pixel(obstacle.position_mm), obstacle.radius_mm)
-        for obstacle in locate_obstacles(protocol, view.plane)
+        for obstacle in locate_stated_obstacles(protocol, view.plane)
     )
     name = specimen.name if protocol.repetitions == 1 and trial == 0 else f"{specimen.name} {trial + 1}"
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
-    picked_px = None
-    if protocol.target.ask:
-        picture = session.take_picture(InsertionRole.TARGET, trial)
-        picked_px = session.ask(PickTarget(str(session.picture_path(picture.frame)))).pixel
-    aim = make_aim(protocol, view.plane, picked_px)
+    aim = make_aim(protocol, view.plane, _pick_places(protocol, session, trial))
     if problems := tuple(find_aim_problems(protocol, aim, view.plane)):
         raise FileFormatError(problems)
     return aim
+
+
+def _pick_places(protocol: InsertionProtocol, session: Session, trial: int) -> PickedPlaces:
+    """Take a picture and have the places named in it that the protocol asks for."""
+    if not protocol.asked_places:
+        return PickedPlaces()
+    picture = session.take_picture(InsertionRole.TARGET, trial)
+    file = str(session.picture_path(picture.frame))
+    target_px = session.ask(PickTarget(file)).pixel if protocol.target.ask else None
+    asked = [number for number, obstacle in enumerate(protocol.obstacles) if obstacle.ask]
+    picks = [
+        PickObstacle(file, count, len(asked), protocol.obstacles[number].radius_mm)
+        for count, number in enumerate(asked)
+    ]
+    return PickedPlaces(
+        target_px, {number: session.ask(pick).pixel for number, pick in zip(asked, picks, strict=True)}
+    )
 
 
 def _estimate_done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> float:

@@ -21,7 +21,7 @@ from labrig.protocol.sections import (
 from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.steering.parameters import SteeringPolicy, Turning
 
-_WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
+_WHERE = "give one of position_mm: [x, y, z], pixel: [u, v] and ask: true"
 _DEFAULT = SteeringPolicy()
 
 
@@ -77,11 +77,15 @@ class Target(Place):
 class InsertionObstacle(Place):
     """A sphere that the needle keeps off."""
 
+    ask: bool = Field(
+        default=False,
+        description="Whether the operator names the pixel of its centre on a picture taken during the run.",
+    )
     radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield an obstacle without a place, or with two."""
-        if (self.position_mm is None) == (self.pixel is None):
+        if (self.position_mm is not None) + (self.pixel is not None) + self.ask != 1:
             yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
 
 
@@ -289,6 +293,11 @@ class InsertionProtocol(MovingProtocol):
     sentinel: GridSentinel | None = Field(
         None, description="Grid pictures before and after the run; null for none."
     )
+
+    @property
+    def asked_places(self) -> int:
+        """How many places the operator names in each insertion."""
+        return self.target.ask + sum(obstacle.ask for obstacle in self.obstacles)
 
     @property
     def pictured_needle(self) -> NeedleInPicture:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from labrig.devices.needle_state import RollZero, Torsion
-from labrig.devices.operator import ConfirmPlan, ConfirmStopped, Paused, PickTarget
+from labrig.devices.operator import ConfirmPlan, ConfirmStopped, Paused, PickObstacle, PickPixel, PickTarget
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
@@ -363,15 +363,35 @@ def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> Non
     assert events(run, "plan")[0]["start"]["position_mm"] == [0.0, 0.0, pytest.approx(1.5)]
 
 
-def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
-    """A pixel picked by the operator becomes the target in the plane."""
-    protocol = insertion("target={ask: true}")
-    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-5,35]")) as opened:
+def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_identical(tmp_path: Path) -> None:
+    """A picked pixel becomes the target in the plane, others the obstacles that the protocol asks for, in its order."""
+    asked = (
+        "target={ask: true, tolerance_mm: 3}",
+        "obstacles=[{position_mm: [0, 10, 20], radius_mm: 2}, {ask: true, radius_mm: 1.5}]",
+    )
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *asked])
+    world = (*EVEN, "world.target_mark_mm=[-3,25]", "world.obstacle_marks_mm=[[6, 18, 1.5]]")
+    with bench(tmp_path, protocol, world) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
-    assert any(isinstance(request, PickTarget) for request in watched.asked)
-    assert events(run, "trial_start")[0]["target_mm"] == pytest.approx([0.0, -5.0, 35.0], abs=0.1)
+    target, obstacle = (request for request in watched.asked if isinstance(request, PickPixel))
+    assert (type(target), type(obstacle)) == (PickTarget, PickObstacle)
+    assert "number 1 of 1, 1.5 mm in radius" in obstacle.text
+    assert events(run, "trial_start")[0]["target_mm"] == pytest.approx([0.0, -3.0, 25.0], abs=0.1)
+    stated, picked = events(run, "trial_start")[0]["obstacles"]
+    assert stated["position_mm"] == [0.0, 10.0, 20.0]
+    assert picked["position_mm"] == pytest.approx([0.0, 6.0, 18.0], abs=0.1)
+    assert picked["radius_mm"] == 1.5
+    assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical
+
+
+def test_an_obstacle_that_the_world_lacks_is_named(tmp_path: Path) -> None:
+    """The simulated operator sees the marked obstacles only."""
+    protocol = insertion("obstacles=[{ask: true, radius_mm: 1.5}]")
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
+        outcome, _ = opened.conduct(protocol)
+    assert "sees 0 marked obstacles" in outcome.reason
 
 
 def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:

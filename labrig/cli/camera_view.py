@@ -13,7 +13,15 @@ import cv2
 
 from labrig.cli.calibration_files import require_writable
 from labrig.cli.forwarding import suggest_forwarding
-from labrig.cli.output import SafeStandardError, escape_controls, print_json, print_line, print_table, say
+from labrig.cli.output import (
+    SafeStandardError,
+    escape_controls,
+    print_checks,
+    print_json,
+    print_line,
+    print_wrapped,
+    say,
+)
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.devices.calibrated_camera import require_calibrated_camera
 from labrig.devices.camera import Camera
@@ -34,9 +42,9 @@ _INTERRUPTED = 130
 _COUNTED = 16
 _REMEMBERED = 64
 _PERIOD_S = 0.1
-"""Shortest time between two pictures that are shown: nobody sees more, and a simulated camera has no rate."""
+"""Shortest time between two pictures that a person watches: nobody sees more, and a simulated camera has no rate."""
 
-_WORDS = {True: "good", False: "BAD", None: ""}
+_STATUS = {True: "PASS", False: "FAIL", None: "WARN"}
 
 
 @dataclass(frozen=True)
@@ -112,8 +120,9 @@ class _Watch:
         """Take a picture and show it, unless all is over."""
         if self.has_ended:
             return
-        self.clock.sleep(max(0.0, self._shown_s + _PERIOD_S - self.clock.now_s()))
-        self._shown_s = self.clock.now_s()
+        if self.wanted is None:
+            self.clock.sleep(max(0.0, self._shown_s + _PERIOD_S - self.clock.now_s()))
+            self._shown_s = self.clock.now_s()
         frame = self.camera.capture()
         quality = measure_quality(frame.image)
         self._times_s.append(frame.t_s)
@@ -232,32 +241,33 @@ def _open_table() -> Iterator[Show]:
     with Live(console=console, refresh_per_second=8, transient=True) as live:
 
         def show(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
-            table = Table(*_HEADS, title=f"picture {picture.number}; Ctrl+C ends")
-            for row in _list_rows(picture.scores, landmarks):
-                table.add_row(*(Text(escape_controls(cell)) for cell in row))
+            table = Table.grid(padding=(0, 2))
+            table.add_row("", f"picture {picture.number}; Ctrl+C ends")
+            for check in _list_checks(picture.scores):
+                value = "\n".join(filter(None, (f"{check['check']}: {check['value']}", check["solution"])))
+                table.add_row(check["status"], Text(escape_controls(value)))
+            for landmark in landmarks:
+                table.add_row("", Text(escape_controls(_describe(landmark))))
             live.update(table)
 
         yield show
 
 
-_HEADS = ("", "score", "value", "limit", "what to do")
-
-
-def _list_rows(
-    scores: tuple[Score, ...], landmarks: tuple[Landmark, ...]
-) -> list[tuple[str, str, str, str, str]]:
-    judged = [(_WORDS[score.good], score.name, score.text, score.limit, score.hint) for score in scores]
-    searched = [
-        (
-            "found" if mark.found else "",
-            mark.name,
-            mark.text if mark.found else f"not found: {mark.text}",
-            "",
-            "",
-        )
-        for mark in landmarks
+def _list_checks(scores: tuple[Score, ...]) -> list[dict[str, str]]:
+    """Return scores as checks."""
+    return [
+        {
+            "status": _STATUS[score.good],
+            "check": score.name,
+            "value": f"{score.text} ({score.limit})",
+            "solution": score.hint,
+        }
+        for score in scores
     ]
-    return [*judged, *searched]
+
+
+def _describe(landmark: Landmark) -> str:
+    return f"{landmark.name}: {landmark.text if landmark.found else f'not found: {landmark.text}'}"
 
 
 def _report(order: CameraOrder, watch: _Watch, camera: Camera) -> None:
@@ -277,7 +287,9 @@ def _report(order: CameraOrder, watch: _Watch, camera: Camera) -> None:
         )
     else:
         print_line(f"picture {watch.last.number} of rig {order.rig.name}")
-        print_table(_HEADS, _list_rows(watch.last.scores, watch.landmarks))
+        print_checks(_list_checks(watch.last.scores), as_json=False)
+        for landmark in watch.landmarks:
+            print_wrapped(f"      {_describe(landmark)}", 6)
 
 
 def _require_png(save: Path | None) -> None:

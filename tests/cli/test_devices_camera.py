@@ -84,10 +84,8 @@ def test_a_blurred_picture_is_no_good(labrig: Labrig, make_rig: MakeRig) -> None
         "--pictures", 1,
     )  # fmt: skip
     assert done.exit_code == 1
-    (line,) = (line for line in done.out.splitlines() if " focus " in line)
-    assert line.startswith("BAD")
-    assert "at most 6 px" in line
-    assert "camera.focus" in line
+    assert re.search(r"^FAIL  focus: edges are 1\d\.\d px wide \(at most 6 px\)$", done.out, re.MULTILINE)
+    assert "change camera.focus in the rig file" in done.out
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def test_every_command_of_the_chapter_is_run_here() -> None:
     assert simulation == ["devices", "simulate", "--rig", RIG]
 
 
-COMMISSIONING = ("The rehearsal", "Check", "Move each axis", "Home")
+COMMISSIONING = ("The rehearsal", "Check", "Move each axis", "Home", "Set up the camera")
 
 
 def test_a_bare_bench_is_commissioned_as_the_chapter_says(tmp_path: Path) -> None:

@@ -87,17 +87,17 @@ function drawCross() {
   const [u, v] = [get("u").valueAsNumber, get("v").valueAsNumber];
   const group = get("cross");
   group.replaceChildren();
-  get("loupe").hidden = Number.isNaN(u) || Number.isNaN(v);
-  if (get("loupe").hidden) return;
+  const loupe = get("loupe");
+  loupe.classList.toggle("empty", Number.isNaN(u) || Number.isNaN(v));
+  if (loupe.classList.contains("empty")) return;
   for (const kind of ["outline", "line"]) {
     drawLine(group, [[u - CROSS_PX, v], [u + CROSS_PX, v]], kind);
     drawLine(group, [[u, v - CROSS_PX], [u, v + CROSS_PX]], kind);
   }
-  const loupe = get("loupe").style;
-  const half = get("loupe").clientWidth / 2;
-  loupe.backgroundImage = `url("${get("picture").src}")`;
-  loupe.backgroundSize = `${ENLARGED * shown.width}px ${ENLARGED * shown.height}px`;
-  loupe.backgroundPosition = `${half - ENLARGED * (u + 0.5)}px ${half - ENLARGED * (v + 0.5)}px`;
+  const half = loupe.clientWidth / 2;
+  loupe.style.backgroundImage = `url("${get("picture").src}")`;
+  loupe.style.backgroundSize = `${ENLARGED * shown.width}px ${ENLARGED * shown.height}px`;
+  loupe.style.backgroundPosition = `${half - ENLARGED * (u + 0.5)}px ${half - ENLARGED * (v + 0.5)}px`;
 }
 
 function pick(event) {

@@ -13,6 +13,7 @@ from labrig.errors import InputError, OutputExistsError
 from labrig.input_file import read_file
 from labrig.record.json_lines import plain_text
 from labrig.record.provenance import collect_provenance
+from labrig.vision.camera_frame import read_common_camera
 from labrig.vision.picture import MAX_PICTURE_BYTES
 
 OutOption = Annotated[
@@ -42,7 +43,8 @@ def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -
 
 
 def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
-    """Return how a calibration file was made: code, command, time and hashes of the pictures."""
+    """Return how a calibration file was made: code, command, time, hashes of the pictures, their camera if known."""
+    camera = read_common_camera(images)
     return {
         **collect_provenance(sys.argv),
         "created": SystemClock().utc().isoformat(timespec="seconds"),
@@ -51,6 +53,7 @@ def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
             for path in images
             if path.is_file()
         },
+        **({} if camera is None else {"camera": camera}),
     }
 
 

@@ -2,14 +2,12 @@
 
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import IO, Any, cast
-
-import cv2
 
 from labrig.cli.calibration_files import require_writable
 from labrig.cli.forwarding import suggest_forwarding
@@ -33,6 +31,7 @@ from labrig.durable import write_atomically
 from labrig.errors import InputError
 from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.report.picture_page import PicturePage, ShownPicture
+from labrig.vision.camera_frame import encode_frame
 from labrig.vision.landmarks import Landmark, find_landmarks
 from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import Score, judge_quality, measure_flicker, measure_quality
@@ -149,7 +148,7 @@ def view_camera(order: CameraOrder) -> int:
     with ExitStack() as stack:
         interrupted = stack.enter_context(note_signals())
         camera = stack.enter_context(open_camera(order.rig, "labrig devices camera"))
-        show = stack.enter_context(_open_shows(order))
+        show = stack.enter_context(_open_shows(order, camera))
         watch = _Watch(camera, order.wanted, interrupted, show)
         search = partial(_search, order, camera)
         if order.wanted is None or order.web:
@@ -161,7 +160,7 @@ def view_camera(order: CameraOrder) -> int:
     if not watch.landmarks and watch.interrupted() is None:
         watch.landmarks = search(watch.last.image)
     _report(order, watch, camera)
-    _save(order.save, watch.last.image)
+    _save(order.save, watch.last.image, _describe_camera(order.rig, camera))
     if watch.interrupted() is not None:
         return _INTERRUPTED
     return 1 if any(score.good is False for score in watch.last.scores) else 0
@@ -206,15 +205,28 @@ def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
 
 
 @contextmanager
-def _open_shows(order: CameraOrder) -> Iterator[Show]:
+def _open_shows(order: CameraOrder, camera: Camera) -> Iterator[Show]:
     """Open what shows pictures while they are taken: a page, a table on a terminal, both, or nothing."""
     with ExitStack() as stack:
         shows: list[Show] = []
         if order.web:
             page = stack.enter_context(closing(PicturePage(order.port)))
             say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
-            heading = f"Camera of rig {order.rig.name}"
-            shows.append(lambda picture, marks: page.show(_show_in_page(picture, marks, heading)))
+            heading, camera_of_rig = f"Camera of rig {order.rig.name}", _describe_camera(order.rig, camera)
+
+            def show_in_page(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
+                page.show(
+                    ShownPicture(
+                        picture.number,
+                        picture.image,
+                        heading,
+                        scores=picture.scores,
+                        landmarks=landmarks,
+                        camera=camera_of_rig,
+                    )
+                )
+
+            shows.append(show_in_page)
         if sys.stdout.isatty() and not order.as_json and order.wanted is None:
             shows.append(stack.enter_context(_open_table()))
 
@@ -223,10 +235,6 @@ def _open_shows(order: CameraOrder) -> Iterator[Show]:
                 show(picture, landmarks)
 
         yield show_all
-
-
-def _show_in_page(picture: ScoredPicture, landmarks: tuple[Landmark, ...], heading: str) -> ShownPicture:
-    return ShownPicture(picture.number, picture.image, heading, "", picture.scores, landmarks)
 
 
 @contextmanager
@@ -278,8 +286,7 @@ def _report(order: CameraOrder, watch: _Watch, camera: Camera) -> None:
         print_json(
             {
                 "rig": order.rig.name,
-                "driver": order.rig.camera.driver,
-                "settings": camera.settings.in_use,
+                "camera": _describe_camera(order.rig, camera),
                 "ok": False not in scores,
                 "pictures": watch.taken,
                 "landmarks": [asdict(mark) for mark in watch.landmarks],
@@ -292,15 +299,20 @@ def _report(order: CameraOrder, watch: _Watch, camera: Camera) -> None:
             print_wrapped(f"      {_describe(landmark)}", 6)
 
 
+def _describe_camera(rig: RigDescription, camera: Camera) -> dict[str, Any]:
+    """Return the camera as a calibration keeps it."""
+    return {"driver": rig.camera.driver, "device": rig.camera.address, "settings": camera.settings.in_use}
+
+
 def _require_png(save: Path | None) -> None:
     if save is not None and save.suffix.lower() != ".png":
         raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
 
 
-def _save(path: Path | None, image: Picture) -> None:
+def _save(path: Path | None, image: Picture, camera: Mapping[str, Any]) -> None:
     """Write a test frame. Raises `OutputExistsError` if somebody has made a file of that name meanwhile."""
     if path is None:
         return
     require_writable(path, force=False, hint="choose another name")
-    write_atomically(path, cv2.imencode(".png", image)[1].tobytes())
+    write_atomically(path, encode_frame(image, camera))
     say(f"written: {path}")

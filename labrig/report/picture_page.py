@@ -5,7 +5,7 @@ The page is the three files of `browser`. All that labrig says comes to it as JS
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import cv2
 
 from labrig.input_file import parse_json
 from labrig.report.local_server import LocalServer, Reply
+from labrig.vision.camera_frame import encode_frame
 from labrig.vision.landmarks import Landmark
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.picture_quality import Score
@@ -52,6 +53,8 @@ class ShownPicture:
     scores : sequence of Score
     landmarks : sequence of Landmark
         What was found in it, or in one shortly before.
+    camera : Mapping
+        Its camera, kept in a saved test frame.
     """
 
     number: int
@@ -60,6 +63,7 @@ class ShownPicture:
     remark: str = ""
     scores: Sequence[Score] = ()
     landmarks: Sequence[Landmark] = ()
+    camera: Mapping[str, Any] = field(default_factory=dict)
 
     def document(self, *, asks: bool) -> dict[str, Any]:
         """Return all but the picture, ready for JSON."""
@@ -119,7 +123,7 @@ class PicturePage:
             return Reply(cv2.imencode(".jpg", shown.image, _QUALITY)[1].tobytes(), "image/jpeg")
         if shown is not None and name == "picture.png":
             saved = {"Content-Disposition": f'attachment; filename="camera-{shown.number:06d}.png"'}
-            return Reply(cv2.imencode(".png", shown.image)[1].tobytes(), "image/png", headers=saved)
+            return Reply(encode_frame(shown.image, shown.camera), "image/png", headers=saved)
         return self._parts.get(name)
 
     def _judge(self, sent: bytes, shown: ShownPicture | None) -> Reply:

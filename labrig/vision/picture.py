@@ -33,7 +33,7 @@ _JPEG = b"\xff\xd8\xff"
 _JPEG_START_OF_SCAN = 0xDA
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _BMP = b"BM"
-_PNG = b"\x89PNG\r\n\x1a\n"
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_EXIF, _PNG_END = b"eXIf", b"IEND"
 # Least range of grey levels of a picture that shows something.
 _LEAST_RANGE = 8
@@ -158,7 +158,7 @@ def _check_pixels(data: bytes, path: Path | str) -> None:
 def _read_size(data: bytes) -> tuple[int, int]:
     """Return the width and height that the header of a PNG, JPEG, BMP or TIFF states; 0 if it states none."""
     with suppress(struct.error):
-        if data.startswith(_PNG):
+        if data.startswith(PNG_SIGNATURE):
             width, height = struct.unpack_from(">II", data, 16)
             return width, height
         if data.startswith(_BMP):
@@ -175,7 +175,7 @@ def _is_truncated(data: bytes) -> bool:
     """Return whether a JPEG or PNG has no end; decoders would silently fill the rest with grey."""
     if data.startswith(_JPEG):
         return data.find(b"\xff\xd9", _jpeg_scan_start(data)) < 0
-    return data.startswith(_PNG) and not _is_whole_png(data)
+    return data.startswith(PNG_SIGNATURE) and not _is_whole_png(data)
 
 
 def _jpeg_scan_start(data: bytes) -> int:
@@ -203,8 +203,8 @@ def _read_orientation(data: bytes) -> int:
     if data.startswith(_JPEG):
         bodies = [body for marker, body in _jpeg_segments(data) if marker == _JPEG_APP1]
         data = next((body[len(_EXIF) :] for body in bodies if body.startswith(_EXIF)), b"")
-    elif data.startswith(_PNG):
-        data = next((body for kind, body, _ in _png_chunks(data) if kind == _PNG_EXIF), b"")
+    elif data.startswith(PNG_SIGNATURE):
+        data = next((body for kind, body, _ in list_png_chunks(data) if kind == _PNG_EXIF), b"")
     return _read_tiff_value(data, _ORIENTATION_TAG) or _UPRIGHT
 
 
@@ -225,9 +225,9 @@ def _read_tiff_value(tiff: bytes, wanted: int) -> int | None:
     return None
 
 
-def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
+def list_png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
     """Yield kind, body and stated checksum of each chunk; a truncated chunk has a wrong checksum."""
-    position = len(_PNG)
+    position = len(PNG_SIGNATURE)
     while position + 12 <= len(data):
         end = position + 8 + int.from_bytes(data[position : position + 4], "big")
         yield (
@@ -240,7 +240,7 @@ def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
 
 def _is_whole_png(data: bytes) -> bool:
     """Return whether every chunk up to the end chunk is present with a correct checksum."""
-    for kind, body, checksum in _png_chunks(data):
+    for kind, body, checksum in list_png_chunks(data):
         if zlib.crc32(body, zlib.crc32(kind)) != checksum:
             return False
         if kind == _PNG_END:

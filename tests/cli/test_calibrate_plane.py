@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labrig.vision.calibration_file import load_plane, save_plane
+from labrig.vision.calibration_file import load_plane, read_camera_settings, save_plane
+from labrig.vision.camera_frame import encode_frame
 from labrig.vision.plane import PlaneMap
 from tests.cli.conftest import RIG, Done, Labrig
 from tests.vision import no_graph_paper
@@ -53,6 +54,14 @@ def rig(tmp_path: Path) -> Path:
         text = re.sub(rf"(?m)^(  {key}:) \d+", rf"\1 {px}", text)
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def test_the_settings_of_a_test_frame_are_kept(labrig: Labrig, tmp_path: Path) -> None:
+    """A picture that carries its camera gives the plane map what a later focus is compared with."""
+    frame, out = tmp_path / "frame.png", tmp_path / "plane.json"
+    frame.write_bytes(encode_frame(draw_sheet(SHEET), {"settings": {"focus": 30}}))
+    assert labrig("calibrate", "plane", frame, *FRAME, "--out", out).exit_code == 0
+    assert read_camera_settings(out) == {"focus": 30}
 
 
 def test_the_scale_is_said_in_words_that_a_ruler_checks(calibrate: Calibrate, tmp_path: Path) -> None:

@@ -1,15 +1,15 @@
 """What `labrig devices camera` does: takes pictures, scores each, and shows them at the terminal or in a browser."""
 
 import sys
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import IO, Any, cast
 
 from labrig.cli.calibration_files import require_writable
+from labrig.cli.camera_watch import CameraWatch, ScoredPicture, Show
 from labrig.cli.forwarding import suggest_forwarding
 from labrig.cli.output import (
     SafeStandardError,
@@ -20,13 +20,11 @@ from labrig.cli.output import (
     print_wrapped,
     say,
 )
-from labrig.cli.signals import SignalNote, note_signals
+from labrig.cli.signals import note_signals
 from labrig.devices.calibrated_camera import require_calibrated_camera
 from labrig.devices.camera import Camera
 from labrig.devices.camera_alone import open_camera
-from labrig.devices.clocks import SystemClock
 from labrig.devices.rig_file import RigDescription
-from labrig.devices.worker import WorkerThread
 from labrig.durable import write_atomically
 from labrig.errors import InputError
 from labrig.experiments.shared.rig_view import load_plane_map
@@ -34,15 +32,11 @@ from labrig.report.picture_page import PicturePage, ShownPicture
 from labrig.vision.camera_frame import encode_frame
 from labrig.vision.landmarks import Landmark, find_landmarks
 from labrig.vision.picture import Picture
-from labrig.vision.picture_quality import Score, judge_quality, measure_flicker, measure_quality
+from labrig.vision.picture_quality import Score
 from labrig.vision.plane import PlaneMap
 
 _INTERRUPTED = 130
 _COUNTED = 16
-_REMEMBERED = 64
-_PERIOD_S = 0.1
-"""Shortest time between two pictures that a person watches: nobody sees more, and a simulated camera has no rate."""
-
 _STATUS = {True: "PASS", False: "FAIL", None: "WARN"}
 
 
@@ -80,59 +74,6 @@ class CameraOrder:
         return self.pictures if self.pictures is not None or watched else _COUNTED
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredPicture:
-    """A picture with its number, from 1, and its scores."""
-
-    number: int
-    image: Picture
-    scores: tuple[Score, ...]
-
-
-Show = Callable[[ScoredPicture, tuple[Landmark, ...]], None]
-"""Shows a picture, and the landmarks of one shortly before."""
-
-
-@dataclass
-class _Watch:
-    """Takes pictures and scores them, until as many are taken as are wanted or a signal has come."""
-
-    camera: Camera
-    wanted: int | None
-    interrupted: SignalNote
-    show: Show
-    clock: SystemClock = field(default_factory=SystemClock)
-    taken: list[dict[str, Any]] = field(default_factory=list)
-    last: ScoredPicture | None = None
-    landmarks: tuple[Landmark, ...] = ()
-    _times_s: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
-    _means: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
-    _shown_s: float = 0.0
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether no more pictures are taken."""
-        enough = self.wanted is not None and self.last is not None and self.last.number >= self.wanted
-        return enough or self.interrupted() is not None
-
-    def step(self) -> None:
-        """Take a picture and show it, unless all is over."""
-        if self.has_ended:
-            return
-        if self.wanted is None:
-            self.clock.sleep(max(0.0, self._shown_s + _PERIOD_S - self.clock.now_s()))
-            self._shown_s = self.clock.now_s()
-        frame = self.camera.capture()
-        quality = measure_quality(frame.image)
-        self._times_s.append(frame.t_s)
-        self._means.append(quality.mean_grey)
-        scores = judge_quality(quality, measure_flicker(self._times_s, self._means))
-        self.last = ScoredPicture(frame.sequence + 1, frame.image, scores)
-        if self.wanted is not None:
-            self.taken.append({"picture": self.last.number, "scores": [asdict(score) for score in scores]})
-        self.show(self.last, self.landmarks)
-
-
 def view_camera(order: CameraOrder) -> int:
     """Show the camera of a rig, and return the exit code.
 
@@ -149,10 +90,10 @@ def view_camera(order: CameraOrder) -> int:
         interrupted = stack.enter_context(note_signals())
         camera = stack.enter_context(open_camera(order.rig, "labrig devices camera"))
         show = stack.enter_context(_open_shows(order, camera))
-        watch = _Watch(camera, order.wanted, interrupted, show)
+        watch = CameraWatch(camera, order.wanted, interrupted, show)
         search = partial(_search, order, camera)
         if order.wanted is None or order.web:
-            _watch_and_search(watch, search)
+            watch.search(search)
         while not watch.has_ended:
             watch.step()
     if watch.last is None:
@@ -164,30 +105,6 @@ def view_camera(order: CameraOrder) -> int:
     if watch.interrupted() is not None:
         return _INTERRUPTED
     return 1 if any(score.good is False for score in watch.last.scores) else 0
-
-
-def _watch_and_search(watch: _Watch, search: Callable[[Picture], tuple[Landmark, ...]]) -> None:
-    """Search one picture after another for landmarks, and take and show pictures meanwhile."""
-    worker = WorkerThread("landmarks", watch.clock)
-    try:
-        watch.step()
-        while not watch.has_ended and watch.last is not None:
-            found = worker.do(partial(search, watch.last.image), partial(_step_until_stopped, watch))
-            watch.landmarks = found
-    except _StoppedError:
-        return
-    finally:
-        worker.close(0.0)
-
-
-class _StoppedError(Exception):
-    """A signal has come while landmarks were searched."""
-
-
-def _step_until_stopped(watch: _Watch) -> None:
-    watch.step()
-    if watch.interrupted() is not None:
-        raise _StoppedError
 
 
 def _search(order: CameraOrder, camera: Camera, image: Picture) -> tuple[Landmark, ...]:
@@ -278,7 +195,7 @@ def _describe(landmark: Landmark) -> str:
     return f"{landmark.name}: {landmark.text if landmark.found else f'not found: {landmark.text}'}"
 
 
-def _report(order: CameraOrder, watch: _Watch, camera: Camera) -> None:
+def _report(order: CameraOrder, watch: CameraWatch, camera: Camera) -> None:
     """Print the scores of the last picture; as JSON those of all, if their number was given."""
     assert watch.last is not None
     if order.as_json:

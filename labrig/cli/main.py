@@ -55,7 +55,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "specimens": ("specimens.app", "Blocks of gel that protocols name: their files, tracks and labels."),
     "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, tip template."),
     "measure": ("measure.app", "Measure pictures that belong to no run."),
-    "devices": ("devices.app", "Check the rig, move its axes, stop it."),
+    "devices": ("devices.app", "Check the rig, show its camera, move its axes, stop it."),
 }
 """Each command with its file and function (or group of commands) and its help, in the order of `labrig --help`.
 

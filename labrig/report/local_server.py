@@ -29,6 +29,7 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 _TIMEOUT_S = 10.0
+_ENDED_WITHIN_S = 2.0
 _MOST_SENT_BYTES = 1000
 _JSON = "application/json"
 
@@ -87,15 +88,16 @@ class LocalServer:
         return f"http://{LOCALHOST}:{self.port}/{self._token}/"
 
     def finish_replies(self, within_s: float) -> None:
-        """Wait until everybody who has sent something has a reply, but not longer than this."""
+        """Wait until everybody who has asked or sent something has a reply, but not longer than this."""
         with self._server.is_idle:
             self._server.is_idle.wait_for(lambda: self._server.unanswered == 0, within_s)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening, and let replies end: a thread that is inside OpenCV when Python ends aborts it."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
+        self.finish_replies(_ENDED_WITHIN_S)
 
 
 class _Server(ThreadingHTTPServer):
@@ -111,7 +113,7 @@ class _Server(ThreadingHTTPServer):
 
     @contextmanager
     def count_unanswered(self) -> Iterator[None]:
-        """Count a sender as one without a reply during the block."""
+        """Count a browser as one without a reply during the block."""
         with self.is_idle:
             self.unanswered += 1
         try:
@@ -133,7 +135,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page or a part of it."""
-        self._reply(self._refuse() or self._answer(None))
+        with self.server.count_unanswered():
+            self._reply(self._refuse() or self._answer(None))
 
     def do_POST(self) -> None:
         """Answer to a document that was sent."""

@@ -14,6 +14,7 @@ from labrig.input_file import read_file
 from labrig.record.json_lines import plain_text
 from labrig.record.provenance import collect_provenance
 from labrig.vision.camera_frame import read_common_camera
+from labrig.vision.camera_in_use import CAMERA
 from labrig.vision.picture import MAX_PICTURE_BYTES
 
 OutOption = Annotated[
@@ -53,7 +54,7 @@ def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
             for path in images
             if path.is_file()
         },
-        **({} if camera is None else {"camera": camera}),
+        **({} if camera is None else {CAMERA: camera.model_dump()}),
     }
 
 

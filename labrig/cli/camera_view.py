@@ -1,12 +1,12 @@
 """What `labrig devices camera` does: takes pictures, scores each, and shows them at the terminal or in a browser."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, cast
 
 from labrig.cli.calibration_files import require_writable
 from labrig.cli.camera_watch import CameraWatch, ScoredPicture, Show
@@ -30,6 +30,7 @@ from labrig.errors import InputError
 from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.report.picture_page import PicturePage, ShownPicture
 from labrig.vision.camera_frame import encode_frame
+from labrig.vision.camera_in_use import CameraInUse
 from labrig.vision.landmarks import Landmark, find_landmarks
 from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import Score
@@ -203,7 +204,7 @@ def _report(order: CameraOrder, watch: CameraWatch, camera: Camera) -> None:
         print_json(
             {
                 "rig": order.rig.name,
-                "camera": _describe_camera(order.rig, camera),
+                "camera": _describe_camera(order.rig, camera).model_dump(),
                 "ok": False not in scores,
                 "pictures": watch.taken,
                 "landmarks": [asdict(mark) for mark in watch.landmarks],
@@ -216,9 +217,9 @@ def _report(order: CameraOrder, watch: CameraWatch, camera: Camera) -> None:
             print_wrapped(f"      {_describe(landmark)}", 6)
 
 
-def _describe_camera(rig: RigDescription, camera: Camera) -> dict[str, Any]:
+def _describe_camera(rig: RigDescription, camera: Camera) -> CameraInUse:
     """Return the camera as a calibration keeps it."""
-    return {"driver": rig.camera.driver, "device": rig.camera.address, "settings": camera.settings.in_use}
+    return CameraInUse(driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings.in_use)
 
 
 def _require_png(save: Path | None) -> None:
@@ -226,7 +227,7 @@ def _require_png(save: Path | None) -> None:
         raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
 
 
-def _save(path: Path | None, image: Picture, camera: Mapping[str, Any]) -> None:
+def _save(path: Path | None, image: Picture, camera: CameraInUse) -> None:
     """Write a test frame. Raises `OutputExistsError` if somebody has made a file of that name meanwhile."""
     if path is None:
         return

@@ -29,7 +29,7 @@ from labrig.errors import InputError, LabrigError, OutputExistsError, SecondMast
 from labrig.vision.calibration_file import (
     load_intrinsics,
     load_plane,
-    read_camera_settings,
+    read_camera,
     read_creation_time,
 )
 from labrig.vision.intrinsics import Intrinsics
@@ -195,7 +195,7 @@ def _check_other_settings(rig: RigDescription, which: str, path: Path) -> Iterat
     check = f"calibration {which} camera"
     if rig.camera.recorded:
         return
-    if read_camera_settings(path) is None:
+    if read_camera(path) is None:
         if rig.kind != ONLY_SIMULATED:
             value = "the camera's settings when it was made are not known"
             solution = "calibrate again where focus or format may have changed since; labrig run keeps them"

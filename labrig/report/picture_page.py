@@ -5,7 +5,7 @@ The page is the three files of `browser`. All that labrig says comes to it as JS
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import cv2
 from labrig.input_file import parse_json
 from labrig.report.local_server import LocalServer, Reply
 from labrig.vision.camera_frame import encode_frame
+from labrig.vision.camera_in_use import UNKNOWN_CAMERA, CameraInUse
 from labrig.vision.landmarks import Landmark
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.picture_quality import Score
@@ -53,7 +54,7 @@ class ShownPicture:
     scores : sequence of Score
     landmarks : sequence of Landmark
         What was found in it, or in one shortly before.
-    camera : Mapping
+    camera : CameraInUse
         Its camera, kept in a saved test frame.
     """
 
@@ -63,7 +64,7 @@ class ShownPicture:
     remark: str = ""
     scores: Sequence[Score] = ()
     landmarks: Sequence[Landmark] = ()
-    camera: Mapping[str, Any] = field(default_factory=dict)
+    camera: CameraInUse = UNKNOWN_CAMERA
 
     def document(self, *, asks: bool) -> dict[str, Any]:
         """Return all but the picture, ready for JSON."""

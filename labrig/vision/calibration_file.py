@@ -18,6 +18,7 @@ from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
 from labrig.vision.board_warp import BoardWarp
+from labrig.vision.camera_in_use import CAMERA, CameraInUse
 from labrig.vision.intrinsics import Intrinsics, SigmaSource, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
 from labrig.vision.refraction import Gel, GelMeasurement
@@ -208,12 +209,11 @@ def read_creation_time(path: Path) -> datetime | None:
     return None
 
 
-def read_camera_settings(path: Path) -> dict[str, str | float] | None:
-    """Return the camera's settings when a calibration was made, from its provenance; None if they are unknown."""
-    with suppress(ValueError, KeyError, TypeError, AttributeError):
+def read_camera(path: Path) -> CameraInUse | None:
+    """Return the camera with which a calibration was made, from its provenance; None if it is unknown."""
+    with suppress(ValueError, KeyError, TypeError):
         document: Any = parse_json(_read(path))
-        settings = document["provenance"]["camera"]["settings"]
-        return {str(name): value for name, value in settings.items() if isinstance(value, str | int | float)}
+        return CameraInUse.parse(document["provenance"][CAMERA])
     return None
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labrig.vision.calibration_file import load_plane, read_camera_settings, save_plane
+from labrig.vision.calibration_file import load_plane, read_camera, save_plane
 from labrig.vision.camera_frame import encode_frame
+from labrig.vision.camera_in_use import CameraInUse
 from labrig.vision.plane import PlaneMap
 from tests.cli.conftest import RIG, Done, Labrig
 from tests.vision import no_graph_paper
@@ -59,9 +60,9 @@ def rig(tmp_path: Path) -> Path:
 def test_the_settings_of_a_test_frame_are_kept(labrig: Labrig, tmp_path: Path) -> None:
     """A picture that carries its camera gives the plane map what a later focus is compared with."""
     frame, out = tmp_path / "frame.png", tmp_path / "plane.json"
-    frame.write_bytes(encode_frame(draw_sheet(SHEET), {"settings": {"focus": 30}}))
+    frame.write_bytes(encode_frame(draw_sheet(SHEET), CameraInUse(settings={"focus": 30})))
     assert labrig("calibrate", "plane", frame, *FRAME, "--out", out).exit_code == 0
-    assert read_camera_settings(out) == {"focus": 30}
+    assert read_camera(out).settings == {"focus": 30}
 
 
 def test_the_scale_is_said_in_words_that_a_ruler_checks(calibrate: Calibrate, tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from labrig.vision.camera_frame import encode_frame, read_common_camera
+from labrig.vision.camera_in_use import CameraInUse
 from labrig.vision.picture import read_picture
 
 IMAGE = np.arange(30 * 40, dtype=np.uint32).astype(np.uint8).reshape(30, 40)
-CAMERA = {"driver": "uvc", "device": "/dev/vidé0", "settings": {"focus": 30, "pixel_format": "GREY"}}
+CAMERA = CameraInUse(driver="uvc", device="/dev/vidé0", settings={"focus": 30, "pixel_format": "GREY"})
 
 
 @pytest.mark.parametrize("image", [IMAGE, np.dstack([IMAGE, IMAGE + 1, IMAGE + 2])])
@@ -27,7 +28,7 @@ def test_a_camera_is_that_of_all_pictures_or_none(tmp_path: Path) -> None:
     path, other = tmp_path / "frame.png", tmp_path / "other.png"
     path.write_bytes(encode_frame(IMAGE, CAMERA))
     others = (
-        encode_frame(IMAGE, {**CAMERA, "settings": {"focus": 31}}),
+        encode_frame(IMAGE, CAMERA.model_copy(update={"settings": {"focus": 31}})),
         cv2.imencode(".png", IMAGE)[1].tobytes(),
         cv2.imencode(".jpg", IMAGE)[1].tobytes(),
         encode_frame(IMAGE, CAMERA).replace(b'"focus": 30', b'"focus": 38'),

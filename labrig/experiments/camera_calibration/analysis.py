@@ -23,6 +23,7 @@ from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
 from labrig.vision.boards import find_board
 from labrig.vision.calibration_file import compare_with_last, save_intrinsics, save_plane
+from labrig.vision.camera_in_use import CAMERA, CameraInUse
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
@@ -93,7 +94,8 @@ def _read_camera(run: Run) -> dict[str, Any]:
     if not isinstance(camera, Mapping) or not isinstance(camera.get("readback"), Mapping):
         return {}
     settings = {**camera.get("reported", {}), **camera["readback"]}
-    return {"camera": {"driver": camera.get("driver"), "device": camera.get("device"), "settings": settings}}
+    found = CameraInUse.parse({**camera, "settings": settings})
+    return {} if found is None else {CAMERA: found.model_dump()}
 
 
 def _read_pictures(run: Run, progress: Progress | None) -> _Pictures:

@@ -12,7 +12,7 @@ from labrig.analysis.run import analyze_run
 from labrig.experiments.camera_calibration.result import CalibrationResult, summarise
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import Run
-from labrig.vision.calibration_file import load_intrinsics, load_plane, read_camera_settings, save_plane
+from labrig.vision.calibration_file import load_intrinsics, load_plane, read_camera, save_plane
 from labrig.vision.plane import PlaneMap
 from labrig.vision.refraction import Gel, Layer
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
@@ -48,7 +48,7 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
     assert content.plane is not None
     assert content.plane["view"] in page
     assert content.scale_comparison is None
-    assert read_camera_settings(folder / "plane.json") == {"pixel_format": "GREY", "focus": 0}
+    assert read_camera(folder / "plane.json").settings == {"pixel_format": "GREY", "focus": 0}
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:

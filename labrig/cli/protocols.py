@@ -17,6 +17,7 @@ from labrig.cli.output import (
     say,
 )
 from labrig.cli.plugin_faults import find_plugin_faults
+from labrig.devices.clocks import SystemClock
 from labrig.errors import FileFormatError, Problem
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 from labrig.text import format_count
@@ -28,12 +29,15 @@ def check(
     runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
     seed: SeedOption = None,
     settings: SetOption = None,
+    stops: Annotated[
+        bool, typer.Option("--stops", help="Tell what a stop during each move does, and the way back.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
+    from labrig.cli.check_report import collect_report, find_disk_problems, find_state_warnings, print_report
     from labrig.cli.sources import Sources
     from labrig.cli.specimen_tracks import prepare_specimens
-    from labrig.devices.clocks import SystemClock
     from labrig.experiments.registry import find_experiment
     from labrig.runner.plan import estimate_disk_bytes
 
@@ -45,7 +49,7 @@ def check(
             raise
         for line in failure_lines(error):
             say(line)
-        _print_check(error.problems, (), None, None, faults)
+        _print_check(error.problems, (), None, None, faults, {})
         return error.exit_code
     if description is not None:
         faults += _report_plugin_faults(DRIVES, CAMERAS)
@@ -53,11 +57,16 @@ def check(
     experiment.require_parts()
     specimens = prepare_specimens(loaded, description, runs_dir, SystemClock().utc())
     plan = experiment.plan(specimens.protocol, description)
-    problems = (*specimens.problems, *(plan.problems if plan.refusal is None else (plan.refusal,)))
-    warnings = (*specimens.warnings, *plan.warnings)
     disk_bytes = estimate_disk_bytes(plan, description)
+    problems = (
+        *specimens.problems,
+        *(plan.problems if plan.refusal is None else (plan.refusal,)),
+        *find_disk_problems(runs_dir, disk_bytes, description),
+    )
+    warnings = (*specimens.warnings, *plan.warnings, *find_state_warnings(description))
+    report = collect_report(plan, description, loaded.experiment, runs_dir, SystemClock().utc())
     if as_json:
-        _print_check(problems, warnings, plan.duration_s, disk_bytes, faults)
+        _print_check(problems, warnings, plan.duration_s, disk_bytes, faults, report.document())
     else:
         _print_problems(problems)
         _print_problems(warnings, "warning: ")
@@ -68,6 +77,7 @@ def check(
             f"{format_count(plan.operator_steps, 'operator step')}, {format_count(plan.pictures, 'picture')}, "
             f"{disk_bytes / 1e6:.0f} MB"
         )
+        print_report(report, stops=stops)
     return 1 if problems else 0
 
 
@@ -92,6 +102,7 @@ def _print_check(
     duration_s: float | None,
     disk_bytes: int | None,
     plugins: list[dict[str, object]],
+    report: dict[str, object],
 ) -> None:
     print_json(
         {
@@ -101,6 +112,7 @@ def _print_check(
             "duration_s": duration_s,
             "disk_bytes": disk_bytes,
             "plugins": plugins,
+            **report,
         }
     )
 

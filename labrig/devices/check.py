@@ -26,6 +26,7 @@ from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError, OutputExistsError, SecondMasterError
+from labrig.text import format_count
 from labrig.vision.calibration_file import (
     load_intrinsics,
     load_plane,
@@ -185,7 +186,7 @@ def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckRe
     return CheckResult(
         check,
         CheckStatus.WARN if old else CheckStatus.PASS,
-        f"{days} days, made {made:%Y-%m-%d}",
+        f"{format_count(days, 'day')}, made {made:%Y-%m-%d}",
         again if old else "",
     )
 

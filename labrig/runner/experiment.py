@@ -50,6 +50,8 @@ class RunPlan:
         Pictures that are taken, and requests that the operator answers.
     questions : mapping of str to int
         Those requests by the name of their class, from which the time that is left is learned; may be left out.
+    moves : tuple of PlannedMove
+        Those of one trial, in order: the sheath goes in, the needle goes in and out, the sheath comes out.
     problems : tuple of Problem
         Reasons against the run: moves beyond a limit, pictures that cannot be measured, a target out of view.
     refusal : Problem or None
@@ -65,6 +67,7 @@ class RunPlan:
     pictures: int = 0
     operator_steps: int = 0
     questions: Mapping[str, int] = field(default_factory=dict)
+    moves: tuple[PlannedMove, ...] = ()
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()

@@ -94,12 +94,13 @@ def _estimate_hands_s(workload: Workload, answers: Sequence[GivenAnswer]) -> flo
     if not workload.questions:
         return max(workload.operator_steps - len(answers), 0) * overall_s
     return sum(
-        max(count - given[kind], 0) * _find_typical_s(kind, answers, overall_s)
+        max(count - given[kind], 0) * find_typical_s(kind, answers, overall_s)
         for kind, count in workload.questions.items()
     )
 
 
-def _find_typical_s(kind: str, answers: Sequence[GivenAnswer], otherwise_s: float) -> float:
+def find_typical_s(kind: str, answers: Sequence[GivenAnswer], otherwise_s: float) -> float:
+    """Return the median time of the answers to requests of a class [s], or `otherwise_s` if there are none."""
     took_s = [answer.took_s for answer in answers if answer.request == kind]
     return median(took_s) if took_s else otherwise_s
 

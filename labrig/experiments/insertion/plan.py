@@ -62,6 +62,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         operator_steps=(2 + protocol.asked_places) * trials
         + (0 if first is None else 3 + first.holes)
         + operator_steps,
+        moves=moves,
         problems=problems or foreseen.problems,
         refusal=foreseen.refusal,
         warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig)),

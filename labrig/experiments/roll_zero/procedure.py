@@ -23,17 +23,15 @@ def make_order(protocol: RollZeroProtocol) -> RollZeroOrder:
 def plan(protocol: RollZeroProtocol, rig: RigDescription) -> RunPlan:
     """Return the plan of a run on a rig."""
     order, steps = make_order(protocol), protocol.roll_zero
-    moves = (
-        plan_roll_move(rig, "roll_zero.rolls", order.farthest_roll_rad),
-        *plan_insertion_moves("roll_zero.length_mm", steps.length_mm, protocol.insertion, protocol.sheath),
-        *order.plan_torsion_moves(rig),
-    )
+    moves = plan_insertion_moves("roll_zero.length_mm", steps.length_mm, protocol.insertion, protocol.sheath)
+    turn = plan_roll_move(rig, "roll_zero.rolls", order.farthest_roll_rad)
     pictures, operator_steps = count_sentinel_work(protocol.sentinel)
     return RunPlan(
         duration_s=order.duration_s,
         pictures=order.pictures + pictures,
         operator_steps=3 + order.holes + operator_steps,
-        problems=find_rig_problems(protocol, rig, moves),
+        moves=moves,
+        problems=find_rig_problems(protocol, rig, (turn, *moves, *order.plan_torsion_moves(rig))),
         uses_calibration=True,
     )
 

@@ -59,6 +59,7 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
         pictures=trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE) + pictures,
         operator_steps=sum(questions.values()),
         questions=questions,
+        moves=moves,
         problems=(*find_rig_problems(protocol, rig, (turn, *moves)), *find_track_problems(protocol)),
         uses_calibration=True,
     )

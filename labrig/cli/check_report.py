@@ -34,13 +34,13 @@ CHECKED = (
     "whether a needle may be in tissue, as the rig remembers",
     "free disk space",
 )
-LEFT_TO_RUN = (
+RIG_LEFT = (
     "drives and camera (labrig devices check)",
     "whether another labrig holds the rig",
-    "the name of the run",
     "answers of the operator",
     "what the first pictures show",
 )
+NAME_LEFT = ("the name of the run",)
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,16 @@ class CheckReport:
     """What is told of a protocol that could be read."""
 
     plan: RunPlan
+    disk_bytes: int
+    rig_name: str | None
     hands_on: HandsOn | None
     calibration: tuple[CheckResult, ...]
     stops: tuple[RehearsedStop, ...]
+
+    @property
+    def left_to_run(self) -> tuple[str, ...]:
+        """What only the run finds out."""
+        return NAME_LEFT if self.rig_name is None else (*RIG_LEFT, *NAME_LEFT)
 
     def document(self) -> dict[str, object]:
         """Return its keys of the JSON document."""
@@ -60,19 +67,24 @@ class CheckReport:
             "calibration": [asdict(result) for result in self.calibration],
             "stops": [asdict(stop) for stop in self.stops],
             "checked": CHECKED,
-            "left_to_run": LEFT_TO_RUN,
+            "left_to_run": self.left_to_run,
         }
 
 
 def collect_report(
-    plan: RunPlan, rig: RigDescription | None, experiment: str, runs_dir: Path, now: datetime
+    plan: RunPlan,
+    disk_bytes: int,
+    rig: RigDescription | None,
+    experiment: str,
+    runs_dir: Path,
+    now: datetime,
 ) -> CheckReport:
     """Return what is told of a plan; the person's time is learned from the runs of a folder."""
     if rig is None:
-        return CheckReport(plan, None, (), ())
+        return CheckReport(plan, disk_bytes, None, None, (), ())
     hands_on = estimate_hands_on(plan.workload, islice(_read_answers(runs_dir, experiment), _LEARNED_FROM))
     ages = tuple(result for result in check_calibration(rig, now) if result.check.endswith(" age"))
-    return CheckReport(plan, hands_on, ages, rehearse_stops(plan.moves, rig))
+    return CheckReport(plan, disk_bytes, rig.name, hands_on, ages, rehearse_stops(plan.moves, rig))
 
 
 def find_state_warnings(rig: RigDescription | None) -> tuple[Problem, ...]:
@@ -106,9 +118,17 @@ def _read_answers(runs_dir: Path, experiment: str) -> Iterator[Sequence[GivenAns
             continue
 
 
-def print_report(report: CheckReport, *, stops: bool) -> None:
-    """Print the person's time and the age of the calibration; with `stops` what a stop does; then what is left."""
+def print_report(report: CheckReport, verdict: str, *, stops: bool) -> None:
+    """Print the verdict with the work of the run, the person's time, the age of the calibration, and what is left.
+
+    With `stops` also what a stop does.
+    """
     steps = format_count(report.plan.operator_steps, "operator step")
+    where = "without a rig" if report.rig_name is None else f"on rig {report.rig_name}"
+    print_wrapped(
+        f"{verdict} {where}: {report.plan.duration_s / 60:.0f} min of motion, {steps}, "
+        f"{format_count(report.plan.pictures, 'picture')}, {report.disk_bytes / 1e6:.0f} MB"
+    )
     if report.hands_on is not None:
         learned = format_count(report.hands_on.runs, "earlier run")
         print_wrapped(f"about {report.hands_on.hands_on_s / 60:.0f} min of yours for {steps}, by {learned}")
@@ -118,7 +138,7 @@ def print_report(report: CheckReport, *, stops: bool) -> None:
         print_wrapped(f"{result.check}: {result.value}" + (f"; {result.solution}" if result.solution else ""))
     if stops:
         _print_stops(report.stops)
-    print_wrapped("not checked here: " + ", ".join(LEFT_TO_RUN))
+    print_wrapped("not checked here: " + ", ".join(report.left_to_run))
 
 
 def _print_stops(stops: Sequence[RehearsedStop]) -> None:

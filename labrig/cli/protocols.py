@@ -20,7 +20,6 @@ from labrig.cli.plugin_faults import find_plugin_faults
 from labrig.devices.clocks import SystemClock
 from labrig.errors import FileFormatError, Problem
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
-from labrig.text import format_count
 
 
 def check(
@@ -55,7 +54,8 @@ def check(
         faults += _report_plugin_faults(DRIVES, CAMERAS)
     experiment = find_experiment(loaded.experiment)
     experiment.require_parts()
-    specimens = prepare_specimens(loaded, description, runs_dir, SystemClock().utc())
+    now = SystemClock().utc()
+    specimens = prepare_specimens(loaded, description, runs_dir, now)
     plan = experiment.plan(specimens.protocol, description)
     disk_bytes = estimate_disk_bytes(plan, description)
     problems = (
@@ -64,20 +64,13 @@ def check(
         *find_disk_problems(runs_dir, disk_bytes, description),
     )
     warnings = (*specimens.warnings, *plan.warnings, *find_state_warnings(description))
-    report = collect_report(plan, description, loaded.experiment, runs_dir, SystemClock().utc())
+    report = collect_report(plan, disk_bytes, description, loaded.experiment, runs_dir, now)
     if as_json:
         _print_check(problems, warnings, plan.duration_s, disk_bytes, faults, report.document())
     else:
         _print_problems(problems)
         _print_problems(warnings, "warning: ")
-        verdict = "cannot run" if problems else "can run"
-        where = "without a rig" if description is None else f"on rig {description.name}"
-        print_wrapped(
-            f"{protocol} {verdict} {where}: {plan.duration_s / 60:.0f} min of motion, "
-            f"{format_count(plan.operator_steps, 'operator step')}, {format_count(plan.pictures, 'picture')}, "
-            f"{disk_bytes / 1e6:.0f} MB"
-        )
-        print_report(report, stops=stops)
+        print_report(report, f"{protocol} {'cannot' if problems else 'can'} run", stops=stops)
     return 1 if problems else 0
 
 

@@ -5,7 +5,8 @@ instead: of twelve views of a board 200 mm long, a warp of 0.3 mm puts it off by
 the height of the board is a parabola along its rows plus one along its columns, as in mrcal, and both are fitted with
 the camera. A view may show a part of the board at an unknown place, because a shifted parabola differs from the first
 one by a tilt alone. Where a part may also be turned by 90 degrees, the two parabolas are taken to be equal. A twist
-of the board is not in the model, nor in mrcal's: one of 0.3 mm makes the stated deviation three times too small.
+of the board is not in the model, nor in mrcal's: one of 0.3 mm makes the error of fx 4.4 times larger. The scatter
+between views shows it (`view_scatter`): the stated deviation is 1.13 of the actual error over 200 sets of twelve views.
 
 Before the views are seen, each height is zero within 1.5 mm per metre of the board's diagonal, one standard deviation.
 Where the views cannot tell it, it stays there, and this deviation is in the uncertainty of the lens.

@@ -62,12 +62,14 @@ app.command("template", help="Cut a template of the needle's tip out of a record
 
 @app.command(
     "intrinsics",
-    help="Find intrinsics and distortion from photographs of a chessboard or ChArUco board.",
+    help="Find intrinsics and distortion from photographs of a chessboard, ChArUco board or AprilGrid.",
 )
 def intrinsics(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs of the board.")],
-    board: Annotated[str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6.")],
-    square_mm: Annotated[float, typer.Option(help="Side of a square.")],
+    board: Annotated[
+        str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6; tags of an AprilGrid.")
+    ],
+    square_mm: Annotated[float, typer.Option(help="Side of a square, or of a tag of an AprilGrid.")],
     charuco: Annotated[
         str | None,
         typer.Option(
@@ -76,6 +78,13 @@ def intrinsics(
     ] = None,
     marker_mm: Annotated[
         float | None, typer.Option(help="Side of a ChArUco board's marker.", show_default=False)
+    ] = None,
+    tag_spacing: Annotated[
+        float | None,
+        typer.Option(
+            help="Gap between the tags of an AprilGrid over their side, tagSpacing of Kalibr.",
+            show_default=False,
+        ),
     ] = None,
     partial: Annotated[
         bool, typer.Option("--partial", help="The pictures may show only a part of the chessboard.")
@@ -104,7 +113,7 @@ def intrinsics(
         raise InputError(
             f"--square-mm is {square_mm:g}, and has to be above 0", "measure the side of a square"
         )
-    search = make_board_search(charuco, marker_mm, square_mm, partial, window_px)
+    search = make_board_search(charuco, marker_mm, square_mm, partial, window_px, tag_spacing)
     pictures, unread = read_views(images)
     try:
         found = calibrate_from_pictures(pictures, columns, rows, square_mm, search=search, model=model)
@@ -260,7 +269,8 @@ def _read_board_size(board: str) -> tuple[int, int]:
     if columns.isdecimal() and rows.isdecimal() and int(columns) >= 3 and int(rows) >= 3:
         return int(columns), int(rows)
     raise InputError(
-        f"--board is {board!r}, and has to name inner corners, at least 3x3", "for example --board 9x6"
+        f"--board is {board!r}, and has to name inner corners, or tags of an AprilGrid, at least 3x3",
+        "for example --board 9x6",
     )
 
 

@@ -5,27 +5,34 @@ from pathlib import Path
 
 from labrig.errors import InputError, PictureError
 from labrig.report.lens_figure import write_lens_figure
-from labrig.vision.boards import BoardSearch, Charuco
+from labrig.vision.boards import AprilGrid, BoardSearch, Charuco
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.picture import Picture, read_picture
 
 
 def make_board_search(
-    charuco: str | None, marker_mm: float | None, square_mm: float, partial: bool, window_px: int | None
+    charuco: str | None,
+    marker_mm: float | None,
+    square_mm: float,
+    partial: bool,
+    window_px: int | None,
+    tag_spacing: float | None = None,
 ) -> BoardSearch:
     """Return how to search for the board.
 
     Raises
     ------
     InputError
-        If only one of dictionary and marker is given, or the window is impossible.
+        If only one of dictionary and marker is given, if they are given with a tag spacing, or if the window or the tag
+        spacing is impossible.
     """
     if (charuco is None) != (marker_mm is None):
         raise InputError(
             "--charuco and --marker-mm belong together", "for example --charuco DICT_5X5_100 --marker-mm 12"
         )
     board = None if charuco is None or marker_mm is None else Charuco(charuco, marker_mm / square_mm)
-    return BoardSearch(partial, board, window_px)
+    grid = None if tag_spacing is None else AprilGrid(tag_spacing)
+    return BoardSearch(partial, board, window_px, grid)
 
 
 def read_views(images: Sequence[Path]) -> tuple[list[tuple[str, Picture]], list[ViewResidual]]:

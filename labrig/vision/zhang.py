@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.board_warp import BoardWarp, WarpModel
-from labrig.vision.boards import BoardSearch, board_points_mm, find_board
+from labrig.vision.boards import BoardSearch, check_board, find_board
 from labrig.vision.bundle import Fit, LensModel, ObservedView, project
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.lens_evidence import judge_lens
@@ -52,8 +52,9 @@ def calibrate_from_pictures(
     ----------
     pictures : sequence of (str, ndarray)
     columns, rows : int
-        Inner corners, not squares.
+        Inner corners, not squares; tags of an AprilGrid.
     square_mm : float
+        Side of a square; of a tag of an AprilGrid.
     search : BoardSearch, optional
         Kind of board, and how to search for it; without it, a whole chessboard.
     model : "brown" or "zhang"
@@ -66,7 +67,8 @@ def calibrate_from_pictures(
         If no picture shows the board.
     """
     size = _find_common_size(pictures)
-    board_points_mm(columns, rows, square_mm)
+    search = search or BoardSearch()
+    check_board(columns, rows, square_mm, search)
     names, boards, pixels, missed = [], [], [], {}
     for index, (name, image) in enumerate(pictures):
         other = _describe_other_size(image, size)
@@ -82,12 +84,13 @@ def calibrate_from_pictures(
             missed[index] = ViewResidual(name, None, used=False, reason=f"{refusal.message}: {refusal.hint}")
     if not names:
         raise CalibrationRefusedError(
-            f"no board of {columns} x {rows} inner corners was found in any of {len(pictures)} pictures: "
+            f"no {search.name_board(columns, rows)} was found in any of {len(pictures)} pictures: "
             "show the whole board, flat and sharp, with its white margin",
-            "count inner corners, not squares",
+            "count inner corners, not squares" if search.april is None else "count tags, not corners",
         )
-    turned = search is not None and search.partial
-    found = calibrate_intrinsics(boards, pixels, size, names, model=model, turned=turned or columns == rows)
+    # The tags of an AprilGrid tell how it is turned.
+    turned = search.april is None and (search.partial or columns == rows)
+    found = calibrate_intrinsics(boards, pixels, size, names, model=model, turned=turned)
     rest = iter(found.views)
     views = tuple(missed[index] if index in missed else next(rest) for index in range(len(pictures)))
     return replace(found, views=views)

@@ -578,6 +578,7 @@ measure tip picture.png --template RIGS/simulated-tip.png --near-px 3 4 --region
  1 2 --insertion right --heading-deg 3
 calibrate intrinsics picture.png --board 9x6 --square-mm 2 --window-px 5 --out i.json
 calibrate intrinsics picture.png --board 9x6 --square-mm 2 --charuco DICT_5X5_100 --marker-mm 1
+calibrate intrinsics picture.png --board 6x6 --square-mm 2 --tag-spacing 0.3
 calibrate plane picture.png --origin-px 3 4 --insertion up --gel-index 1.3 --gel-depth-mm 3
 calibrate plane picture.png --origin-px 3 4 --insertion up --telecentric --gel-index 1.3 --gel-depth-mm 3 \
  --gel-index-sigma 0.1 --gel-depth-sigma-mm 1 --layer glass:3:1 --tilt-deg 1 1 --tilt-sigma-deg 1 --paper-at gel

@@ -6,7 +6,7 @@ import pytest
 
 from labrig.cli.lens import draw_figure, make_board_search, name_figure
 from labrig.errors import DiskError, InputError
-from labrig.vision.boards import BoardSearch, Charuco
+from labrig.vision.boards import AprilGrid, BoardSearch, Charuco
 from labrig.vision.intrinsics import Intrinsics
 
 
@@ -15,6 +15,16 @@ def test_charuco_board_is_described_by_dictionary_and_marker() -> None:
     found = make_board_search("DICT_5X5_100", 12.0, 16.0, partial=False, window_px=None)
     assert found == BoardSearch(charuco=Charuco("DICT_5X5_100", 0.75))
     assert make_board_search(None, None, 16.0, partial=True, window_px=4) == BoardSearch(True, None, 4)
+
+
+def test_tag_spacing_makes_the_board_an_aprilgrid() -> None:
+    """The spacing describes the grid; together with a dictionary of a ChArUco board it is wrong input."""
+    found = make_board_search(None, None, 88.0, partial=False, window_px=None, tag_spacing=0.3)
+    assert found == BoardSearch(april=AprilGrid(0.3))
+    with pytest.raises(InputError, match="not both"):
+        make_board_search("DICT_5X5_100", 12.0, 16.0, partial=False, window_px=None, tag_spacing=0.3)
+    with pytest.raises(InputError, match=r"tag spacing is 1\.5"):
+        make_board_search(None, None, 88.0, partial=False, window_px=None, tag_spacing=1.5)
 
 
 @pytest.mark.parametrize(("charuco", "marker_mm"), [("DICT_5X5_100", None), (None, 12.0)])

@@ -29,6 +29,9 @@ class PlanWeights:
         larger if the problem states no tolerance.
     cavity_per_mm : float
         Cost of each millimetre by which the tip would miss after a cavity, averaged over its place on the path.
+    room_per_mm, comfortable_room_mm : float
+        Cost, in the plane, of each millimetre that a comfortable room lacks: the clearance that the needle would have
+        if it bent away from the obstacle from here on (`labrig.steering.room`).
     """
 
     length_per_mm: float = 1.0
@@ -38,6 +41,8 @@ class PlanWeights:
     comfortable_clearance_mm: float = 3.0
     curvature_per_mm: float = 4.0
     cavity_per_mm: float = 20.0
+    room_per_mm: float = 6.0
+    comfortable_room_mm: float = 6.0
 
 
 @dataclass(frozen=True)

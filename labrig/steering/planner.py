@@ -10,13 +10,16 @@ import numpy as np
 from labrig.needle.kinematics import FloatArray, path_frames, path_points
 from labrig.steering import planar_search, spatial_search
 from labrig.steering.clearance import path_distances
+from labrig.steering.mending import mend_paths
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
-from labrig.steering.score import cost_path, find_worst_miss_and_gap
+from labrig.steering.score import cost_path, find_worst_miss_and_gap, pick_best_feasible
 
 Effort = Literal["quick", "closer", "thorough"]
 """How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
+
+_MENDING_STEPS = 12
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,11 @@ class Plan:
 
 
 def plan_path(
-    problem: PlanProblem, method: PlanMethod = "best", effort: Effort = "thorough", rounds: int = 1
+    problem: PlanProblem,
+    method: PlanMethod = "best",
+    effort: Effort = "thorough",
+    rounds: int = 1,
+    present: FloatArray | None = None,
 ) -> Plan:
     """Return the first path to the target that is found, or the reason why there is none.
 
@@ -90,9 +97,12 @@ def plan_path(
         Without a path the thorough search takes seconds, which is too long while the needle moves.
     rounds : int
         Of "best". Up to this round a better path than the first is sought.
+    present : (n, 2) array, optional
+        The path that the needle follows, from the problem's start, columns (theta, delta). Mended, it is compared with
+        those that are found: a quick search finds paths of few arcs only.
     """
     plan = None
-    for number, plan in enumerate(plan_in_rounds(problem, method, effort), start=1):
+    for number, plan in enumerate(plan_in_rounds(problem, method, effort, present), start=1):
         if plan is not None and number >= rounds:
             break
     assert plan is not None
@@ -100,7 +110,10 @@ def plan_path(
 
 
 def plan_in_rounds(
-    problem: PlanProblem, method: PlanMethod = "best", effort: Effort = "thorough"
+    problem: PlanProblem,
+    method: PlanMethod = "best",
+    effort: Effort = "thorough",
+    present: FloatArray | None = None,
 ) -> Iterator[Plan | None]:
     """Yield the best plan so far after each round of a search, and None while there is no path yet.
 
@@ -113,7 +126,9 @@ def plan_in_rounds(
         yield Plan(found=False, reason=reason)
         return
     plan = None
-    for psi in _search_in_rounds(around, method, effort):
+    mended = None if present is None else _mend(present, around)
+    for found in _search_in_rounds(around, method, effort):
+        psi = _choose_cheaper(found, mended, around)
         if plan is None and psi is not None and not _is_worth_making(psi, around):
             break
         if psi is not None and (plan is None or cost_path(psi, around) < cost_path(plan.psi, around)):
@@ -132,6 +147,20 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     fractions = np.arange(1, points_per_arc + 1) / points_per_arc
     points = path_points(plan.psi, problem.radius_mm, fractions).reshape(-1, 3)
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
+
+
+def _mend(path: FloatArray, around: Surroundings) -> FloatArray | None:
+    """Return a path (n, 2) changed so that it reaches the target and keeps off the obstacles, or None."""
+    return pick_best_feasible(mend_paths(path[None], around, _MENDING_STEPS), around)
+
+
+def _choose_cheaper(
+    path: FloatArray | None, other: FloatArray | None, around: Surroundings
+) -> FloatArray | None:
+    """Return the path (n, 2) that costs less, the first if both cost the same; None counts as the most."""
+    if path is None or other is None:
+        return other if path is None else path
+    return other if cost_path(other, around) < cost_path(path, around) else path
 
 
 def _search_in_rounds(

@@ -36,6 +36,8 @@ class SteeringSettings:
         "staged": a moving needle waits for a quick search only; if that finds nothing and the old path will not do, the
         needle halts, and then the planner searches thoroughly, as it does at the start. "unbounded": it searches on,
         and for the reason of a failure, while the needle advances; for records that were made before.
+    mends_path : bool
+        Whether the path that the needle follows, mended, is compared with the new ones when "best" plans again.
     recovery : RecoverySettings or None
         Whether and how a needle that is blocked, or would miss, is withdrawn and goes on elsewhere; None: it stops.
     motion : Motion or None
@@ -47,6 +49,7 @@ class SteeringSettings:
     policy: SteeringPolicy = field(default_factory=SteeringPolicy)
     method: PlanMethod = "best"
     staging: SearchStaging = "staged"
+    mends_path: bool = True
     recovery: RecoverySettings | None = None
     motion: Motion | None = None
 

@@ -49,7 +49,9 @@ def replan(
         )
     problem = replace(problem, leaves_mm=leaves_mm)
     searches = staged and stands and occasion != "recovery"
-    plan = plan_with_clearance(problem, settings, "thorough" if searches else "quick")
+    mends = settings.mends_path and settings.method == "best" and state.plan.found
+    present = _psi_ahead(state, settings) if mends else None
+    plan = plan_with_clearance(problem, settings, "thorough" if searches else "quick", present)
     if not plan.found:
         if _is_still_good(state, settings):
             return tried
@@ -99,15 +101,20 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
     )
 
 
-def plan_with_clearance(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> Plan:
-    """Return a path with as much of the required clearance as possible, or the last reason why there is none."""
+def plan_with_clearance(
+    problem: PlanProblem, settings: SteeringSettings, effort: Effort, present: FloatArray | None = None
+) -> Plan:
+    """Return a path with as much of the required clearance as possible, or the last reason why there is none.
+
+    `present` is the path that the needle follows, as in `plan_path`.
+    """
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
     without_margin = replace(problem, covariance=None)
-    plan = _plan(problem, settings, effort)
+    plan = _plan(problem, settings, effort, present)
     for relaxed in (without_margin, replace(without_margin, clearance_mm=least_mm, axis=None)):
         if plan.found:
             break
-        plan = _plan(relaxed, settings, effort)
+        plan = _plan(relaxed, settings, effort, present)
     return plan
 
 
@@ -121,13 +128,16 @@ def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     return np.column_stack((arcs_mm / _bounded_radius_mm(state, settings), rolls_rad))
 
 
-def _plan(problem: PlanProblem, settings: SteeringSettings, effort: Effort) -> Plan:
+def _plan(
+    problem: PlanProblem, settings: SteeringSettings, effort: Effort, present: FloatArray | None
+) -> Plan:
     around = Surroundings(problem)
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
         weights = replace(problem.weights, target_error_per_mm=settings.policy.final_error_per_mm)
         psi = find_nearest_approach(Surroundings(replace(problem, weights=weights)))
         return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
-    return plan_path(problem, settings.method, effort, _IMPROVING_ROUNDS if effort == "thorough" else 1)
+    rounds = _IMPROVING_ROUNDS if effort == "thorough" else 1
+    return plan_path(problem, settings.method, effort, rounds, present)
 
 
 def _follow(

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames
 from labrig.steering.clearance import arc_distances
 from labrig.steering.problem import Surroundings
+from labrig.steering.room import find_least_rooms
 
 _RADIUS_ERROR = 0.01
 _ROUNDING = 1e-9
@@ -78,6 +79,9 @@ def _path_costs(psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around:
     cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
     if around.problem.cavity_mm > 0.0:
         cost += weights.cavity_per_mm * _miss_after_cavity(psi, around)
+    if around.problem.planar and weights.room_per_mm > 0.0 and len(around.centres_mm):
+        rooms = find_least_rooms(psi, frames, around)
+        cost += weights.room_per_mm * np.maximum(weights.comfortable_room_mm - rooms, 0.0)
     return np.asarray(cost)
 
 

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from labrig.errors import InputError
-from labrig.needle.kinematics import path_frames, path_points
+from labrig.needle.kinematics import path_frames, path_points, rotation_x
 from labrig.steering.clearance import arc_distances, find_nearest_places, path_distances
 from labrig.steering.planner import plan_in_rounds, plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Surroundings
+from labrig.steering.room import find_least_rooms
 from labrig.steering.score import cost_path
 from tests.benchmarks.oracle import integrate_path
 from tests.benchmarks.planner import oracle
@@ -239,6 +240,48 @@ def test_a_heavier_weight_buys_clearance() -> None:
     careful = replace(problem, weights=replace(problem.weights, clearance_per_mm=100.0))
     assert plan_path(careful).clearance_mm >= plan_path(careless).clearance_mm
     assert plan_path(careless).length_mm <= plan_path(careful).length_mm
+
+
+@pytest.mark.parametrize("roll_rad", [0.0, math.pi])
+def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad: float) -> None:
+    """The room on either side of an obstacle is the clearance of one arc that bends away from it and is long enough."""
+    around = Surroundings(PlanProblem((0.0, 0.0, 90.0), (Obstacle((1.0, 2.0, 33.0), 6.0),), planar=True))
+    psi = np.array([[(1.2, roll_rad)]])
+    along = integrate_path([(roll_rad, 1.2)], around.problem.radius_mm)
+    in_plane = along - (0.0, 2.0, 33.0)
+    disc_radius_mm = math.sqrt(6.6**2 - 1.0)
+    room_mm = np.linalg.norm(in_plane, axis=1).min() - disc_radius_mm
+    found_mm = find_least_rooms(psi, path_frames(psi, around.problem.radius_mm), around)
+    assert found_mm == pytest.approx(room_mm, abs=1e-3)
+
+
+def test_an_obstacle_behind_the_tip_takes_no_room() -> None:
+    """Only obstacles ahead that cut the plane take room."""
+    spheres = (Obstacle((0.0, 9.0, -2.0), 6.0), Obstacle((8.0, 0.0, 30.0), 6.0))
+    around = Surroundings(PlanProblem((0.0, 0.0, 90.0), spheres, planar=True))
+    psi = np.array([[(0.5, 0.0)]])
+    assert np.isinf(find_least_rooms(psi, path_frames(psi, around.problem.radius_mm), around))
+
+
+def test_the_side_with_room_is_taken() -> None:
+    """A path that would bend away from the first obstacle all the way there gives way to one on its other side."""
+    spheres = (Obstacle((0.0, 1.8, 28.1), 8.0), Obstacle((0.0, -4.4, 63.1), 8.0))
+    problem = PlanProblem((0.0, -0.4, 96.4), spheres, radius_mm=27.7, cavity_mm=8.0, planar=True)
+    careless = replace(problem, weights=replace(problem.weights, room_per_mm=0.0))
+    careless_first, first = (plan_path(case, effort="quick").arcs[0] for case in (careless, problem))
+    assert abs(careless_first.roll_rad) == pytest.approx(math.pi)
+    assert first.roll_rad == pytest.approx(0.0)
+
+
+def test_the_present_path_is_mended_and_compared() -> None:
+    """A needle that strayed in a narrow tunnel gets a path by a quick search that knows its present path."""
+    tunnel = draw_tunnel(np.random.default_rng(1), spare_mm=0.15)
+    present = plan_path(tunnel).psi
+    strayed = replace(tunnel, start=_pose(rotation_x(0.002), (0.0, 0.02, 0.0)))
+    assert not plan_path(strayed, effort="quick").found
+    kept = plan_path(strayed, effort="quick", present=present)
+    assert kept.target_error_mm < strayed.tolerance_mm
+    assert kept.clearance_mm >= strayed.clearance_mm - 1e-6
 
 
 @pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])

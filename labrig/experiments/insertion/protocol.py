@@ -117,6 +117,11 @@ class Planner(Model):
         description="With staged, a needle that moves waits for a quick search only, and halts for a thorough one; "
         "with unbounded, the planner searches on while the needle advances.",
     )
+    mends_path: Annotated[bool, Former(value=False)] = Field(
+        default=True,
+        description="Whether the path that the needle follows, mended, is compared with the new ones when the path is "
+        "replanned. The paper's planner does not compare paths.",
+    )
 
 
 class Estimator(Model):

@@ -78,6 +78,7 @@ def make_insertion_settings(
         ),
         method=planner.method,
         staging=planner.staging,
+        mends_path=planner.mends_path,
         recovery=None if protocol.recovery is None else RecoverySettings(**protocol.recovery.model_dump()),
         motion=_make_motion(protocol),
     )

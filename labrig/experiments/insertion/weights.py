@@ -4,7 +4,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from labrig.protocol.model import Model, NonNegativeMm
+from labrig.protocol.model import Former, Model, NonNegativeMm
 from labrig.steering.parameters import PlanWeights
 
 Weight: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
@@ -30,4 +30,12 @@ class PlannerWeights(Model):
         _DEFAULT.curvature_per_mm,
         description="Cost of each millimetre by which the worst radius of its tolerance moves the tip; without a "
         "tolerance, a radius one per cent larger.",
+    )
+    room_per_mm: Annotated[Weight, Former(value=0.0)] = Field(
+        _DEFAULT.room_per_mm,
+        description="Cost, in the plane, of each millimetre missing to a comfortable room: the clearance from an "
+        "obstacle that the needle would have if it bent away from it at once.",
+    )
+    comfortable_room_mm: NonNegativeMm = Field(
+        _DEFAULT.comfortable_room_mm, description="Room beyond which more is no better [mm]."
     )

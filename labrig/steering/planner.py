@@ -19,7 +19,7 @@ from labrig.steering.score import cost_path, find_worst_miss_and_gap, pick_best_
 Effort = Literal["quick", "closer", "thorough"]
 """How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
 
-_MENDING_STEPS = 12
+_MENDING_STEPS = 5
 
 
 @dataclass(frozen=True)

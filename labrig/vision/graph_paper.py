@@ -158,7 +158,7 @@ def _find_grid(density: Density, image: Picture) -> tuple[Crossings, float] | No
         return None
     ruling = read_ruling(clip(density, _HEAVIEST), tracked)
     require_single_grid(clip(density, _HEAVIEST), tracked, ruling)
-    ruling = require_one_ink(image, tracked, ruling, _HEAVIEST)
+    require_one_ink(image, tracked, ruling, _HEAVIEST)
     found = _remove_outliers(_locate_crossings(density, tracked, ruling, _SHARP))
     expected = _expect_crossings(tracked, found, density.size)
     if len(found.pixels) < _MANY_CONFIRMED * expected:

@@ -5,7 +5,7 @@ spectrum where lines are not resolved.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -83,6 +83,13 @@ class Profile:
         lines = np.arange(first, max(last, first) + 1)
         at = offset + step * (lines[:, None] + ACROSS)
         return LineTable(first, np.interp(at, self.places, self.density, left=np.nan, right=np.nan))
+
+    def to_absorption(self) -> "Profile":
+        """Return the profile of the light that the lines take: blur adds up light, and densities only where faint.
+
+        In densities, harmonics of dark lines that blur has weakened are products of the lower ones.
+        """
+        return replace(self, density=-np.exp(-self.density))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,8 @@
 No residual shows a wrong multiple: if 10 mm lines are counted as 1 mm lines, everything is ten times too small and fits
 perfectly. Paper has heavier lines every 5 or 10 mm (ISO sizes) or every half inch or inch, so their rhythm contradicts
 a wrong pitch. Plain lines have no rhythm. They are taken for the finest lines if finer ones would be seen, if the sheet
-would otherwise be larger than any sheet, or if they are as thick for their distance as only fine lines are.
+would otherwise be larger than any sheet, or if they are as thick for their distance as only fine lines are. Thick lines
+may be a pen's, drawn over finer ones: that has to be excluded by the picture itself.
 """
 
 import numpy as np
@@ -22,7 +23,6 @@ _LARGEST_SHEET_MM = {5: (594.0, 420.0), 10: (1189.0, 841.0)}
 _THICKEST = {5: 0.05, 10: 0.02}
 # Lines with heavier ones every 5 mm, all alike, could be drawn over every second line of paper with heavier ones every
 # 10 mm. Lines so far apart [px] show what is between them.
-_PAIR = 2
 _LEAST_ALIKE_PX = 8.0
 # A known scale tells one multiple from another: they differ by two or more.
 _SAME_SCALE = 1.3
@@ -43,12 +43,6 @@ def judge_pitch(found: Crossings, pitch_mm: float, known_pitch_px: float | None 
         return reasons
     reasons += _judge_alike(found, pitch_mm)
     ruling = found.ruling
-    if _PAIR in ruling.unresolved:
-        reasons.append(
-            f"the lines {found.pitch_px:.1f} px apart are too blurred to tell whether there are others between them: "
-            f"focus the camera, come closer until the lines are {_LEAST_ALIKE_PX:g} px apart, or use paper with "
-            "heavier lines every 10 mm"
-        )
     size_mm = np.sort(np.ptp(found.indices, axis=0) * pitch_mm)[::-1]
     open_to = [
         number
@@ -63,6 +57,12 @@ def judge_pitch(found: Crossings, pitch_mm: float, known_pitch_px: float | None 
             f"the lines {found.pitch_px:.1f} px apart show no heavier ones: they could be {pitch_mm:g} mm apart, or "
             f"{open_to[0] * pitch_mm:g} mm with finer lines between them that the picture does not show: "
             "come closer, or use paper with heavier lines every 5 or 10 mm"
+        )
+    if ruling.undecided:
+        between = "a fainter one" if ruling.undecided[0] == 2 else f"{ruling.undecided[0] - 1} fainter ones"
+        reasons.append(
+            f"the lines {found.pitch_px:.1f} px apart are too blurred to tell whether there would be {between} between "
+            "any two: focus the camera, come closer, or use paper with heavier lines every 10 mm"
         )
     return reasons
 

@@ -20,7 +20,7 @@ from labrig.errors import MeasurementRefusedError
 from labrig.vision.grid_tracking import TrackedGrid
 from labrig.vision.line_density import Density
 from labrig.vision.line_profile import ACROSS, Comb, Harmonics, LineTable, Profile, measure_profile, sample
-from labrig.vision.lines_between import can_infer, compare_harmonic, require_no_lines_between
+from labrig.vision.lines_between import Spectra, find_undecided, require_no_lines_between
 from labrig.vision.uneven_lines import require_even_lines
 
 _FloatArray = NDArray[np.float64]
@@ -50,8 +50,6 @@ _BESIDE = 0.5
 _BELOW_ZERO = 5.0
 # Harmonics of lines so close are so weak that a profile over more windows has to show them.
 _CLOSE_PX, _MANY_WINDOWS = 13.0, 2000
-# Blur can hide a line midway between two that are so close, and what is between closer ones leaves no trace.
-_BLURRED_PX, _LEAST_PAIR_PX = 8.0, 2.5
 # Five and ten: a rhythm of two says that the finest lines are not seen, or that there are none.
 _PAIR = 2
 # Weight of the finest lines of a sheet as a share of the heaviest, at the least: width times darkness. Lines that a pen
@@ -104,7 +102,9 @@ class Ruling:
     rhythm : Rhythm or None
         Of the finest lines.
     unresolved : tuple of int
-        Numbers of finer steps that the picture would not show.
+        Numbers of finer steps that the picture would not show, if these lines were the paper's heavier ones.
+    undecided : tuple of int
+        Numbers of finer steps that it would not show, if a pen had drawn these lines over some of the paper's.
     thickness : float
         Mean width of the visible lines, as a share of their distance, times their density.
     width : float
@@ -116,6 +116,7 @@ class Ruling:
     hidden: int
     rhythm: Rhythm | None
     unresolved: tuple[int, ...]
+    undecided: tuple[int, ...]
     thickness: float
     width: float
 
@@ -160,12 +161,11 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
         if rhythm is not None and rhythm.heavy > _PAIR
         else _find_hidden(harmonics, width, float(np.mean(spacings)))
     )
-    if hidden == 1:
-        unresolved = (*_require_no_others(density, grid, profiles, lines, rhythm), *unresolved)
+    undecided = _require_no_others(density, grid, profiles, lines, rhythm) if hidden == 1 else ()
     if hidden > 1:
         # With a rhythm of two, these are lines of 5 and 10 mm: the finest lie between all of them.
         rhythm, unresolved = Rhythm(hidden, hidden * (rhythm.heaviest if rhythm else 1)), ()
-    return Ruling(steps, offsets, hidden, rhythm, unresolved, thickness, width)
+    return Ruling(steps, offsets, hidden, rhythm, unresolved, undecided, thickness, width)
 
 
 def _require_no_others(
@@ -175,24 +175,17 @@ def _require_no_others(
     lines: Sequence[Comb],
     rhythm: Rhythm | None,
 ) -> tuple[int, ...]:
-    """Refuse lines between or beside which others are seen.
-
-    Returns 2 where a line midway between two would not be seen, or nothing.
-    """
+    """Refuse lines between or beside which others are seen; return which finer lines would not be seen."""
     spacing_px = min(line.step * profile.step_px for line, profile in zip(lines, profiles, strict=True))
     if spacing_px < _CLOSE_PX:
         finer = [measure_profile(density, grid, axis, _MANY_WINDOWS) for axis in (0, 1)]
     else:
         finer = list(profiles)
-    harmonics = [Harmonics.of(profile, line) for profile, line in zip(finer, lines, strict=True)]
-    require_no_lines_between(profiles, lines, harmonics)
+    spectra = Spectra.of(finer, lines)
+    require_no_lines_between(profiles, lines, spectra)
     period, heavy = (1, 1) if rhythm is None else (rhythm.heaviest, rhythm.heavy)
-    require_even_lines(harmonics, period, heavy, density.shape)
-    blurred = _PAIR * _LEAST_PAIR_PX <= spacing_px < _BLURRED_PX
-    told = can_infer(_PAIR, spacing_px) and all(
-        compare_harmonic(family, _PAIR) is not None for family in harmonics
-    )
-    return (_PAIR,) if rhythm is None and blurred and not told else ()
+    require_even_lines(spectra.density, period, heavy, density.shape)
+    return find_undecided(spectra, spacing_px) if rhythm is None else ()
 
 
 def _find_combs(profiles: Sequence[Profile]) -> tuple[tuple[Comb, Comb], int]:
@@ -275,8 +268,9 @@ def _find_hidden(harmonics: list[Harmonics], width: float, spacing_px: float) ->
             *(family.excess(number) for family in harmonics), strict=True
         )
         least = max(_EXCESS_SIGMAS * float(np.linalg.norm(noises)), _LEAST_EXCESS * level)
-        # Thick lines, of a pen for instance, have harmonics below zero, and exceed those by themselves.
-        thick = min(lowest) < -_BELOW_ZERO * max(noises)
+        # Thick lines, of a pen for instance, have harmonics below zero, and exceed those by themselves. Lines beside
+        # those that were followed, for instance of a print that a pen has not covered, have some too.
+        thick = min(lowest) < -_BELOW_ZERO * max(noises) or _falls_below_zero(harmonics, number)
         seen = (
             sum(excesses) > max(least, _BESIDE * sum(neighbours))
             and spacing_px / number >= _LEAST_HIDDEN_PX
@@ -288,6 +282,14 @@ def _find_hidden(harmonics: list[Harmonics], width: float, spacing_px: float) ->
         if _FAINTEST_FINE * number * level * blur < _SURE * least:
             unresolved.append(number)
     return found, tuple(unresolved)
+
+
+def _falls_below_zero(harmonics: list[Harmonics], number: int) -> bool:
+    """Return whether a harmonic below a number is negative in both families."""
+    return any(
+        all(family.at((lower,))[0].real < -_BELOW_ZERO * family.noise(lower) for family in harmonics)
+        for lower in range(2, number)
+    )
 
 
 def _find_rhythm(tables: list[LineTable]) -> tuple[Rhythm | None, tuple[int, int]]:

@@ -3,10 +3,8 @@
 Lines of one ink have the same profile in every channel. The sharpness of a channel changes its harmonics with the
 square of their number, which the comparison of a harmonic with those beside it leaves out (`lines_between`). What this
 comparison still finds different between channels is ink of another colour between the lines. Where blur leaves only two
-harmonics, their ratio alone is compared.
+harmonics, their ratio alone is compared. Channels that agree prove nothing: pen and print can have one colour.
 """
-
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +12,7 @@ from labrig.errors import MeasurementRefusedError
 from labrig.vision.grid_tracking import TrackedGrid
 from labrig.vision.line_density import clip, measure_channels
 from labrig.vision.line_profile import Comb, Harmonics, measure_profile
-from labrig.vision.lines_between import compare_harmonic
+from labrig.vision.lines_between import average, compare_harmonics
 from labrig.vision.picture import Picture
 from labrig.vision.ruling import Ruling
 
@@ -25,7 +23,7 @@ _PAIR, _LEAST_PAIR_DIFFERENCE = 2, 0.25
 _LEAST_SIGMAS, _LEAST_WAVE_PX, _MOST_SPACING_PX = 4.0, 1.5, 13.0
 
 
-def require_one_ink(image: Picture, grid: TrackedGrid, ruling: Ruling, most: float) -> Ruling:
+def require_one_ink(image: Picture, grid: TrackedGrid, ruling: Ruling, most: float) -> None:
     """Refuse lines between which there is ink of another colour.
 
     Parameters
@@ -33,18 +31,13 @@ def require_one_ink(image: Picture, grid: TrackedGrid, ruling: Ruling, most: flo
     most : float
         What is darker than most lines by more than this factor is clipped, as for the ruling.
 
-    Returns
-    -------
-    Ruling
-        Without doubt about lines midway between two, where the colours settle that.
-
     Raises
     ------
     MeasurementRefusedError
     """
     spacing_px = grid.pitch_px * min(ruling.steps)
     if image.ndim == 2 or ruling.hidden > 1 or spacing_px > _MOST_SPACING_PX:
-        return ruling
+        return
     combs = [Comb(step, offset) for step, offset in zip(ruling.steps, ruling.offsets, strict=True)]
     channels = []
     for channel in measure_channels(image):
@@ -53,28 +46,18 @@ def require_one_ink(image: Picture, grid: TrackedGrid, ruling: Ruling, most: flo
             [Harmonics.of(measure_profile(bare, grid, axis), comb) for axis, comb in enumerate(combs)]
         )
     different = any(
-        _differ([_average(families, number) for families in channels], least)
+        _differ([compare_harmonics(families, number) for families in channels], least)
         for number, least in _LEAST_DIFFERENCE.items()
         if spacing_px / (number + 1) >= _LEAST_WAVE_PX
     )
-    if not different and _PAIR in ruling.unresolved:
-        ratios = [_average_ratio(families) for families in channels]
-        different = _differ(ratios, _LEAST_PAIR_DIFFERENCE)
-        if not different and sum(ratio is not None for ratio in ratios) > 1:
-            ruling = replace(ruling, unresolved=tuple(n for n in ruling.unresolved if n != _PAIR))
+    if not different and _PAIR in ruling.undecided:
+        different = _differ([_average_ratio(families) for families in channels], _LEAST_PAIR_DIFFERENCE)
     if different:
         raise MeasurementRefusedError(
             f"between the lines {spacing_px:.1f} px apart there is ink of another colour: finer lines that cannot be "
             "seen one by one, or another pattern",
             "show graph paper on which nothing else is ruled, or come closer with the camera",
         )
-    return ruling
-
-
-def _average(families: list[Harmonics], number: int) -> tuple[float, float] | None:
-    """Return how a harmonic of both families compares with those beside it, and the variance of that."""
-    found = [ratio for family in families if (ratio := compare_harmonic(family, number)) is not None]
-    return _mean(found) if len(found) == len(families) else None
 
 
 def _average_ratio(families: list[Harmonics]) -> tuple[float, float] | None:
@@ -86,15 +69,7 @@ def _average_ratio(families: list[Harmonics]) -> tuple[float, float] | None:
         if min(first, second) < _LEAST_SIGMAS * noise:
             return None
         found.append((float(np.log(second / first)), float(noise / second)))
-    return _mean(found)
-
-
-def _mean(found: list[tuple[float, float]]) -> tuple[float, float]:
-    """Return the mean of values with standard errors, and its variance."""
-    return (
-        sum(value for value, _ in found) / len(found),
-        sum(error**2 for _, error in found) / len(found) ** 2,
-    )
+    return average(found)
 
 
 def _differ(channels: list[tuple[float, float] | None], least: float) -> bool:

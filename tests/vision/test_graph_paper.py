@@ -168,7 +168,7 @@ def test_the_same_paper_without_a_second_grid_is_accepted():
             "1/10",
             3.0,
             PenGrid(2, width_mm=0.35, density=0.8),
-            {"grey": True},
+            {"grey": True, "blur_px": 1.15},
             "heavier ones every 5 mm, all alike",
         ),
         (
@@ -180,6 +180,14 @@ def test_the_same_paper_without_a_second_grid_is_accepted():
         ),
         ("1/5/10", 3.1, PenGrid(4, width_mm=0.27, colour="pencil"), {}, "there are fainter ones"),
         ("1", 2.1, PenGrid(3, width_mm=0.4, colour="pencil"), {"ink": "green"}, "ink of another colour"),
+        (
+            "1",
+            2.9,
+            PenGrid(2, width_mm=0.4, colour="pencil"),
+            {"ink": "grey", "blur_px": 1.2},
+            "too blurred to tell",
+        ),
+        ("1", 2.65, PenGrid(5, width_mm=0.38), {"grey": True, "blur_px": 0.9}, "there are fainter ones"),
     ],
 )
 def test_a_pen_grid_over_lines_too_fine_to_see_is_refused(ruling, px_per_mm, pen, how, reason):

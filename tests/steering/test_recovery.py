@@ -36,7 +36,8 @@ def test_a_blocked_needle_recovers() -> None:
     missed, arrived = (recovery.insert(11, recovers=recovers) for recovers in (False, True))
     assert (missed.stop, missed.retreats) == ("blocked", 0)
     assert missed.error_mm > 10.0
-    assert (arrived.stop, arrived.retreats) == ("target_reached", 1)
+    assert arrived.stop == "target_reached"
+    assert 1 <= arrived.retreats <= SETTINGS.most_attempts
     assert arrived.error_mm < 2.0
     assert arrived.clearance_mm > 0.0
 

@@ -41,9 +41,20 @@ def _list_facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
         ("Design radius", _format_design_radius(protocol.needle)),
         ("Gels", join_words(f"{specimen.gelatin_percent:g} %" for specimen in protocol.specimens)),
         ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
+        ("Order of holes", _tell_hole_order(protocol)),
         ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
         ("Insertions made", format_trials_done(run)),
         ("Repeated", "; ".join(_list_repetitions(run)) or UNKNOWN),
+    )
+
+
+def _tell_hole_order(protocol: SteerabilityProtocol) -> str:
+    """Return the order of the holes within a gel, and what it means for an effect of the place."""
+    if protocol.hole_order == "sequential":
+        return "one after the other within each gel: a drift over time cannot be told from an effect of the place"
+    return (
+        f"random within each gel, from seed {protocol.seed} and the gel's place in the list: a drift over time is not "
+        "taken for an effect of the place. Repeated insertions come last in their gel"
     )
 
 

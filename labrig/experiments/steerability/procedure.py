@@ -16,6 +16,7 @@ from labrig.experiments.steerability.schedule import (
     BegunTrial,
     PlannedTrial,
     can_repeat,
+    describe_place,
     list_planned_trials,
     list_remaining_trials,
 )
@@ -143,7 +144,7 @@ class _Sweep:
             self.placed = specimen
         session.progress(
             done * total_duration_s(list_trial_moves(self.protocol)),
-            f"{specimen.name}, insertion {trial.hole + 1} of {self.protocol.insertions_per_specimen}",
+            f"{specimen.name}, {describe_place(self.protocol, trial)}",
         )
         session.ask(ShiftToHole(specimen.name, trial.hole, trial.hole_position_mm))
         start = _make_start(self.protocol, trial)
@@ -157,7 +158,7 @@ class _Sweep:
     def _describe_place(self, trial: PlannedTrial) -> str:
         specimens = self.protocol.specimens
         gel = f"gel {specimens.index(trial.specimen) + 1} of {len(specimens)}"
-        return f"hole {trial.hole + 1} of {self.protocol.insertions_per_specimen}, {gel}"
+        return f"{describe_place(self.protocol, trial)}, {gel}"
 
 
 def _make_start(protocol: SteerabilityProtocol, planned: PlannedTrial) -> SweepTrialStart:
@@ -196,7 +197,7 @@ def _insert_once(
     session.move("linear", 0.0, sheath.speed_mm_s)
     session.rig.needle.mark_out()
     session.record(SweepTrialStop(trial=trial, exit_status="success", final_frame=final_frame))
-    session.progress((done + 1) * total_s, f"{specimen.name}, insertion {planned.hole + 1} done")
+    session.progress((done + 1) * total_s, f"{specimen.name}, hole {planned.hole + 1} done")
 
 
 class _PicturesOnTheWay:

@@ -55,6 +55,11 @@ class SteerabilityProtocol(MovingProtocol):
     )
     insertions_per_specimen: int = Field(ge=1, le=500, description="Insertions into each block.")
     hole_spacing_mm: PositiveMm = Field(description="Lateral distance from one hole to the next [mm].")
+    hole_order: Literal["sequential", "random"] = Field(
+        "sequential",
+        description="Order of the holes within each block: one after the other, or a random order drawn from the seed, "
+        "so that a drift over time is not taken for an effect of the place.",
+    )
     specimen_width_mm: float = Field(gt=0, le=2000, description="Width of a block across the insertion [mm].")
     sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
     insertion: Insertion = Field(description="How the needle goes in and comes out.")

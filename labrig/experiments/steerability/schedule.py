@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
 from labrig.errors import InputError
 from labrig.experiments.shared.hole_map import is_clear
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
@@ -12,6 +14,7 @@ from labrig.experiments.steerability.tracks import plan_track
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.events import RecordedTrial, Repeat
+from labrig.text import ordinal
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,37 @@ BegunTrial: TypeAlias = RecordedTrial[SweepTrialStart, SweepTrialStop]
 
 
 def list_planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
-    """Return every insertion of a sweep, in order: specimen by specimen, and hole by hole."""
+    """Return every insertion of a sweep in order: specimen by specimen, the holes of each in the order asked for."""
     holes = protocol.insertions_per_specimen
     return tuple(
-        PlannedTrial(index * holes + hole, specimen, hole, place_mm)
+        PlannedTrial(index * holes + made, specimen, hole, places_mm[hole])
         for index, specimen in enumerate(protocol.specimens)
-        for hole, place_mm in enumerate(protocol.list_places_mm(specimen))
+        for places_mm in [protocol.list_places_mm(specimen)]
+        for made, hole in enumerate(_order_holes(protocol, index))
     )
+
+
+def _order_holes(protocol: SteerabilityProtocol, block: int) -> tuple[int, ...]:
+    """Return the holes of a block in the order in which they are used; `block` is its place among the specimens.
+
+    A random order sorts them by raw numbers of NumPy's PCG64, seeded with the protocol's seed and the block. NumPy
+    keeps these the same in every version, unlike the permutations of its Generator: a record replays with a later one.
+    """
+    holes = range(protocol.insertions_per_specimen)
+    if protocol.hole_order == "sequential":
+        return tuple(holes)
+    keys = np.random.PCG64([protocol.seed, block]).random_raw(len(holes))
+    return tuple(np.argsort(keys, kind="stable").tolist())
+
+
+def describe_place(protocol: SteerabilityProtocol, trial: PlannedTrial) -> str:
+    """Return where an insertion is among those of its block: `hole 3 of 18`, in a random order `hole 7 (3rd of 18)`."""
+    holes, hole = protocol.insertions_per_specimen, trial.hole + 1
+    if protocol.hole_order == "sequential":
+        return f"hole {hole} of {holes}"
+    if trial.repeats is not None:
+        return f"hole {hole} (repeats trial {trial.repeats})"
+    return f"hole {hole} ({ordinal(trial.trial % holes + 1)} of {holes})"
 
 
 def list_remaining_trials(
@@ -60,7 +87,8 @@ def list_remaining_trials(
 
     Trials that a person has skipped are left out. A trial that was interrupted, or that a person has made again, is
     repeated beyond the last hole of its block if the block has room for the arc, otherwise
-    halfway between two holes. Trials not yet begun keep number, hole and place.
+    halfway between two holes. Trials not yet begun keep number, hole and place. Within a block the next one is the
+    nearest to the first hole; in a random order, the repeated ones come last.
 
     Raises
     ------
@@ -71,7 +99,16 @@ def list_remaining_trials(
     left = [trial for trial in list_planned_trials(protocol) if trial.trial not in numbers]
     left += _plan_repeats(protocol, begun, decisions)
     order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
-    return tuple(sorted(left, key=lambda trial: (order[trial.specimen.name], trial.hole_position_mm)))
+    sequential = protocol.hole_order == "sequential"
+    return tuple(
+        sorted(
+            left,
+            key=lambda trial: (
+                order[trial.specimen.name],
+                trial.hole_position_mm if sequential else trial.trial,
+            ),
+        )
+    )
 
 
 def can_repeat(

@@ -10,6 +10,7 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import (
     BegunTrial,
     PlannedTrial,
+    describe_place,
     list_planned_trials,
     list_remaining_trials,
 )
@@ -80,10 +81,45 @@ def test_a_block_without_room_is_refused() -> None:
         list_remaining_trials(narrow, past)
 
 
+def test_a_random_order_is_of_the_seed_and_the_block() -> None:
+    """Each block has an order of its own; the same seed gives the same one, another seed another, holes keep places."""
+    orders = [
+        [
+            [trial.hole for trial in list_planned_trials(drawn) if trial.specimen.name == gel]
+            for gel in ("a", "b")
+        ]
+        for seed in (7, 7, 8)
+        for drawn in [protocol("insertions_per_specimen=18", "hole_order=random", f"seed={seed}")]
+    ]
+    assert orders[0] == orders[1] != orders[2]
+    assert orders[0][0] != orders[0][1]
+    assert all(sorted(order) == list(range(18)) for order in orders[0])
+    # As NumPy draws it in every version: a later one has to replay the record.
+    assert orders[0][0] == [6, 3, 12, 11, 4, 10, 13, 9, 14, 15, 0, 2, 17, 8, 7, 5, 1, 16]
+    drawn = list_planned_trials(protocol("hole_order=random"))
+    assert [trial.trial for trial in drawn] == list(range(6))
+    assert all(trial.hole_position_mm == 10.0 * trial.hole for trial in drawn)
+
+
+def test_a_random_order_keeps_its_rest_and_repeats_last() -> None:
+    """What an interrupted sweep has left is the rest of its order; the repeated trial comes last in its block."""
+    drawn = protocol("hole_order=random")
+    trials = list_planned_trials(drawn)
+    left = list_remaining_trials(drawn, [begin(trials[0], finished=False)])
+    assert [trial.trial for trial in left] == [1, 2, 6, 3, 4, 5]
+    assert (left[0], left[2].repeats) == (trials[1], 0)
+    assert describe_place(drawn, left[0]) == f"hole {trials[1].hole + 1} (2nd of 3)"
+    assert describe_place(drawn, left[2]) == "hole 4 (repeats trial 0)"
+    assert describe_place(protocol(), list_planned_trials(protocol())[4]) == "hole 2 of 3"
+
+
+@pytest.mark.parametrize("order", ["sequential", "random"])
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=6))
-def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cuts: list[int]) -> None:
+def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
+    order: str, cuts: list[int]
+) -> None:
     """After any number of interruptions every planned trial is finished once, each at a place of its own."""
-    wide = protocol("specimen_width_mm=1000")
+    wide = protocol("specimen_width_mm=1000", f"hole_order={order}")
     past: list[BegunTrial] = []
     for cut in cuts:
         left = list_remaining_trials(wide, past)

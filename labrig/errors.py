@@ -6,6 +6,7 @@
     ├── AnswerIsNoError       (1)  the command ran, and the answer is no
     │   ├── CalibrationRefusedError
     │   ├── MeasurementRefusedError
+    │   ├── ConditionMetError      a run that a condition of its protocol stopped
     │   ├── ReplayDiffersError     a replay is not its record
     │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
     ├── InputError            (2)  the input cannot be used; also a ValueError
@@ -84,6 +85,10 @@ class CalibrationRefusedError(AnswerIsNoError):
 
 class MeasurementRefusedError(AnswerIsNoError):
     """A picture from which the wanted quantity cannot be measured."""
+
+
+class ConditionMetError(AnswerIsNoError):
+    """A run that a condition of its protocol stopped (`stop_when`)."""
 
 
 class ReplayDiffersError(AnswerIsNoError):

@@ -13,6 +13,7 @@ from labrig.errors import PictureError, RecordError
 from labrig.record.pictures import RecordedPicture
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.mask import Mask
+from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
 Progress = Callable[[int, int], None]
@@ -157,10 +158,22 @@ def measure_picture(
 ) -> Measured:
     """Return the measurement of a recorded picture, or why there is none."""
     try:
-        image = picture.read()
-        masked = None if mask is None else mask.find_masked(Path(picture.file).name, image)
-        return measure_curvature(image, plane, settings, masked=masked)
+        return measure_image(picture.read(), Path(picture.file).name, plane, settings, mask)
     except (PictureError, RecordError) as error:
         # The folder on this computer is no part of a result.
         reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)
         return Unreadable(reason, damaged=isinstance(error, RecordError))
+
+
+def measure_image(
+    image: Picture, name: str, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
+) -> CurvatureMeasurement:
+    """Return the measurement of a picture; `name` is that of its file, by which a mask may know it.
+
+    Raises
+    ------
+    PictureError
+        When the mask is of another size.
+    """
+    masked = None if mask is None else mask.find_masked(name, image)
+    return measure_curvature(image, plane, settings, masked=masked)

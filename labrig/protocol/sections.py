@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field
 
+from labrig.protocol.conditions import Action, Condition, find_fault, parse_condition
 from labrig.protocol.design_file import Basis
 from labrig.protocol.model import (
     Conflict,
@@ -69,6 +70,11 @@ class ExperimentProtocol(Model):
         """Return this protocol with the tracks in each of its specimens, by the specimen's name."""
         return self
 
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions on which the run asks or stops; empty for an experiment that judges no value."""
+        return ()
+
 
 class CurrentLimits(Model):
     """Limits of the drives' output currents during a run, which bound the force of each axis; null: the rig file's."""
@@ -90,6 +96,43 @@ class MovingProtocol(ExperimentProtocol):
     def current_limits_ma(self) -> Mapping[str, int]:
         """Axis -> limit of its output current [mA]."""
         return self.max_current_ma.model_dump(exclude_none=True)
+
+
+class JudgedProtocol(MovingProtocol):
+    """The keys of a protocol whose run asks its person, or stops, on what it measures."""
+
+    judged_values: ClassVar[Mapping[str, str]]
+    """The values that conditions may be on: name -> what it is."""
+
+    ask_when: tuple[Line, ...] = Field(
+        (),
+        max_length=20,
+        description="Conditions on which the run pauses after an insertion and asks, such as "
+        "radius_mm outside [26, 30], hysteresis 0.5.",
+    )
+    stop_when: tuple[Line, ...] = Field(
+        (),
+        max_length=20,
+        description="Conditions on which the run stops after an insertion, such as radius_mm > 35.",
+    )
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions, those that ask first."""
+        return tuple(parse_condition(text, action) for action, _, text in self._list_conditions())
+
+    def find_condition_faults(self) -> Iterator[Conflict]:
+        """Yield conditions that are malformed, or on a value that is not judged."""
+        for action, number, text in self._list_conditions():
+            fault = find_fault(text, f"{action}.{number}", self.judged_values)
+            if fault is not None:
+                yield fault
+
+    def _list_conditions(self) -> Iterator[tuple[Action, int, str]]:
+        for number, text in enumerate(self.ask_when):
+            yield "ask_when", number, text
+        for number, text in enumerate(self.stop_when):
+            yield "stop_when", number, text
 
 
 class NeedleDesignSection(Model):

@@ -244,6 +244,29 @@ class Undo(Event):
     undone: str
 
 
+class ValueMeasured(Event):
+    """A value that conditions of the protocol are on; None if it could not be measured, and why."""
+
+    kind: ClassVar[str] = "value"
+
+    trial: int
+    name: str
+    value: float | None
+    reason: str = ""
+
+
+class ConditionMet(Event):
+    """A condition of the protocol is met by a value of a trial; `action` is its key: `ask_when` or `stop_when`."""
+
+    kind: ClassVar[str] = "condition"
+
+    trial: int
+    action: str
+    condition: str
+    name: str
+    value: float
+
+
 class PictureRole(StrEnum):
     """What a picture was taken for; an experiment derives its own roles."""
 

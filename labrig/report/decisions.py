@@ -1,10 +1,23 @@
-"""What a person did during a run, in the order in which it happened: pauses, skips, repeats, marks, notes, undos."""
+"""What a person did during a run, in the order in which it happened: pauses, skips, repeats, marks, notes, undos.
 
-from labrig.record.events import Event, MarkBad, OperatorNote, OperatorQuestion, Pause, Repeat, Skip, Undo
+Between them stand the conditions of the protocol that were met.
+"""
+
+from labrig.record.events import (
+    ConditionMet,
+    Event,
+    MarkBad,
+    OperatorNote,
+    OperatorQuestion,
+    Pause,
+    Repeat,
+    Skip,
+    Undo,
+)
 from labrig.record.reader import Run
 from labrig.report.formatting import Rows
 
-TOLD = (Pause, Skip, Repeat, MarkBad, OperatorNote, Undo)
+TOLD = (Pause, Skip, Repeat, MarkBad, OperatorNote, Undo, ConditionMet)
 """The events that are told."""
 
 _UNDONE = {
@@ -17,7 +30,7 @@ _UNDONE = {
 
 
 def list_decisions(run: Run) -> Rows:
-    """Return the rig time and a sentence for each thing that a person did; nothing if nobody did any."""
+    """Return the rig time and a sentence for each thing that a person did, and each condition that was met."""
     lasted_s = {pause.start.t_s: pause.duration_s for pause in run.pauses}
     events = run.read_events(*TOLD)
     return tuple(
@@ -30,14 +43,13 @@ def list_decisions(run: Run) -> Rows:
 
 
 def describe_decision(event: Event, length: str = "") -> str:
-    """Return what a person did as a sentence; `length` tells how long a pause was."""
+    """Return what a person did, or which condition was met, as a sentence; `length` tells how long a pause was."""
     match event:
         case Pause():
             return f"Paused {_tell_place(event)} by {event.by}{length}."
-        case Skip():
-            return f"Trial {event.trial} was skipped."
-        case Repeat():
-            return f"Trial {event.trial} was to be made again; it is left out of the evaluation."
+        case Skip() | Repeat():
+            again = "was to be made again; it is left out of the evaluation"
+            return f"Trial {event.trial} {again if isinstance(event, Repeat) else 'was skipped'}."
         case MarkBad():
             return f"Trial {event.trial} was marked as bad and is left out of the evaluation: {event.reason}"
         case OperatorNote():
@@ -45,6 +57,9 @@ def describe_decision(event: Event, length: str = "") -> str:
             return f"Note{of_trial}: {event.text}"
         case Undo():
             return f"Taken back: {_UNDONE.get(event.undone, event.undone)}."
+        case ConditionMet():
+            does = "the run stops" if event.action == "stop_when" else "the run asks"
+            return f"Trial {event.trial}: {event.name} is {event.value:.4g}, {does} when {event.condition}."
     raise TypeError(f"{type(event).__name__} is no decision")
 
 

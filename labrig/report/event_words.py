@@ -14,6 +14,7 @@ from labrig.record.events import (
     OperatorQuestion,
     RunResume,
     RunStart,
+    ValueMeasured,
     WithdrawalStart,
     WithdrawalStop,
 )
@@ -141,6 +142,13 @@ def _describe_arrival(event: Mapping[str, Any]) -> str:
     return f"{event['axis']} is at {_describe_position(event, 'position')}"
 
 
+def _describe_value(event: Mapping[str, Any]) -> str:
+    name, value = event["name"], event["value"]
+    if value is None:
+        return f"{name} of trial {event['trial']} could not be measured: {event['reason']}"
+    return f"{name} of trial {event['trial']} is {value:.4g}"
+
+
 def _describe_decision(model: type[Event], event: Mapping[str, Any]) -> str:
     return describe_decision(model.read(event))
 
@@ -156,6 +164,7 @@ _WORDS: Mapping[str, Words] = {
     MoveDone.kind: _describe_arrival,
     WithdrawalStart.kind: lambda event: f"needle is withdrawn in {event['moves']} moves",
     **{model.kind: partial(_describe_decision, model) for model in TOLD},
+    ValueMeasured.kind: _describe_value,
     Continue.kind: lambda event: f"goes on after the pause, by {event['by']}",
     WithdrawalStop.kind: lambda _event: "needle is out",
 }

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from labrig.clock import Clock
 from labrig.errors import (
     BugError,
+    ConditionMetError,
     DiskError,
     InterruptedRunError,
     LabrigError,
@@ -18,6 +19,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import RunResume, RunStart, RunStop
 from labrig.record.sink import RecordSink
 from labrig.runner.axis_positions import AxisPositions
+from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.experiment import Experiment, Remainder
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import recover
@@ -37,12 +39,13 @@ def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Sessi
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
+    session.dialogue.watch = ConditionWatch(protocol.conditions)
     return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
 
 
 def conduct_remainder(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
     """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record."""
-    session.dialogue.decisions = remainder.decisions
+    session.dialogue.decisions, session.dialogue.watch = remainder.decisions, remainder.watch
     return _conduct(session, RunResume(experiment=experiment.name), lambda: remainder.run(session))
 
 
@@ -117,7 +120,7 @@ def _run_procedure(session: Session, beginning: RunStart, procedure: Callable[[]
         session.record(beginning)
         session.rig.enable()
         procedure()
-    except (InterruptedRunError, SafetyStopError) as error:
+    except (InterruptedRunError, SafetyStopError, ConditionMetError) as error:
         return Outcome("aborted", error.message, error)
     except TargetMissedError as error:
         return Outcome("failed", error.reason, error)

@@ -5,7 +5,16 @@ from dataclasses import dataclass, field
 
 from labrig.devices.operator import Choice, Offer, OperatorRequest
 from labrig.record.decisions import DECISIONS, Decisions
-from labrig.record.events import Event, Move, TrialStart, TrialStop, Undo
+from labrig.record.events import (
+    ConditionMet,
+    Event,
+    Move,
+    TrialStart,
+    TrialStop,
+    Undo,
+    ValueMeasured,
+)
+from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.pausing import NoRequests, PauseRequests
 from labrig.runner.time_left import (
     Elapsed,
@@ -42,6 +51,8 @@ class Dialogue:
         The plan of the run, for the time that is left.
     decisions : Decisions
         Those that hold; a resumed run begins with those of its record.
+    watch : ConditionWatch
+        The conditions of the protocol, and which of them are met.
     trial : int or None
         The trial in progress.
     finished : int or None
@@ -57,6 +68,7 @@ class Dialogue:
     requests: PauseRequests = field(default_factory=NoRequests)
     workload: Workload = field(default_factory=Workload)
     decisions: Decisions = field(default_factory=Decisions)
+    watch: ConditionWatch = field(default_factory=ConditionWatch)
     trial: int | None = None
     finished: int | None = None
     attempt: Attempt | None = None
@@ -71,6 +83,7 @@ class Dialogue:
     _done_s: float = 0.0
     _first: Elapsed | None = None
     _latest: Elapsed | None = None
+    _met: list[ConditionMet] = field(default_factory=list)
 
     # What happens
 
@@ -90,6 +103,10 @@ class Dialogue:
                 self._undoable.clear()
             case Undo():
                 self._undoable.pop()
+            case ValueMeasured():
+                self.watch = self.watch.add(event)
+            case ConditionMet():
+                self._met.append(event)
             case _ if isinstance(event, DECISIONS):
                 self._undoable.append(event)
 
@@ -111,6 +128,12 @@ class Dialogue:
         self._done_s = done_s
         self._latest = Elapsed(done_s, now_s - self._waited_s)
         self._first = self._first or self._latest
+
+    def take_met(self) -> tuple[ConditionMet, ...]:
+        """Return the conditions that were met since the last safe point; there is none afterwards."""
+        met = tuple(self._met)
+        self._met.clear()
+        return met
 
     def begin_attempt(self, attempt: Attempt) -> None:
         """Take note that a trial is about to be made."""

@@ -13,9 +13,11 @@ from labrig.plugins import Plugin
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.decisions import NO_DECISIONS, Decisions
+from labrig.record.events import ValueMeasured
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import View
+from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.session import Session
 from labrig.runner.time_left import Workload
 
@@ -88,13 +90,15 @@ class RunPlan:
 class Remainder:
     """The rest of an interrupted run: how many trials are kept, how many are left, and the call that makes those.
 
-    `decisions` are those of its person so far; the session that makes the rest begins with them.
+    `decisions` are those of its person so far, and `watch` knows the conditions that were met; the session that makes
+    the rest begins with them.
     """
 
     kept: int
     left: int
     run: Callable[[Session], None]
     decisions: Decisions = NO_DECISIONS
+    watch: ConditionWatch = field(default_factory=ConditionWatch)
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,9 @@ class Experiment(MeasuredExperiment):
 
     def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
         """Return the rest of an interrupted run. Raises `InputError` when there is no room for it."""
-        return replace(cast("Remainder", self.part("resume")(protocol, run)), decisions=run.decisions)
+        remainder = cast("Remainder", self.part("resume")(protocol, run))
+        watch = ConditionWatch(protocol.conditions).add_all(run.read_events(ValueMeasured))
+        return replace(remainder, decisions=run.decisions, watch=watch)
 
     def list_tracks(
         self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None

@@ -12,9 +12,10 @@ from typing import Protocol, TypeVar
 from labrig.devices.axis import AxisReadback
 from labrig.devices.operator import Answer, Choice, OperatorRequest, Paused, request_details
 from labrig.devices.rig import Rig
-from labrig.errors import SafetyStopError
+from labrig.errors import ConditionMetError, SafetyStopError
 from labrig.record.decisions import RESCHEDULING
 from labrig.record.events import (
+    ConditionMet,
     Continue,
     Event,
     MarkBad,
@@ -28,6 +29,7 @@ from labrig.record.events import (
     Skip,
     TrialStop,
     Undo,
+    ValueMeasured,
 )
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
@@ -93,6 +95,30 @@ class Session:
         if ends_trial:
             self.reach_safe_point(TRIAL_END)
 
+    def judge(self, trial: int, values: Mapping[str, float | None], reason: str = "") -> None:
+        """Record values of a trial that conditions of the protocol are on, and each condition that they newly meet.
+
+        At the next safe point the run then pauses, or stops.
+
+        Parameters
+        ----------
+        trial : int
+            The trial.
+        values : mapping of str to float or None
+            The values by name; None for one that could not be measured. Others than those of conditions are left out.
+        reason : str
+            Why one could not be measured.
+        """
+        dialogue = self.dialogue
+        for name in sorted(dialogue.watch.names & values.keys()):
+            value, before = values[name], dialogue.watch
+            unknown = reason if value is None else ""
+            self.record(ValueMeasured(trial=trial, name=name, value=value, reason=unknown))
+            for met in dialogue.watch.list_newly_met(before) if value is not None else ():
+                self.record(
+                    ConditionMet(trial=trial, action=met.action, condition=met.text, name=name, value=value)
+                )
+
     # Pauses, and what a person chooses
 
     def attempt(
@@ -132,7 +158,7 @@ class Session:
             self.dialogue.end_attempt()
 
     def reach_safe_point(self, point: str, *, in_tissue: bool = False) -> bool:
-        """Pause here if that is asked for, until a person continues; return whether the run was paused.
+        """Pause here if that is asked for, by a person or a condition, until a person continues; return whether it was.
 
         Parameters
         ----------
@@ -146,26 +172,33 @@ class Session:
         ------
         SafetyStopError
             When the person ends the run instead.
+        ConditionMetError
+            When a condition of the protocol ends it.
         InterruptedRunError, BusError, DriveError
             The axes have been stopped.
         """
-        by = self.dialogue.requests.find(point)
+        met = self.dialogue.take_met()
+        because = ", ".join(_describe_met(condition) for condition in met)
+        if any(condition.action == "stop_when" for condition in met):
+            raise ConditionMetError(
+                f"the protocol ends the run: {because}",
+                "look at the needle and the gel; labrig resume continues the run",
+            )
+        by = "ask_when" if met else self.dialogue.requests.find(point)
         if by is None:
             return False
-        self._pause(point, by, in_tissue=in_tissue)
+        self._pause(point, by, in_tissue=in_tissue, because=because)
         return True
 
-    def _pause(self, point: str, by: str, *, in_tissue: bool = False) -> None:
+    def _pause(self, point: str, by: str, *, in_tissue: bool = False, because: str = "") -> None:
         """Hold until a person continues, who may decide things meanwhile. Raises as `reach_safe_point` does."""
         dialogue, started_s = self.dialogue, self.rig.clock.now_s()
         self.record(Pause(point=point, by=by, trial=dialogue.trial))
         if in_tissue:
             self.rig.stop()
         dialogue.requests.begin()
-        request, reschedules = (
-            Paused(_POINTS.get(point) or dialogue.describe_point(ended=point == TRIAL_END)),
-            False,
-        )
+        place = _POINTS.get(point) or dialogue.describe_point(ended=point == TRIAL_END)
+        request, reschedules = Paused(f"{place}, because {because}" if because else place), False
         while (answer := self._ask_once(request, paused=True)).choice is not None:
             reschedules = self._decide(answer, paused=True) or reschedules
         dialogue.note_pause(self.rig.clock.now_s() - started_s)
@@ -367,6 +400,10 @@ class Session:
     def _record_states(self, states: Mapping[str, AxisReadback]) -> None:
         self.recorder.can_frames(self.rig.take_can_frames())
         self.recorder.state(self.rig.clock.now_s(), **_state_fields(self.rig, states))
+
+
+def _describe_met(met: ConditionMet) -> str:
+    return f"{met.name} of trial {met.trial} is {met.value:.4g} ({met.action}: {met.condition})"
 
 
 def _state_fields(rig: Rig, states: Mapping[str, AxisReadback]) -> dict[str, object]:

@@ -37,6 +37,7 @@ from labrig.experiments.insertion.ending import (
     Ending,
     EstimatedEnd,
     SeenEnd,
+    TargetErrorBounds,
     TracedPath,
     bound_error,
     find_depth,
@@ -429,7 +430,9 @@ class _Insertion:
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.rig.wait(_HOLD_S)
         final = session.take_picture(NeedleRole.FINAL, self.trial)
-        ending = self._decide(final, state, command)
+        is_judged = bool(session.dialogue.watch.names)
+        bounds = self._bound_error(final, state) if command.stop == "target_reached" or is_judged else None
+        ending = self._decide(bounds, command)
         for line in session.rig.truth():
             session.recorder.truth(trial=self.trial, **line)
         session.progress(
@@ -439,6 +442,8 @@ class _Insertion:
         if command.stop in _UNSURE:
             session.ask(ConfirmStopped(command.detail))
         withdraw(session, self.path, self._withdrawal_speeds)
+        error_mm = None if bounds is None else bounds.in_plane_mm
+        session.judge(self.trial, {"target_error_mm": error_mm}, "out_of_plane is null")
         session.record(
             InsertionStop(
                 trial=self.trial,
@@ -454,21 +459,26 @@ class _Insertion:
         )
         return ending
 
-    def _decide(self, final: TakenPicture, state: SteeringState, command: SteeringCommand) -> Ending:
+    def _decide(self, bounds: TargetErrorBounds | None, command: SteeringCommand) -> Ending:
         """Return how the insertion ended, by the last picture if it was steered to the target."""
         stop = str(command.stop)
         if command.stop != "target_reached":
             return Ending("stopped" if stop in _UNSURE else "missed", stop, command.detail)
+        if bounds is None:
+            return Ending("reached", stop, command.detail)
+        return bounds.decide(self.settings.problem.tolerance_mm)
+
+    def _bound_error(self, final: TakenPicture, state: SteeringState) -> TargetErrorBounds | None:
+        """Return the distance from the needle's end to the target, by the last picture; None without `out_of_plane`."""
         unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion)
         if unseen is None:
-            return Ending("reached", stop, command.detail)
+            return None
         path = TracedPath(self.bevel.turns, self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred)
         problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
         target_mm = move_target(problem.target_mm, self.settings.motion, state.insertion_mm)
-        bounds = bound_error(seen, budget, target_mm, self.protocol.target.sd_mm)
-        return bounds.decide(problem.tolerance_mm)
+        return bound_error(seen, budget, target_mm, self.protocol.target.sd_mm)
 
     def _see_end(
         self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings

@@ -10,7 +10,7 @@ from labrig.protocol.model import Conflict, Former, Line, Model, NonNegativeMm, 
 from labrig.protocol.sections import (
     Advance,
     GridSentinel,
-    MovingProtocol,
+    JudgedProtocol,
     Needle,
     NeedleInPicture,
     RollZeroSteps,
@@ -260,10 +260,13 @@ class Recovery(Model):
     leaves_track_sd_mm: PositiveMm = Field(1.0, description="Standard deviation of leaves_track_mm [mm].")
 
 
-class InsertionProtocol(MovingProtocol):
+class InsertionProtocol(JudgedProtocol):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
     pictures_decide_motion: ClassVar[bool] = True
+    judged_values: ClassVar[Mapping[str, str]] = {
+        "target_error_mm": "the distance in the plane from the needle's end to the target, at the end of an insertion"
+    }
 
     experiment: Literal["insertion"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Insertion to a target", description="Heading of the report.")
@@ -320,6 +323,7 @@ class InsertionProtocol(MovingProtocol):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield sizes that contradict each other, and a named block for insertions that take one each."""
+        yield from self.find_condition_faults()
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.specimen.block is not None and self.repetitions > 1:
             message = (

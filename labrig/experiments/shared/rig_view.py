@@ -4,7 +4,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import CameraError, InputError
 from labrig.steering.tip_search import TipView
 from labrig.vision.calibration_file import load_intrinsics, load_plane
-from labrig.vision.mask import load_mask
+from labrig.vision.mask import Mask, load_mask
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.template_file import load_template
@@ -28,8 +28,13 @@ def load_tip_view(rig: RigDescription) -> TipView:
             "labrig calibrate template makes one; see calibration:",
         )
     template = load_template(files["template.png"]).relative_to(plane.insertion)
+    return TipView(plane, template, load_rig_mask(rig))
+
+
+def load_rig_mask(rig: RigDescription) -> Mask | None:
+    """Return the mask of a rig; None if its file names none. Raises `InputError` when it cannot be read."""
     masks = [load_mask(path) for path in rig.mask_paths().values()]
-    return TipView(plane, template, masks[0] if masks else None)
+    return masks[0] if masks else None
 
 
 def load_plane_map(rig: RigDescription) -> PlaneMap:

@@ -5,11 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from labrig.analysis.pictures import Measured, Unreadable, measure_image
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.axis import AxisReadback
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig_file import RigDescription
+from labrig.errors import PictureError
 from labrig.experiments.shared.needle_events import NeedleRole
+from labrig.experiments.shared.rig_view import load_plane_map, load_rig_mask
+from labrig.experiments.steerability.analysis import make_order
 from labrig.experiments.steerability.events import SweepRole, SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import (
@@ -32,7 +36,9 @@ from labrig.runner.plan import (
     plan_insertion_moves,
     plan_roll_move,
 )
-from labrig.runner.session import Session
+from labrig.runner.session import Session, TakenPicture
+from labrig.vision.curvature import CurvatureMeasurement
+from labrig.vision.picture import Picture
 
 
 def list_trial_moves(protocol: SteerabilityProtocol) -> tuple[PlannedMove, ...]:
@@ -187,7 +193,7 @@ def _insert_once(
     session.take_picture(SweepRole.SHEATH, trial)
     pictures = _PicturesOnTheWay(session, trial, insertion.frame_every_mm, insertion.length_mm)
     session.move("insertion", insertion.length_mm, insertion.speed_mm_s, pictures)
-    final_frame = session.take_picture(NeedleRole.FINAL, trial).frame
+    final = session.take_picture(NeedleRole.FINAL, trial)
     for line in session.rig.truth():
         session.recorder.truth(trial=trial, **line)
     session.progress(
@@ -196,8 +202,34 @@ def _insert_once(
     session.move("insertion", 0.0, insertion.withdraw_speed_mm_s)
     session.move("linear", 0.0, sheath.speed_mm_s)
     session.rig.needle.mark_out()
-    session.record(SweepTrialStop(trial=trial, exit_status="success", final_frame=final_frame))
+    if session.dialogue.watch.names:
+        _judge_radius(protocol, trial, final, session)
+    session.record(SweepTrialStop(trial=trial, exit_status="success", final_frame=final.frame))
     session.progress((done + 1) * total_s, f"{specimen.name}, hole {planned.hole + 1} done")
+
+
+def _judge_radius(protocol: SteerabilityProtocol, trial: int, final: TakenPicture, session: Session) -> None:
+    """Have the conditions of the protocol judge the radius in the final picture, measured as the analysis does.
+
+    What only the whole run tells is not in it: a sheath that was elsewhere, and the drift of the camera.
+    """
+    name = session.picture_path(final.frame).name
+    measured = session.compute(partial(_measure_radius, protocol, session.rig.description, final.image, name))
+    values: dict[str, float | None] = {"radius_mm": None, "radius_sd_mm": None}
+    if isinstance(measured, CurvatureMeasurement) and measured.accepted:
+        values = {"radius_mm": measured.radius_mm, "radius_sd_mm": measured.sigma_radius_mm}
+    session.judge(trial, values, measured.reason or "")
+
+
+def _measure_radius(
+    protocol: SteerabilityProtocol, rig: RigDescription, image: Picture, name: str
+) -> Measured:
+    try:
+        return measure_image(
+            image, name, load_plane_map(rig), make_order(protocol).settings, load_rig_mask(rig)
+        )
+    except PictureError as error:
+        return Unreadable(error.message)
 
 
 class _PicturesOnTheWay:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from math import cos, pi
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -10,7 +10,7 @@ from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
     GridSentinel,
-    MovingProtocol,
+    JudgedProtocol,
     Needle,
     NeedleInPicture,
     Sheath,
@@ -44,8 +44,13 @@ class Insertion(Model):
             yield Conflict("frame_every_mm", message, "the final shape is pictured in any case")
 
 
-class SteerabilityProtocol(MovingProtocol):
+class SteerabilityProtocol(JudgedProtocol):
     """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""
+
+    judged_values: ClassVar[Mapping[str, str]] = {
+        "radius_mm": "the radius in the final picture of an insertion",
+        "radius_sd_mm": "its standard deviation",
+    }
 
     experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Steerability test", description="Heading of the report.")
@@ -101,6 +106,7 @@ class SteerabilityProtocol(MovingProtocol):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield repeated names, and sizes that contradict each other."""
+        yield from self.find_condition_faults()
         yield from self._find_repeated_names()
         yield from self._find_holes_beyond_block()
         yield from self._find_late_holes()

@@ -1,0 +1,67 @@
+"""Conditions of a protocol that a run meets: it pauses, or it stops, and a resumed run knows of it."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.pictures import Unreadable, measure_picture
+from labrig.errors import ConditionMetError
+from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
+from labrig.experiments.steerability.analysis import make_order
+from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.record.events import ConditionMet, Pause, ValueMeasured
+from labrig.record.reader import open_run
+from labrig.record.writer import Recorder
+from labrig.report.decisions import list_decisions
+from labrig.runner.conduct import conduct, conduct_remainder
+from tests.runner.sessions import bench, sweep
+from tests.runner.test_pausing import GO_ON, SHORT, SPARSE, make_run, require_identical
+
+LOOSE = ("analysis.max_radius_sigma_mm=900", "insertion.length_mm=22", "insertion.frame_every_mm=20")
+
+
+def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path) -> None:
+    """The radius is that of the analysis; the run asks once, goes on, and replays identically."""
+    text = "radius_mm inside [1, 900]"
+    outcome, run, person, _ = make_run(
+        tmp_path, [GO_ON], overrides=(*LOOSE, f'ask_when=["{text}"]', "hole_order=random")
+    )
+    assert outcome.exit_status == "success"
+    values = run.read_events(ValueMeasured)
+    protocol = load_run_protocol(run)
+    assert isinstance(protocol, SteerabilityProtocol)
+    for value, trial in zip(values, run.read_trials(SweepTrialStart, SweepTrialStop), strict=True):
+        assert trial.stop is not None
+        assert trial.stop.final_frame is not None
+        picture = run.pictures[trial.stop.final_frame]
+        found = measure_picture(picture, load_plane_map(run), make_order(protocol).settings, None)
+        assert not isinstance(found, Unreadable)
+        assert (value.trial, value.value) == (trial.start.trial, pytest.approx(found.radius_mm, rel=1e-12))
+    (met,), (pause,) = run.read_events(ConditionMet), run.read_events(Pause)
+    assert (met.trial, met.action, met.condition, met.value) == (0, "ask_when", text, values[0].value)
+    assert (pause.by, pause.point) == ("ask_when", "trial_end")
+    told = f"radius_mm of trial 0 is {met.value:.4g} (ask_when: {text})"
+    assert any(f"Paused after this insertion, because {told}" in asked for asked in person.asked)
+    assert any(text in sentence for _, sentence in list_decisions(run))
+    require_identical(run)
+
+
+def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> None:
+    """The run ends as a person stops it, the answer is no; resumed, it is not stopped for the same reason again."""
+    protocol = sweep(*SHORT, *LOOSE, 'stop_when=["radius_mm > 1"]')
+    with bench(tmp_path, protocol, SPARSE) as at:
+        outcome = conduct(find_experiment(protocol.experiment), protocol, at.session)
+        assert isinstance(outcome.error, ConditionMetError)
+        assert (outcome.exit_status, outcome.error.exit_code) == ("aborted", 1)
+        assert "(stop_when: radius_mm > 1)" in outcome.reason
+        run = open_run(at.recorder.path)
+        require_identical(run)
+        remainder = find_run_experiment(run).resume(protocol, run)
+        assert (remainder.kept, remainder.left) == (1, 1)
+        at.recorder = Recorder.reopen(run.path, "test")
+        again = conduct_remainder(find_run_experiment(run), remainder, at.session)
+    assert again.exit_status == "success"
+    run = open_run(run.path)
+    assert [len(run.read_events(kind)) for kind in (ValueMeasured, ConditionMet)] == [2, 1]

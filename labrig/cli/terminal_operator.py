@@ -83,6 +83,7 @@ class TerminalOperator:
         with self._interrupted.pausing(enabled=False):
             nobody = self._find_nobody(request)
             if nobody is not None and isinstance(request, Paused):
+                say_wrapped(f"{request.text} labrig continue, in another terminal, ends the pause.")
                 self._wait(meanwhile)
             if nobody is not None:
                 raise nobody

@@ -316,8 +316,10 @@ def test_a_pause_is_continued_by_a_key_or_ended(terminal: Terminal) -> None:
     assert not terminal.ask(Paused("after this insertion"), "no\n").confirmed
 
 
-def test_a_pause_without_a_terminal_waits_until_it_is_ended_from_elsewhere() -> None:
-    """Nobody can press a key there, and nothing is answered by itself."""
+def test_a_pause_without_a_terminal_waits_until_it_is_ended_from_elsewhere(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Nobody can press a key there, and nothing is answered by itself; it says what ends the pause."""
     looks: list[int] = []
 
     def look() -> None:
@@ -328,6 +330,8 @@ def test_a_pause_without_a_terminal_waits_until_it_is_ended_from_elsewhere() -> 
     operator = TerminalOperator(SignalNote(), io.StringIO(""))
     with pytest.raises(KeyError):
         operator.ask(Paused("after this insertion"), look)
+    assert "Paused after this insertion." in (told := capsys.readouterr().err)
+    assert "labrig continue" in told
 
 
 def test_the_first_ctrl_c_pauses_and_the_second_stops() -> None:

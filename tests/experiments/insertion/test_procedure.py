@@ -11,9 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labrig.analysis.run import analyze_run
 from labrig.devices.needle_state import RollZero, Torsion
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, Paused, PickObstacle, PickPixel, PickTarget
-from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
+from labrig.errors import (
+    CameraError,
+    ConditionMetError,
+    DriveError,
+    FileFormatError,
+    SafetyStopError,
+    TargetMissedError,
+)
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
@@ -24,6 +32,7 @@ from labrig.runner.dialogue import Dialogue
 from labrig.runner.pausing import NoRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Progress, Session
+from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
@@ -477,4 +486,24 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     assert looks[len(passed)]["depth_mm"] > stood
     assert "now, axes hold" in asks.told
     assert truth(run)["true_target_error_mm"] < 1.0
+    assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical
+
+
+def test_a_condition_on_the_target_error_stops_the_run_when_the_needle_is_out(tmp_path: Path) -> None:
+    """The error is the one by which the insertion was judged; the second one is not begun, the replay is identical."""
+    conditions = ("repetitions=2", 'stop_when=["target_error_mm > 0"]')
+    protocol = load_protocol(
+        PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *conditions]
+    )
+    with bench(tmp_path, protocol, EVEN) as opened:
+        outcome, run = opened.conduct(protocol)
+        assert opened.opened.rig.state.needle_in_tissue is False
+    assert (outcome.exit_status, type(outcome.error)) == ("aborted", ConditionMetError)
+    (met,), (stop,) = events(run, "condition"), events(run, "trial_stop")
+    assert met["t_s"] <= stop["t_s"]
+    assert stop["exit_status"] == "success"
+    (trial,) = analyze_run(
+        run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE
+    ).document["insertions"]
+    assert met["value"] == pytest.approx(trial["target_error_mm"], abs=0.2)
     assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical

@@ -62,6 +62,7 @@ class CheckReport:
     def document(self) -> dict[str, object]:
         """Return its keys of the JSON document."""
         return {
+            "notes": self.plan.notes,
             "operator_steps": self.plan.operator_steps,
             "hands_on": None if self.hands_on is None else asdict(self.hands_on),
             "calibration": [asdict(result) for result in self.calibration],
@@ -136,6 +137,8 @@ def print_report(report: CheckReport, verdict: str, *, stops: bool) -> None:
         print_wrapped(f"how long {steps} take is not known: no run on a real rig has been recorded here")
     for result in report.calibration:
         print_wrapped(f"{result.check}: {result.value}" + (f"; {result.solution}" if result.solution else ""))
+    for note in report.plan.notes:
+        print_wrapped(note)
     if stops:
         _print_stops(report.stops)
     print_wrapped("not checked here: " + ", ".join(report.left_to_run))

@@ -20,6 +20,7 @@ from labrig.experiments.steerability.schedule import (
     BegunTrial,
     PlannedTrial,
     can_repeat,
+    describe_order,
     describe_place,
     list_planned_trials,
     list_remaining_trials,
@@ -69,6 +70,7 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
         moves=moves,
         problems=(*find_rig_problems(protocol, rig, (turn, *moves)), *find_track_problems(protocol)),
         uses_calibration=True,
+        notes=tuple(describe_order(protocol)),
     )
 
 

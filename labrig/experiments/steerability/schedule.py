@@ -16,6 +16,9 @@ from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.events import RecordedTrial, Repeat
 from labrig.text import ordinal
 
+_MOST_TOLD = 30
+"""Holes of a block whose order is told in a sentence."""
+
 
 @dataclass(frozen=True)
 class PlannedTrial:
@@ -68,6 +71,14 @@ def _order_holes(protocol: SteerabilityProtocol, block: int) -> tuple[int, ...]:
         return tuple(holes)
     keys = np.random.PCG64([protocol.seed, block]).random_raw(len(holes))
     return tuple(np.argsort(keys, kind="stable").tolist())
+
+
+def describe_order(protocol: SteerabilityProtocol) -> Iterator[str]:
+    """Yield a sentence for each block whose holes are used in a random order; people count holes from one."""
+    for index, specimen in enumerate(protocol.specimens) if protocol.hole_order == "random" else ():
+        holes = [str(hole + 1) for hole in _order_holes(protocol, index)]
+        more = f" and {len(holes) - _MOST_TOLD} more" if len(holes) > _MOST_TOLD else ""
+        yield f"holes of {specimen.name}, in this order: {', '.join(holes[:_MOST_TOLD])}{more}"
 
 
 def describe_place(protocol: SteerabilityProtocol, trial: PlannedTrial) -> str:

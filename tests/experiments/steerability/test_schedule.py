@@ -10,6 +10,7 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import (
     BegunTrial,
     PlannedTrial,
+    describe_order,
     describe_place,
     list_planned_trials,
     list_remaining_trials,
@@ -96,6 +97,9 @@ def test_a_random_order_is_of_the_seed_and_the_block() -> None:
     assert all(sorted(order) == list(range(18)) for order in orders[0])
     # As NumPy draws it in every version: a later one has to replay the record.
     assert orders[0][0] == [6, 3, 12, 11, 4, 10, 13, 9, 14, 15, 0, 2, 17, 8, 7, 5, 1, 16]
+    seven = protocol("insertions_per_specimen=18", "hole_order=random", "seed=7")
+    assert next(iter(describe_order(seven))).startswith("holes of a, in this order: 7, 4, 13, 12, ")
+    assert not list(describe_order(protocol()))
     drawn = list_planned_trials(protocol("hole_order=random"))
     assert [trial.trial for trial in drawn] == list(range(6))
     assert all(trial.hole_position_mm == 10.0 * trial.hole for trial in drawn)

@@ -505,5 +505,5 @@ def test_a_condition_on_the_target_error_stops_the_run_when_the_needle_is_out(tm
     (trial,) = analyze_run(
         run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE
     ).document["insertions"]
-    assert met["value"] == pytest.approx(trial["target_error_mm"], abs=0.2)
+    assert met["value"] == pytest.approx(trial["target_error_mm"], rel=1e-9)
     assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from labrig.protocol.conditions import Action, Condition, find_fault, parse_condition
 from labrig.protocol.design_file import Basis
@@ -98,19 +98,32 @@ class MovingProtocol(ExperimentProtocol):
         return self.max_current_ma.model_dump(exclude_none=True)
 
 
+def _list_text(value: object) -> object:
+    if isinstance(value, str):
+        return (value,)
+    # A validated tuple takes no list, as values of a file are taken strictly.
+    return tuple(value) if isinstance(value, list) else value
+
+
+ConditionTexts = Annotated[
+    tuple[Line, ...], BeforeValidator(_list_text, json_schema_input_type=Line | tuple[Line, ...])
+]
+"""Conditions; a single one may stand without a list."""
+
+
 class JudgedProtocol(MovingProtocol):
     """The keys of a protocol whose run asks its person, or stops, on what it measures."""
 
     judged_values: ClassVar[Mapping[str, str]]
     """The values that conditions may be on: name -> what it is."""
 
-    ask_when: tuple[Line, ...] = Field(
+    ask_when: ConditionTexts = Field(
         (),
         max_length=20,
         description="Conditions on which the run pauses after an insertion and asks, such as "
         "radius_mm outside [26, 30], hysteresis 0.5.",
     )
-    stop_when: tuple[Line, ...] = Field(
+    stop_when: ConditionTexts = Field(
         (),
         max_length=20,
         description="Conditions on which the run stops after an insertion, such as radius_mm > 35.",

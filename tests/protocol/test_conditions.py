@@ -76,3 +76,9 @@ def test_a_condition_that_cannot_be_judged_is_refused(text: str, told: str) -> N
     assert "stop_when.1" in problem.where
     assert told in f"{problem.message} {problem.hint}"
     assert "radius_sd_mm, its standard deviation" in problem.hint
+
+
+def test_a_single_condition_needs_no_list() -> None:
+    """It is the list of that one."""
+    alone, listed = (sweep(f"stop_when={text}") for text in ("radius_mm > 35", '["radius_mm > 35"]'))
+    assert alone.stop_when == listed.stop_when == ("radius_mm > 35",)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError
 from labrig.protocol.conditions import parse_condition
+from labrig.protocol.sections import JudgedProtocol
 from labrig.record.events import ValueMeasured
 from labrig.runner.condition_watch import ConditionWatch
 from tests.runner.sessions import sweep
@@ -81,4 +82,6 @@ def test_a_condition_that_cannot_be_judged_is_refused(text: str, told: str) -> N
 def test_a_single_condition_needs_no_list() -> None:
     """It is the list of that one."""
     alone, listed = (sweep(f"stop_when={text}") for text in ("radius_mm > 35", '["radius_mm > 35"]'))
-    assert alone.stop_when == listed.stop_when == ("radius_mm > 35",)
+    for protocol in (alone, listed):
+        assert isinstance(protocol, JudgedProtocol)
+        assert protocol.stop_when == ("radius_mm > 35",)

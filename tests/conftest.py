@@ -6,5 +6,5 @@ from hypothesis import settings
 
 import labrig  # noqa: F401 - chooses the kernels of OpenBLAS, which it can only do before numpy is loaded
 
-settings.register_profile("labrig", deadline=None, derandomize=True)
+settings.register_profile("labrig", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("labrig")

@@ -136,7 +136,7 @@ def test_a_run_without_photographs_is_refused_with_the_reason(tmp_path: Path) ->
 
 def test_photographs_without_a_board_are_refused(tmp_path: Path) -> None:
     """Without a board there is no lens, and without a lens no plane."""
-    content, _ = _analyse(record_calibration(tmp_path, views=2, hold_board=False))
+    content, _ = _analyse(record_calibration(tmp_path, views=1, hold_board=False))
     assert content.accepted is False
-    assert "in any of 2 pictures" in content.reasons[0]
+    assert "in any of 1 picture" in content.reasons[0]
     assert "the lens was not" in content.reasons[1]

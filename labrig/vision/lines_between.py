@@ -3,7 +3,7 @@
 Lines drawn over every second or third printed line hide that the printed ones go on between them: they are far
 fainter. The scale would be wrong by two or three without any residual. The mean profile across the lines shows them
 where they are resolved. Where blur runs them together, its spectrum does: the logarithms of the harmonics of single
-lines fall with the square of their number, and the second to fifth is larger than that if there are two to five lines.
+lines fall with the square of their number, and the second to tenth is larger than that if there are two to ten lines.
 
 Where noise or blur leaves open whether a harmonic is larger, the picture cannot tell a plain grid from one that a pen
 has drawn over finer lines.
@@ -33,6 +33,8 @@ _LEAST_HEIGHT, _LEAST_SIGMAS = 0.02, 5.0
 _HARMONICS = (2, 3, 4, 5)
 _LEAST_RATIO, _LEAST_OVER_NOISE, _LEAST_WAVE_PX = 0.1, 5.0, 1.9
 _LEAST_RATIO_SIGMAS = 4.0
+# Of more lines a high harmonic tells, which the form of thick lines raises too: light and density must agree on it.
+_HIGH_HARMONICS = (6, 7, 8, 9, 10)
 # Finer lines of at least this share of the weight of the lines counted are to be excluded, so surely: harmonics of
 # single lines vary by 0.04, those of the faintest lines midway between them by 0.11. Closer lines than this are not
 # looked for, or no plain lines under 5 px would be told; further ones are seen in the profile.
@@ -82,7 +84,7 @@ def require_no_lines_between(profiles: Sequence[Profile], combs: Sequence[Comb],
         np.mean([profile.step_px * comb.step for profile, comb in zip(profiles, combs, strict=True)])
     )
     number = next((n for n in _NUMBERS if _see_lines(profiles, combs, n)), None) or next(
-        (n for n in _HARMONICS if _infer_lines(spectra, n, spacing_px)), None
+        (n for n in (*_HARMONICS, *_HIGH_HARMONICS) if _infer_lines(spectra, n, spacing_px)), None
     )
     if number is not None:
         raise MeasurementRefusedError(
@@ -136,8 +138,15 @@ def _infer_lines(spectra: Spectra, number: int, spacing_px: float) -> bool:
     """Return whether a harmonic is larger than those of single lines, whatever their blur."""
     if not can_infer(number, spacing_px):
         return False
-    ratio = spectra.compare(number, thin=True)
-    return ratio is not None and ratio[0] > max(_LEAST_RATIO, _LEAST_RATIO_SIGMAS * ratio[1] ** 0.5)
+    ratios = (
+        [spectra.compare(number, thin=True)]
+        if number in _HARMONICS
+        else [compare_harmonics(family, number) for family in (spectra.light, spectra.density)]
+    )
+    return all(
+        ratio is not None and ratio[0] > max(_LEAST_RATIO, _LEAST_RATIO_SIGMAS * ratio[1] ** 0.5)
+        for ratio in ratios
+    )
 
 
 def can_infer(number: int, spacing_px: float) -> bool:

@@ -11,6 +11,7 @@ from labrig.errors import CalibrationRefusedError
 from labrig.vision.graph_paper import find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane_calibration import calibrate_plane
+from tests.benchmarks.graph_paper import choose_penned_sheet, measure_sheet
 from tests.vision import no_graph_paper
 from tests.vision.paper_renderer import Camera, PenGrid, Sheet, draw_sheet
 
@@ -198,6 +199,13 @@ def test_a_pen_grid_over_lines_too_fine_to_see_is_refused(ruling, px_per_mm, pen
     except CalibrationRefusedError as refusal:
         reasons = (refusal.message,)
     assert any(reason in found for found in reasons)
+
+
+def test_a_pen_grid_over_every_tenth_line_of_a_blurred_sheet_is_refused():
+    """The tenth harmonic tells lines of the paper that the profile does not show."""
+    _, sheet = choose_penned_sheet(214, 960_000)
+    reason = measure_sheet(0, sheet, draw_sheet(sheet)).reason
+    assert "there are fainter ones" in reason
 
 
 def test_crossings_end_at_the_edge_of_the_paper():

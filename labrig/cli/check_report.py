@@ -96,11 +96,10 @@ def find_state_warnings(rig: RigDescription | None) -> tuple[Problem, ...]:
     return (Problem("rig state", state.doubt, state.find_way_out(rig.option)),) if state.doubt else ()
 
 
-def find_disk_problems(runs_dir: Path, need_bytes: int, rig: RigDescription | None) -> tuple[Problem, ...]:
-    """Return the disk that is too full for the run and for what the rig file wants to stay free."""
-    least_free_mb = 0.0 if rig is None else rig.recording.least_free_mb
+def find_disk_problems(runs_dir: Path, need_bytes: int) -> tuple[Problem, ...]:
+    """Return the disk that is too full for the run."""
     try:
-        require_free_bytes(runs_dir, need_bytes + int(1e6 * least_free_mb))
+        require_free_bytes(runs_dir, need_bytes)
     except DiskError as error:
         return (Problem("--runs-dir", error.message, error.hint),)
     return ()

@@ -40,7 +40,7 @@ from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.experiment import Experiment, RunPlan
-from labrig.runner.plan import estimate_disk_bytes, require_valid_calibration
+from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 
@@ -79,8 +79,7 @@ def perform(order: RunOrder) -> FinishedRun:
     plan = order.experiment.plan(order.protocol, order.rig)
     if plan.problems:
         raise FileFormatError(plan.problems)
-    least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
-    require_free_bytes(order.runs_dir, estimate_disk_bytes(plan, order.rig) + int(1e6 * least_free_mb))
+    require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
     changes = find_code_changes()
     _announce_code_diff(changes)
     # The modules stay until the end. Without this, collections look through them all again and again, and in each

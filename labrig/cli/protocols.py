@@ -38,7 +38,7 @@ def check(
     from labrig.cli.sources import Sources
     from labrig.cli.specimen_tracks import prepare_specimens
     from labrig.experiments.registry import find_experiment
-    from labrig.runner.plan import estimate_disk_bytes
+    from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
 
     faults = _report_plugin_faults(EXPERIMENTS)
     try:
@@ -61,7 +61,7 @@ def check(
     problems = (
         *specimens.problems,
         *(plan.problems if plan.refusal is None else (plan.refusal,)),
-        *find_disk_problems(runs_dir, disk_bytes, description),
+        *find_disk_problems(runs_dir, count_needed_bytes(plan, description)),
     )
     warnings = (*specimens.warnings, *plan.warnings, *find_state_warnings(description))
     report = collect_report(plan, disk_bytes, description, loaded.experiment, runs_dir, now)

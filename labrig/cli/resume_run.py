@@ -34,7 +34,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment
-from labrig.runner.plan import estimate_disk_bytes, require_valid_calibration
+from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
@@ -103,8 +103,7 @@ def resume_run(
     say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left{_name_broken(run)}")
     plan = experiment.plan(recorded, description)
     share = remainder.left / plan.trials
-    least_free_mb = description.recording.least_free_mb
-    require_free_bytes(path, int(share * estimate_disk_bytes(plan, description) + 1e6 * least_free_mb))
+    require_free_bytes(path, count_needed_bytes(plan, description, share))
 
     def begin(rig: Rig, reporter: Reporter) -> Session:
         require_valid_calibration(plan, rig)

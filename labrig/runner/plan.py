@@ -153,6 +153,12 @@ def require_valid_calibration(plan: RunPlan, rig: Rig) -> None:
             require_calibrated_camera(rig.description, path, rig.camera.settings.reported)
 
 
+def count_needed_bytes(plan: RunPlan, rig: RigDescription | None, share: float = 1.0) -> int:
+    """Return the free disk space that a share of a run asks for, with what the rig file wants to stay free."""
+    least_free_mb = 0.0 if rig is None else rig.recording.least_free_mb
+    return int(share * estimate_disk_bytes(plan, rig) + 1e6 * least_free_mb)
+
+
 def estimate_disk_bytes(plan: RunPlan, rig: RigDescription | None) -> int:
     """Return the disk space that a run will take [bytes]; 0 without a rig (None)."""
     if rig is None:

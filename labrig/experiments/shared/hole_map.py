@@ -19,8 +19,8 @@ from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenTrack
 from labrig.text import format_count
 
-ARC_POINTS = 9
-"""Of an arc of 40 mm with a radius of 30 mm, chords between so many points stay within 0.11 mm."""
+ARC_POINTS = 17
+"""Of an arc of 40 mm with a radius of 30 mm, chords between so many points stay within 0.03 mm."""
 
 _STEP_MM = 0.5
 

@@ -168,12 +168,17 @@ def describe_trend(trend: CurvatureTrend) -> str:
     low, high = (100.0 * bound / trend.mean_curvature_per_mm for bound in trend.slope_ci95)
     slope = 100.0 * trend.slope / trend.mean_curvature_per_mm
     what = (
-        f"by {slope:+.2g} % per {_OVER[trend.over]} (95 % interval {low:+.2g} to {high:+.2g} %, "
+        f"by {_format_percent(slope)} % per {_OVER[trend.over]} (95 % interval {_format_percent(low)} to "
+        f"{_format_percent(high)} %, "
         f"{format_count(trend.n, 'track')}), {trend.change_percent:+.1f} % over what was observed"
     )
     if trend.drifts:
         return f"The curvature changes {what}: above {MOST_CHANGE_PERCENT:g} %, and significant (p = {trend.p:.2g})."
     return f"The curvature changes {what}; that is no drift (p = {trend.p:.2g})."
+
+
+def _format_percent(value: float) -> str:
+    return f"{value:+.0f}" if abs(value) >= 10.0 else f"{value:+.2g}"
 
 
 def summarise_maps(maps: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

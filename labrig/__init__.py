@@ -16,6 +16,7 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `needle` is what the needle is: the design of its hinges, and what it can reach
 - `vision` turns pixels into mm
 - `geometry` holds frames, signs, units, and circle fits
+- `lab` is the folder of a lab: its protocols, rig files and runs, and the examples that it starts with
 - `durable` writes files whole or not at all, under names of its own until they are complete
 - `posix` is what the operating system must give
 - `plugins` finds the experiments, drives and cameras of installed packages
@@ -34,8 +35,9 @@ A run is a file; everything that computes reads it, and nothing that computes ca
 
 import os
 import platform
+from importlib import import_module
 
-__version__ = "0.1.0"
+__version__: str
 
 _PROCESSORS = "/proc/cpuinfo"
 
@@ -55,3 +57,14 @@ def _choose_blas_kernels() -> None:
 
 
 _choose_blas_kernels()
+
+
+def __getattr__(name: str) -> str:
+    """Return `__version__`, that of the installed package; reading it takes 10 ms, so it is read when asked for."""
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    metadata = import_module("importlib.metadata")
+    try:
+        return str(metadata.version(__name__))
+    except metadata.PackageNotFoundError:
+        return "that is not installed"

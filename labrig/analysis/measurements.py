@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
+from labrig.lab.folder import choose_runs_dir
 from labrig.record.fields import manifest_fields
 from labrig.record.manifest import calibration_sha256, is_simulated
 from labrig.record.reader import Run, open_run
@@ -215,7 +216,7 @@ def open_measured_runs(
 
 
 def load_runs(
-    where: str | None = None, *, runs_dir: Path | str = Path("data/runs"), table: str | None = None
+    where: str | None = None, *, runs_dir: Path | str | None = None, table: str | None = None
 ) -> pd.DataFrame:
     """Return the measurements of runs as one table, a row for each trial or imported picture.
 
@@ -223,8 +224,8 @@ def load_runs(
     ----------
     where : str or None
         The condition that a run has to fit, as for `labrig runs --where`; None: every run.
-    runs_dir : Path
-        Folder of the runs.
+    runs_dir : Path, str or None
+        Folder of the runs; None: the one that `labrig runs` lists.
     table : str or None
         The table of the results; None: the first one that each lists, as `measurements` or `insertions`.
 
@@ -240,7 +241,7 @@ def load_runs(
     InputError
         When the condition cannot be read.
     """
-    found = find_runs(Path(runs_dir), where)
+    found = find_runs(choose_runs_dir().path if runs_dir is None else Path(runs_dir), where)
     measured, left_out = open_measured_runs([run.summary.run for run in found])
     reasons = {str(run.run): run.error.message for run in left_out}
     tables = []

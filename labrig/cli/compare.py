@@ -7,14 +7,13 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, require_run_folder
+from labrig.cli.options import RunsDirOption, find_runs_dir, require_run_folder
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
 from labrig.cli.progress import progress_if_slow, show_working
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
+from labrig.lab.folder import COMPARISONS, find_in_lab
 from labrig.text import interval, number
-
-DEFAULT_FOLDER = Path("data/comparisons")
 
 
 def compare(
@@ -62,7 +61,7 @@ def compare(
             help="Take the newest result with the run's own settings, not the newest of all.",
         ),
     ] = False,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -79,7 +78,7 @@ def compare(
     from labrig.analysis.measurements import open_measured_runs
 
     clock = SystemClock()
-    paths = _choose_runs(run_paths or [], where, runs_dir)
+    paths = _choose_runs(run_paths or [], where, find_runs_dir(runs_dir))
     with progress_if_slow("reading the runs", clock, shown=not as_json) as progress:
         measured, left_out = open_measured_runs(paths, own_settings=own_settings, progress=progress)
     for run in left_out:
@@ -130,7 +129,7 @@ def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
     if out is not None:
         return write(out)
     what = re.sub(r"\W+", "-", compared.comparison.quantity)[:60]
-    return create_under_free_name(now, what, lambda name: write(DEFAULT_FOLDER / name))
+    return create_under_free_name(now, what, lambda name: write(find_in_lab(COMPARISONS) / name))
 
 
 _GROUP_HEADS = ("insertions", "specimens", "mean", "SD", "95 % interval", "with shared errors")

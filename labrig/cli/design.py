@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, find_run_folder
+from labrig.cli.options import RunsDirOption, find_run_folder, find_runs_dir
 from labrig.cli.output import AsJson, print_json
 from labrig.needle.tube import Tube
 
@@ -33,7 +33,7 @@ def design(
             show_default=False,
         ),
     ] = None,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     beta_cut_deg: Annotated[
         float | None,
         typer.Option(
@@ -75,7 +75,7 @@ def design(
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)
-    run = None if from_run is None else find_run_folder(from_run, runs_dir)
+    run = None if from_run is None else find_run_folder(from_run, find_runs_dir(runs_dir))
     radius = find_measured_radius(measured_radius_mm, run, beta_cut_deg)
     order = DesignOrder(
         tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),

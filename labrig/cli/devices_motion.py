@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RigOption, RunsDirOption, YesOption
+from labrig.cli.options import RigOption, RunsDirOption, YesOption, find_runs_dir
 from labrig.cli.output import AsJson
 
 _AXES = "insertion, rotation or linear"
@@ -113,7 +113,7 @@ def withdraw(
         typer.Option(help="Position of the sheath in mm, if not as recorded.", show_default=False),
     ] = None,
     rig: RigOption = None,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     yes: YesOption = False,
     as_json: AsJson = False,
 ) -> int:
@@ -122,4 +122,4 @@ def withdraw(
 
     given = {"insertion_mm": insertion_mm, "rotation_rad": rotation_rad, "linear_mm": linear_mm}
     standing = {key: value for key, value in given.items() if value is not None}
-    return withdraw_and_print(rig, run, runs_dir, standing, yes=yes, as_json=as_json)
+    return withdraw_and_print(rig, run, find_runs_dir(runs_dir), standing, yes=yes, as_json=as_json)

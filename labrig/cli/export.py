@@ -25,7 +25,7 @@ def export(
     parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file for each table.")] = False,
     mat: Annotated[bool, typer.Option("--mat", help="run.mat, which data/read_run.m reads.")] = False,
     mcap: Annotated[
-        bool, typer.Option("--mcap", help="run.mcap, with the pictures; needs labrig's extra mcap.")
+        bool, typer.Option("--mcap", help=r"run.mcap, with the pictures; needs labrig\[mcap].")
     ] = False,
     latex: Annotated[
         bool,
@@ -157,5 +157,5 @@ def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: boo
     if mcap and find_spec("mcap") is None:
         raise InputError(
             "MCAP files need a package that is not installed",
-            "in the checkout of labrig: pip install -e '.[mcap]'",
+            "pip install mcap; in the checkout of labrig: pip install -e '.[mcap]'",
         )

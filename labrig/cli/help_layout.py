@@ -50,7 +50,8 @@ def _stack(command: TyperCommand | TyperGroup, ctx: Any) -> str:
 
 
 def _stack_text(name: str, text: str) -> str:
-    return f"{_wrap(name, _INDENT)}\n{_wrap(_INDENT + text, _INDENT)}"
+    plain = text.replace("\\[", "[")  # escaped for rich, which lays out the columns
+    return f"{_wrap(name, _INDENT)}\n{_wrap(_INDENT + plain, _INDENT)}"
 
 
 def _wrap(text: str, below: str = "") -> str:

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from labrig import __version__
 from labrig.cli.help_layout import HelpfulCommand, HelpfulGroup
 from labrig.cli.options import complete_live
 from labrig.cli.output import print_failure, print_line
@@ -18,6 +17,7 @@ from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import BugError, DiskError, InputError, InterruptedRunError, LabrigError, MachineError
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
+    "init": ("init.init", "Make a lab folder with example protocols and rig files, or bring one up to date."),
     "run": (
         "run.run",
         "Run a protocol: move, record, measure and write the report. A design moves nothing.",
@@ -65,6 +65,8 @@ Only the file of the given command is imported, so that it starts sooner; the li
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from labrig import __version__
+
         print_line(f"labrig {__version__}")
         raise typer.Exit
 
@@ -83,7 +85,7 @@ def _make_app(arguments: Sequence[str]) -> typer.Typer:
     app = typer.Typer(
         name="labrig",
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
-        epilog="Start with: labrig run protocols/steerability.yaml",
+        epilog="Start with: labrig init lab; cd lab; labrig run steerability",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},

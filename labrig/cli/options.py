@@ -11,37 +11,108 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
+from labrig.cli.output import say
 from labrig.errors import FileFormatError, InputError
+from labrig.lab.folder import (
+    CALIBRATION,
+    PROTOCOLS,
+    RUNS,
+    RUNS_DIR_VARIABLE,
+    RunsDir,
+    choose_runs_dir,
+    find_in_lab,
+    find_lab_folder,
+)
 
 RigOption = Annotated[
     Path | None,
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Rig file. Default: $LABRIG_RIG, else calibration/rig-simulated.yaml.",
+        help="Rig file. Default: $LABRIG_RIG, else calibration/rig-simulated.yaml of the lab folder.",
         show_default=False,
     ),
 ]
 
 
-def _require_local_folder(folder: Path) -> Path:
-    """Refuse a URL: a live run writes on the local disk."""
-    if ":" in str(folder):
+RunsDirOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--runs-dir",
+        metavar="DIR",
+        help=f"Folder that holds the runs. Default: ${RUNS_DIR_VARIABLE}, else {RUNS} of the lab folder.",
+        show_default=False,
+    ),
+]
+
+
+def choose_local_runs_dir(given: Path | None) -> RunsDir:
+    """Return the folder of the runs as `choose_runs_dir` does.
+
+    Raises
+    ------
+    InputError
+        When it is a URL: a live run writes on the local disk.
+    """
+    chosen = choose_runs_dir(given)
+    if ":" in str(chosen.path):
         from labrig.record.urls import require_local
 
-        require_local(folder, "--runs-dir")
-    return folder
+        require_local(chosen.path, "--runs-dir" if given is not None else RUNS_DIR_VARIABLE)
+    return chosen
 
 
-RunsDirOption = Annotated[
+def find_runs_dir(given: Path | None) -> Path:
+    """Return the folder of the runs, and say which it is if that cannot be seen from the command line.
+
+    Raises `InputError` as `choose_local_runs_dir`.
+    """
+    chosen = choose_local_runs_dir(given)
+    if given is None and chosen.path != RUNS:
+        say(f"runs: {chosen.path}, {chosen.reason}")
+    return chosen.path
+
+
+def _find_protocol(given: Path) -> Path:
+    """Return a protocol file: the given one, or the one of that name in the lab folder."""
+    if given.is_file() or len(given.parts) != 1:
+        return given
+    folder = find_in_lab(PROTOCOLS)
+    named = folder / (given if given.suffix else given.with_suffix(_YAML))
+    if named.is_file():
+        return named
+    near = get_close_matches(given.stem, _list_protocols(), 1)
+    if near:
+        hint = f"did you mean {near[0]}?"
+    elif find_lab_folder() is None:
+        hint = "there is no lab folder here or above; make one, with example protocols: labrig init FOLDER"
+    else:
+        hint = f"there are {', '.join(_list_protocols())}"
+    raise InputError(f"there is no protocol {given}, neither here nor in {folder}", hint)
+
+
+def _list_protocols() -> list[str]:
+    """Return the names of the protocols in the lab folder."""
+    return sorted(path.stem for path in find_in_lab(PROTOCOLS).glob(f"*{_YAML}"))
+
+
+def _complete_protocol(incomplete: str) -> list[str]:
+    return [name for name in _list_protocols() if name.startswith(incomplete)]
+
+
+ProtocolArgument = Annotated[
     Path,
-    typer.Option(
-        "--runs-dir", metavar="DIR", help="Folder that holds the runs.", callback=_require_local_folder
+    typer.Argument(
+        metavar="PROTOCOL",
+        help="Protocol file (YAML), or its name in the lab folder.",
+        callback=_find_protocol,
+        autocompletion=_complete_protocol,
     ),
 ]
 
 
 _LAST = Path("last")
+_YAML = ".yaml"
 
 
 def find_run_folder(run: Path, runs_dir: Path) -> Path:
@@ -75,7 +146,7 @@ def require_run_folder(run: Path, runs_dir: Path) -> Path:
 
 
 def _find_run(run: Path) -> Path:
-    return require_run_folder(run, DEFAULT_RUNS_DIR)
+    return require_run_folder(run, choose_runs_dir().path)
 
 
 def _find_run_or_url(run: str) -> str:
@@ -84,7 +155,7 @@ def _find_run_or_url(run: str) -> str:
 
 def find_run_or_picture(source: Path) -> Path:
     """Return the folder of a run that is named, or a file as it is."""
-    return find_run_folder(source, DEFAULT_RUNS_DIR)
+    return find_run_folder(source, choose_runs_dir().path)
 
 
 def _find_all(runs: list[Path]) -> list[Path]:
@@ -105,9 +176,10 @@ def _find_all_local(runs: list[Path]) -> list[Path]:
 
 
 def _complete_run(incomplete: str) -> list[str]:
-    """Return the names of runs in data/runs that begin so, newest first, as the names of most begin with their time."""
+    """Return the names of runs that begin so, newest first, as the names of most begin with their time."""
     with suppress(OSError):
-        names = sorted((path.name for path in DEFAULT_RUNS_DIR.iterdir() if path.is_dir()), reverse=True)
+        runs = choose_runs_dir().path.iterdir()
+        names = sorted((path.name for path in runs if path.is_dir()), reverse=True)
         return [name for name in (str(_LAST), *names) if name.startswith(incomplete) and name[0] != "."]
     return []
 
@@ -240,8 +312,7 @@ SheathDiameterOption = Annotated[
 ]
 
 DEFAULT_NEEDLE_DIAMETER_MM = 1.2
-DEFAULT_RUNS_DIR = Path("data/runs")
-SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
+SIMULATED_RIG = CALIBRATION / "rig-simulated.yaml"
 _RIG_PREFIX = "rig."
 
 
@@ -264,20 +335,24 @@ def find_named_rig_file(given: Path | None) -> Path | None:
 
 
 def find_rig_file(given: Path | None, protocol: Path | None = None) -> Path:
-    """Return the rig file: the given file, $LABRIG_RIG, or the simulated rig of this checkout.
+    """Return the rig file: the given file, $LABRIG_RIG, or the simulated rig of the lab folder.
 
-    The simulated rig is searched for below the working folder, then beside the folder of the protocol.
+    Without a lab folder, the simulated rig is searched for below the working folder, then beside the folder of the
+    protocol.
     """
     named = find_named_rig_file(given)
     if named is not None:
         return named
-    candidates = [SIMULATED_RIG]
+    candidates = [find_in_lab(SIMULATED_RIG)]
     if protocol is not None:
         candidates.append(protocol.resolve().parent.parent / SIMULATED_RIG)
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    raise InputError(f"no rig file given, and {SIMULATED_RIG} is not here", "name one with --rig FILE")
+    raise InputError(
+        f"no rig file given, and {candidates[0]} is not here",
+        "name one with --rig FILE, or make a lab folder: labrig init FOLDER",
+    )
 
 
 @contextmanager

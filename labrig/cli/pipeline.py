@@ -74,7 +74,9 @@ def perform(order: RunOrder) -> FinishedRun:
         When the run cannot begin.
     """
     if order.runs_dir.exists() and not order.runs_dir.is_dir():
-        raise InputError(f"--runs-dir {order.runs_dir} is a file", "name a folder")
+        raise InputError(
+            f"{order.runs_dir} is a file, expected the folder of the runs", "name a folder with --runs-dir"
+        )
     order.experiment.require_parts()
     plan = order.experiment.plan(order.protocol, order.rig)
     if plan.problems:

@@ -1,12 +1,19 @@
 """`labrig check` and `labrig schema`: what protocol and rig file hold, before anything moves."""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RigOption, RunsDirOption, SeedOption, SetOption
+from labrig.cli.lab_version import remark_on_lab_version
+from labrig.cli.options import (
+    ProtocolArgument,
+    RigOption,
+    RunsDirOption,
+    SeedOption,
+    SetOption,
+    find_runs_dir,
+)
 from labrig.cli.output import (
     AsJson,
     failure_document,
@@ -23,9 +30,9 @@ from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
 
 def check(
-    protocol: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (YAML).")],
+    protocol: ProtocolArgument,
     rig: RigOption = None,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     seed: SeedOption = None,
     settings: SetOption = None,
     stops: Annotated[
@@ -50,21 +57,23 @@ def check(
             say(line)
         _print_check(error.problems, (), None, None, faults, {})
         return error.exit_code
+    remark_on_lab_version()
     if description is not None:
         faults += _report_plugin_faults(DRIVES, CAMERAS)
     experiment = find_experiment(loaded.experiment)
     experiment.require_parts()
     now = SystemClock().utc()
-    specimens = prepare_specimens(loaded, description, runs_dir, now)
+    folder = find_runs_dir(runs_dir)
+    specimens = prepare_specimens(loaded, description, folder, now)
     plan = experiment.plan(specimens.protocol, description)
     disk_bytes = estimate_disk_bytes(plan, description)
     problems = (
         *specimens.problems,
         *(plan.problems if plan.refusal is None else (plan.refusal,)),
-        *find_disk_problems(runs_dir, count_needed_bytes(plan, description)),
+        *find_disk_problems(folder, count_needed_bytes(plan, description)),
     )
     warnings = (*specimens.warnings, *plan.warnings, *find_state_warnings(description))
-    report = collect_report(plan, disk_bytes, description, loaded.experiment, runs_dir, now)
+    report = collect_report(plan, disk_bytes, description, loaded.experiment, folder, now)
     if as_json:
         _print_check(problems, warnings, plan.duration_s, disk_bytes, faults, report.document())
     else:

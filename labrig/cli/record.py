@@ -11,7 +11,6 @@ import typer
 from labrig.cli.damage import note_unused, report_damage
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
-    DEFAULT_RUNS_DIR,
     IntrinsicsOption,
     LocalRunArgument,
     LocalRunsArgument,
@@ -23,6 +22,7 @@ from labrig.cli.options import (
     PxPerMmOption,
     RunsDirOption,
     SheathDiameterOption,
+    find_runs_dir,
 )
 from labrig.cli.output import AsJson, print_json, print_line, say
 from labrig.cli.several_runs import add_damage, do_for_each_run
@@ -110,7 +110,7 @@ def import_(
     title: Annotated[
         str | None, typer.Option(help="Title of the runs. Default: the folder's name.", show_default=False)
     ] = None,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Copy the pictures into runs, one for each folder; reanalyze, report and view take them like any other run."""
@@ -127,7 +127,7 @@ def import_(
         roll_sd_deg=roll_sd_deg,
         mask=mask,
         title=title,
-        runs_dir=runs_dir,
+        runs_dir=find_runs_dir(runs_dir),
         command_line=tuple(sys.argv),
     )
     rows = []

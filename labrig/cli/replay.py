@@ -70,7 +70,7 @@ def _print(document: Mapping[str, Any]) -> None:
 def _code(provenance: object) -> dict[str, object]:
     """Return which code made a record, if its provenance holds that."""
     values = provenance if isinstance(provenance, Mapping) else {}
-    return {key: values.get(key) for key in ("labrig", "git_commit", "git_dirty")}
+    return {key: values.get(key) for key in ("labrig", "git_commit", "git_dirty", "source_sha256")}
 
 
 def _print_code(code: Mapping[str, Mapping[str, object]]) -> None:
@@ -94,7 +94,7 @@ def _print_change(change: Mapping[str, str] | None) -> None:
 
 
 def _describe_code(code: Mapping[str, object]) -> str:
-    commit = str(code["git_commit"] or "of no commit")[:12]
+    commit = str(code["git_commit"] or code["source_sha256"] or "of no commit")[:12]
     return f"labrig {_format(code['labrig'])}, {commit}{' with changes' if code['git_dirty'] else ''}"
 
 

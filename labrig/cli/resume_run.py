@@ -164,7 +164,7 @@ def _open_undamaged(path: Path) -> Run:
 
 def _find_sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
     """Return the sources of protocol and rig: those named now, else those named when the run was started."""
-    kept = read_sources(run.manifest)
+    kept = read_sources(run.path, run.manifest)
     if kept is None:
         if rig is None:
             raise InputError(f"{run.path} does not say which rig file it had", "name it with --rig FILE")

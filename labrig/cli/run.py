@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import (
-    DEFAULT_RUNS_DIR,
     LiveOption,
     LocalRunArgument,
     NoPauseOption,
+    ProtocolArgument,
     QuietOption,
     RigOption,
     RunsDirOption,
@@ -18,15 +18,16 @@ from labrig.cli.options import (
     SetOption,
     VerboseOption,
     YesOption,
+    choose_local_runs_dir,
 )
-from labrig.cli.output import AsJson
+from labrig.cli.output import AsJson, say
 from labrig.protocol.formatting import mask_passwords
 
 
 def run(
-    protocol: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (YAML).")],
+    protocol: ProtocolArgument,
     rig: RigOption = None,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     run_name: Annotated[
         str | None,
         typer.Option(
@@ -46,7 +47,11 @@ def run(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
+    chosen = choose_local_runs_dir(runs_dir)
+    if runs_dir is None:  # before the imports, which take a second
+        say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished
+    from labrig.cli.lab_version import remark_on_lab_version
     from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.pipeline import RunOrder, perform
@@ -58,7 +63,8 @@ def run(
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()
-    loaded = require_usable_specimens(loaded, description, runs_dir, SystemClock().utc())
+    remark_on_lab_version()
+    loaded = require_usable_specimens(loaded, description, chosen.path, SystemClock().utc())
     if description is not None:
         remark_on_yes(description, yes=yes)
     experiment = find_experiment(loaded.experiment)
@@ -69,7 +75,7 @@ def run(
         experiment,
         loaded,
         description,
-        runs_dir,
+        chosen.path,
         run_name,
         command_line,
         sources,

@@ -13,12 +13,12 @@ import typer
 from labrig.cli.damage import note_unused, report_damage
 from labrig.cli.next_steps import list_next_steps
 from labrig.cli.options import (
-    DEFAULT_RUNS_DIR,
     LocalRunArgument,
     LocalRunsArgument,
     RunArgument,
     RunsDirOption,
     RunUrlArgument,
+    find_runs_dir,
 )
 from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
 from labrig.cli.progress import ShareReporter, progress_if_slow
@@ -27,6 +27,7 @@ from labrig.cli.runs_log import log
 from labrig.cli.runs_sign import sign, stamp
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
+from labrig.lab.folder import choose_runs_dir, find_lab_folder
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, list_runs
 
@@ -53,7 +54,7 @@ ByOption = Annotated[
 @app.callback(invoke_without_command=True)
 def list_(
     context: typer.Context,
-    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    runs_dir: RunsDirOption = None,
     where: Annotated[
         str | None,
         typer.Option(
@@ -85,10 +86,11 @@ def list_(
     if context.invoked_subcommand is not None:
         return
 
+    folder = find_runs_dir(runs_dir)
     # The modules stay until the end. Without this, collections during a list of 5,000 runs take a tenth of its time.
     gc.freeze()
     with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
-        every = _find(runs_dir, where, sort, show or (), reverse, progress)
+        every = _find(folder, where, sort, show or (), reverse, progress)
     found = every[:limit]
     if as_json:
         print_json([_make_row(run) for run in found])
@@ -98,10 +100,16 @@ def list_(
             say(line)
         if len(found) < len(every):
             say(f"{len(every) - len(found)} more fit")
-    elif where is not None and list_runs(runs_dir):
+    elif where is not None and list_runs(folder):
         say("no run fits")
     else:
-        say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
+        say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
+
+
+def _suggest_first_run() -> str:
+    if find_lab_folder() is None:
+        return "make a lab folder with example protocols: labrig init FOLDER"
+    return "make the first with: labrig run steerability"
 
 
 def _find(

@@ -1,5 +1,6 @@
 """The files that a run is made from: their names are kept in its manifest and used again when it is continued."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from labrig.cli.rigs import load_rig_for
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
+from labrig.lab.folder import find_lab_folder
 from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
@@ -36,25 +38,42 @@ class Sources:
         return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)
 
     def document(self) -> dict[str, object]:
-        """Return the form for the manifest: names as typed, without folders of this computer and passwords."""
-        rig = None if self.rig is None else str(self.rig)
+        """Return the form for the manifest, without passwords; relative names are relative to the lab folder."""
         return {
-            "protocol": str(self.protocol),
-            "rig": rig,
+            "protocol": str(_place_in_lab(self.protocol)),
+            "rig": None if self.rig is None else str(_place_in_lab(self.rig)),
             "settings": list(map(mask_passwords, self.settings)),
             "seed": self.seed,
         }
 
 
-def read_sources(manifest: Mapping[str, object]) -> Sources | None:
-    """Return the sources in the manifest of a run; None for the run of an older labrig, which kept none."""
+def _place_in_lab(path: Path) -> Path:
+    """Return a relative name of a file in the lab folder as one that is relative to that; any other as typed."""
+    lab = find_lab_folder()
+    if path.is_absolute() or lab is None:
+        return path
+    placed = Path(os.path.relpath(path, lab))
+    return path if ".." in placed.parts else placed
+
+
+def read_sources(run: Path, manifest: Mapping[str, object]) -> Sources | None:
+    """Return the sources of a run by its manifest; None for the run of an older labrig, which kept none.
+
+    Files that are not below the working folder are those of the lab folder that holds the run.
+    """
+    lab = find_lab_folder(run)
+
+    def find(name: object) -> Path:
+        path = Path(str(name))
+        return path if path.exists() or lab is None or not (lab / path).exists() else lab / path
+
     kept = manifest.get("sources")
     if not isinstance(kept, Mapping):
         return None
     rig, seed, settings = kept.get("rig"), kept.get("seed"), kept.get("settings")
     return Sources(
-        Path(str(kept.get("protocol"))),
-        None if rig is None else Path(str(rig)),
+        find(kept.get("protocol")),
+        None if rig is None else find(rig),
         tuple(map(str, settings)) if isinstance(settings, list) else (),
         seed if isinstance(seed, int) else None,
     )

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
+from labrig.cli.options import RunsDirOption, find_runs_dir
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
 from labrig.devices.clocks import SystemClock
 from labrig.durable import disk_errors, write_atomically
 from labrig.errors import InputError, OutputExistsError
+from labrig.lab.folder import SPECIMENS, find_in_lab
 from labrig.protocol.specimen_file import (
-    SPECIMENS_DIR,
     SUFFIX,
     SpecimenFile,
     list_specimens,
@@ -78,7 +78,7 @@ def new(
         "usable_until": _add_zone(usable_until),
     }
     specimen = validate_values(values, "labrig specimens new", SpecimenFile)
-    path = SPECIMENS_DIR / f"{name}{SUFFIX}"
+    path = find_in_lab(SPECIMENS) / f"{name}{SUFFIX}"
     _require_new(path, "", "edit it, or give the new block another name: its tracks are kept under it")
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -126,20 +126,22 @@ def list_(as_json: AsJson = False) -> None:
         print_table(heads, cells)
     else:
         say(
-            f"no specimens in {SPECIMENS_DIR}; write the first with: labrig specimens new NAME --gelatin-percent 10"
+            f"no specimens in {find_in_lab(SPECIMENS)}; "
+            "write the first with: labrig specimens new NAME --gelatin-percent 10"
         )
     for fault in faults:
         say_wrapped(f"note: {fault.message}")
 
 
 @app.command("show", help="Show what is known of a specimen, and every track in it.")
-def show(name: NameArgument, runs_dir: RunsDirOption = DEFAULT_RUNS_DIR, as_json: AsJson = False) -> None:
+def show(name: NameArgument, runs_dir: RunsDirOption = None, as_json: AsJson = False) -> None:
     """Show its file, and the tracks that the runs of a folder have left in it: of real runs, and of simulated ones."""
     from labrig.experiments.specimen_tracks import find_tracks
 
     specimen, sha256 = load_specimen(name)
+    folder = find_runs_dir(runs_dir)
     found = {
-        kind: find_tracks(runs_dir, [name], simulated=kind == "simulated") for kind in ("real", "simulated")
+        kind: find_tracks(folder, [name], simulated=kind == "simulated") for kind in ("real", "simulated")
     }
     tracks = {kind: held.tracks[name] for kind, held in found.items()}
     unread = {problem.where: problem for held in found.values() for problem in held.unread}.values()
@@ -169,7 +171,7 @@ def show(name: NameArgument, runs_dir: RunsDirOption = DEFAULT_RUNS_DIR, as_json
                 ],
             )
     if not (any(tracks.values()) or unread):
-        say(f"no run in {runs_dir} has inserted into it")
+        say(f"no run in {folder} has inserted into it")
     for problem in unread:
         say_wrapped(f"note: {problem.where}: its tracks are not known: {problem.message}")
 

@@ -15,12 +15,12 @@ from pydantic import AfterValidator, Field
 
 from labrig.errors import InputError
 from labrig.input_file import read_file
+from labrig.lab.folder import SPECIMENS, find_in_lab
 from labrig.protocol.model import Conflict, Line, Model, Name, NonNegativeMm, Notes, PositiveMm
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
 from labrig.protocol.yaml_tree import MAX_BYTES
 
-SPECIMENS_DIR = Path("data/specimens")
 SUFFIX = ".yaml"
 MOST_TRACKS = 200
 """In all blocks of a protocol: four with 50 holes each. With them its record stays below what a YAML file may have."""
@@ -147,17 +147,24 @@ class SpecimenSection(SpecimenFile):
 
 
 def list_specimen_folders(protocol_folder: Path) -> tuple[Path, ...]:
-    """Return where a protocol's specimens are looked for: below the working folder, then beside its own folder."""
-    return SPECIMENS_DIR, protocol_folder.resolve().parent / SPECIMENS_DIR
+    """Return where a protocol's specimens are looked for: in the lab folder, then beside the protocol's own folder."""
+    return find_in_lab(SPECIMENS), protocol_folder.resolve().parent / SPECIMENS
 
 
-def list_specimens(folder: Path = SPECIMENS_DIR) -> list[str]:
-    """Return the names of the specimens in a folder, in order; none without the folder."""
-    return sorted(path.stem for path in folder.glob(f"*{SUFFIX}") if path.is_file())
+def list_specimens(folder: Path | None = None) -> list[str]:
+    """Return the names of the specimens in a folder, by default the lab's, in order; none without the folder."""
+    return sorted(
+        path.stem for path in (folder or find_in_lab(SPECIMENS)).glob(f"*{SUFFIX}") if path.is_file()
+    )
 
 
-def load_specimen(name: str, folders: Sequence[Path] = (SPECIMENS_DIR,)) -> tuple[SpecimenFile, str]:
+def load_specimen(name: str, given: Sequence[Path] = ()) -> tuple[SpecimenFile, str]:
     """Return the specimen of this name from the first folder that has it, and the SHA-256 of its file.
+
+    Parameters
+    ----------
+    given : sequence of Path
+        The folders; by default the lab's.
 
     Raises
     ------
@@ -171,6 +178,7 @@ def load_specimen(name: str, folders: Sequence[Path] = (SPECIMENS_DIR,)) -> tupl
         _require_file_name(name)
     except ValueError as error:
         raise InputError(f"specimen {name!r}: {error}", _NO_PATH) from error
+    folders = given or (find_in_lab(SPECIMENS),)
     places = (folder / f"{name}{SUFFIX}" for folder in folders)
     path = next((place for place in places if place.is_file()), None)
     if path is None:

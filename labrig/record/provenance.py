@@ -14,6 +14,7 @@ from typing import Any
 
 from labrig import __version__
 from labrig.record.json_lines import plain_text
+from labrig.record.source_digest import digest_sources
 
 _SOURCE_TREE = Path(__file__).parents[2]
 _GIT_TIMEOUT_S = 10.0
@@ -35,15 +36,16 @@ def collect_provenance(
     Returns
     -------
     dict
-        `labrig` (version), `git_commit` and `git_dirty` (of the package's source; None outside a checkout),
-        `command_line`, `python`, `platform`, `host`, `account` (user name, None without one), `packages` {name:
-        version} of labrig's direct dependencies. In a changed checkout also `code_diff_holds` and
-        `code_diff_leaves_out`, the files of `find_code_changes`.
+        `labrig` (version), `source_sha256` (of the installed code, by `digest_sources`), `git_commit` and `git_dirty`
+        (of the package's source; None outside a checkout), `command_line`, `python`, `platform`, `host`, `account`
+        (user name, None without one), `packages` {name: version} of labrig's direct dependencies. In a changed
+        checkout also `code_diff_holds` and `code_diff_leaves_out`, the files of `find_code_changes`.
     """
     changes = find_code_changes() if changes is None else changes
     program = [Path(word).name for word in command_line[:1]]
     return {
         "labrig": __version__,
+        "source_sha256": digest_sources(),
         **_read_git_state(_SOURCE_TREE),
         **(
             {"code_diff_holds": [*changes.changed, *changes.added]}

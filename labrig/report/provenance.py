@@ -40,9 +40,10 @@ def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) 
 
 
 def describe_code(provenance: object) -> str:
-    """Return the version and commit of labrig, and whether it was changed."""
+    """Return version and commit of labrig, and whether it was changed; without a commit, the digest of its code."""
     known = provenance if isinstance(provenance, Mapping) else {}
-    commit = f", commit {known['git_commit']}" if known.get("git_commit") else ""
+    digest = f", code of SHA-256 {known['source_sha256']}" if known.get("source_sha256") else ""
+    commit = f", commit {known['git_commit']}" if known.get("git_commit") else digest
     changed = ", with changes in no commit" if known.get("git_dirty") else ""
     return f"labrig {known.get('labrig', 'of an unknown version')}{commit}{changed}"
 

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from labrig.protocol.specimen_file import SPECIMENS_DIR, SpecimenSection, SpecimenTrack
+from labrig.lab.folder import SPECIMENS
+from labrig.protocol.specimen_file import SpecimenSection, SpecimenTrack
 from tests.protocol.designs import SWEEP
 
 CAST_ON = "2026-11-20T09:30+01:00"
@@ -10,7 +11,7 @@ CAST_ON = "2026-11-20T09:30+01:00"
 
 def write_specimen(root: Path, name: str = "A1", lines: str = "") -> Path:
     """Write a specimen file of 10 % gelatin below a root folder, some lines added."""
-    path = root / SPECIMENS_DIR / f"{name}.yaml"
+    path = root / SPECIMENS / f"{name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(f"name: {name}\ngelatin_percent: 10\ncast_on: {CAST_ON}\n{lines}", encoding="utf-8")
     return path

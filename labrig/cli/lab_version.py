@@ -1,0 +1,31 @@
+"""What is said of a lab folder whose files another version of labrig wrote."""
+
+from labrig import __version__
+from labrig.cli.output import say_wrapped
+from labrig.errors import InputError
+from labrig.lab.folder import find_lab_folder
+from labrig.lab.making import suggest_update
+from labrig.lab.marker import read_marker
+
+
+def remark_on_lab_version() -> None:
+    """Say if an older or a newer labrig wrote the examples and schemas of the lab folder, and what to do about it."""
+    lab = find_lab_folder()
+    if lab is None:
+        return
+    try:
+        marker = read_marker(lab)
+    except InputError as error:
+        say_wrapped(f"note: {error.message}; {error.hint}")
+        return
+    if marker is None:
+        return
+    if marker.is_newer_than(__version__):
+        remedy = f"install labrig {marker.labrig} or a newer one"
+    elif marker.is_older_than(__version__):
+        remedy = f"bring them up to date: {suggest_update(lab)}"
+    else:
+        return
+    say_wrapped(
+        f"note: schemas and examples of this lab folder are of labrig {marker.labrig}, this is {__version__}; {remedy}"
+    )

@@ -1,0 +1,100 @@
+"""`labrig init`, and what the other commands do in a lab folder, in one of another version, and in none."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from labrig.lab.folder import MARKER, RUNS_DIR_VARIABLE
+from tests.cli.conftest import Labrig
+
+
+@pytest.fixture
+def lab(labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a lab folder, and work in it."""
+    monkeypatch.chdir(tmp_path)
+    for name in (RUNS_DIR_VARIABLE, "LABRIG_RIG"):
+        monkeypatch.delenv(name, raising=False)
+    made = labrig("init", "my lab", "--json")
+    assert made.exit_code == 0
+    assert "protocols/steerability.yaml" in made.json()["added"]
+    monkeypatch.chdir(tmp_path / "my lab")
+    return tmp_path / "my lab"
+
+
+def test_a_protocol_is_named_in_any_folder_of_the_lab(
+    lab: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protocol, rig, calibration and runs are those of the lab folder; what was probably meant is named."""
+    monkeypatch.chdir(lab / "data")
+    checked = labrig("check", "steerability", "--json")
+    assert (checked.exit_code, checked.json()["ok"]) == (0, True)
+    assert checked.err.strip() == f"runs: ../data/runs, in the lab folder {lab}"
+    assert "did you mean steerability?" in labrig("run", "sterability").err
+    assert (
+        labrig("runs")
+        .err.splitlines()[-1]
+        .startswith(f"no runs in ../data/runs, in the lab folder {lab}; make")
+    )
+
+
+def test_the_schemas_of_a_lab_folder_are_where_its_files_name_them(lab: Path) -> None:
+    """An editor completes each YAML file by its first line, and new files by the settings."""
+    settings = json.loads((lab / ".vscode/settings.json").read_text(encoding="utf-8"))
+    assert all((lab / schema).is_file() for schema in settings["yaml.schemas"])
+    for file in (*lab.glob("protocols/*.yaml"), *lab.glob("calibration/*.yaml")):
+        named = file.read_text(encoding="utf-8").splitlines()[0].partition("$schema=")[2]
+        assert (file.parent / named).is_file(), file
+
+
+def test_without_a_lab_folder_labrig_says_how_to_make_one(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A protocol that is only named is wrong input then; the list of runs says where it has looked."""
+    monkeypatch.chdir(tmp_path)
+    refused = labrig("run", "steerability")
+    assert refused.exit_code == 2
+    assert "labrig init FOLDER" in refused.err
+    assert "no runs in data/runs, there is no lab folder here or above" in labrig("runs").err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("made_by", "remedy"),
+    [
+        ("0.0.1", "bring them up to date: labrig init --update"),
+        ("99.1", "install labrig 99.1 or a newer one"),
+    ],
+)
+def test_a_lab_folder_of_another_labrig_is_named(
+    lab: Path, labrig: Labrig, made_by: str, remedy: str
+) -> None:
+    """A check works all the same, and says what brings the two together."""
+    marker = json.loads((lab / MARKER).read_text(encoding="utf-8"))
+    (lab / MARKER).write_text(json.dumps({**marker, "labrig": made_by}), encoding="utf-8")
+    checked = labrig("check", "steerability")
+    assert checked.exit_code == 0
+    assert f"are of labrig {made_by}, this is" in checked.err
+    assert remedy in checked.err
+
+
+def test_an_update_names_what_it_kept(lab: Path, labrig: Labrig) -> None:
+    """The example that labrig has now can be compared with the changed file."""
+    changed = lab / "protocols" / "design.yaml"
+    changed.write_text("# ours\n", encoding="utf-8")
+    marker = json.loads((lab / MARKER).read_text(encoding="utf-8"))
+    marker["files"]["protocols/design.yaml"] = "0" * 64
+    (lab / MARKER).write_text(json.dumps({**marker, "labrig": "0.0.1"}), encoding="utf-8")
+    updated = labrig("init", "--update")
+    assert updated.exit_code == 0
+    assert "kept      protocols/design.yaml" in updated.out
+    assert "diff protocols/design.yaml" in updated.err
+    assert changed.read_text(encoding="utf-8") == "# ours\n"
+
+
+def test_a_lab_folder_is_not_made_twice(lab: Path, labrig: Labrig) -> None:
+    """The hint brings it up to date instead."""
+    refused = labrig("init")
+    assert refused.exit_code == 2
+    assert refused.err.splitlines()[-1] == "hint: bring it up to date: labrig init --update"
+    assert labrig("init", "--update").exit_code == 0

@@ -140,7 +140,7 @@ def _unused() -> None:
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Run a command line and return its exit code: 0 to 5 or 130, as listed in README."""
+    """Run a command line and return its exit code: 0 to 5 or 130, as the manual lists them."""
     try:
         with raise_on_signals():
             return _invoke(arguments)

@@ -19,7 +19,7 @@ def shelf(sweep: SweepRun, tmp_path: Path) -> Path:
 
 
 def test_runs_are_filtered_and_sorted(labrig: Labrig, shelf: Path) -> None:
-    """The condition of the README finds the runs, and lists the fields that it uses."""
+    """The condition of the manual finds the runs, and lists the fields that it uses."""
     labrig("runs", "tag", shelf / "two", "-t", "pilot")
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=19 and tag=pilot", "--json")
     (row,) = done.json()

@@ -88,13 +88,12 @@ def test_it_is_small() -> None:
     assert sum(path.stat().st_size for path in FIRST.rglob("*") if path.is_file()) < 300_000
 
 
-def test_the_example_of_the_readme_runs_on_it(copy: Path) -> None:
-    """The Python of the README, word for word, reads it and draws a figure."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = text[text.index("## In Python") :]
-    example = section[section.index("```python\n") + len("```python\n") :]
-    (copy.parent / "data").mkdir()
-    copy.rename(copy.parent / "data" / "first-record")
+def test_the_example_of_the_manual_runs_on_it(copy: Path) -> None:
+    """The Python of the manual, word for word, reads it and draws a figure."""
+    text = (ROOT / "labrig" / "manual" / "howto" / "export.md").read_text(encoding="utf-8")
+    example = text[text.index("```python\n") + len("```python\n") :]
+    (copy.parent / "data" / "runs").mkdir(parents=True)
+    copy.rename(copy.parent / "data" / "runs" / "first")
     script = copy.parent / "example.py"
     script.write_text(example[: example.index("```")], encoding="utf-8")
     done = subprocess.run(
@@ -103,4 +102,4 @@ def test_the_example_of_the_readme_runs_on_it(copy: Path) -> None:
     )  # fmt: skip
     assert "the needle advanced for" in done.stdout
     assert "27.77" in done.stdout
-    assert (copy.parent / "first-record.png").stat().st_size > 10_000
+    assert (copy.parent / "first.png").stat().st_size > 10_000

@@ -58,6 +58,8 @@ _STEP_REACH = 2
 _MOST_TRIES = 4
 # Least share of the crossings that the windows let expect, and the share below which lines are taken for faint.
 _LEAST_CONFIRMED, _MANY_CONFIRMED = 0.25, 0.6
+# Lines further apart than others by this factor are other lines: the least multiple is two.
+_COARSER = 1.4
 # Crossings that the grid may grow beyond the windows that were followed.
 _MARGIN = 8
 # A crossing is left out if it is this many times the median distance from where its neighbours predict it.
@@ -133,7 +135,7 @@ def _find_crossings(image: Picture, darkness: Density) -> Crossings:
     # What the ink is refused for says nothing against a grid that darkness shows.
     with suppress(MeasurementRefusedError) if best is not None else nullcontext():
         ink = _find_grid(measure_ink(image), image)
-        if ink is not None and (best is None or ink[1] > best[1]):
+        if ink is not None and (best is None or (ink[1] > best[1] and _is_as_fine(ink[0], best[0]))):
             return _doubt_fine_lines(ink[0])
     if best is not None:
         return best[0]
@@ -141,6 +143,11 @@ def _find_crossings(image: Picture, darkness: Density) -> Crossings:
         "no grid of ruled lines in the picture",
         "fill it with sharp, evenly lit graph paper, close enough that the nearest lines are 4 px apart or more",
     )
+
+
+def _is_as_fine(ink: Crossings, found: Crossings) -> bool:
+    """Return whether the smoothed ink shows lines as close as those that darkness shows."""
+    return ink.pitch_px < _COARSER * found.pitch_px
 
 
 def _doubt_fine_lines(found: Crossings) -> Crossings:

@@ -117,8 +117,11 @@ class Harmonics:
         waves = np.exp(2j * np.pi * np.array(list(frequencies))[:, None] * places)
         return np.asarray(2.0 * (waves @ (taper * density)) / taper.sum())
 
-    def excess(self, number: int) -> tuple[float, float, float, float]:
-        """Return a harmonic's excess over what its neighbours predict, the noise of that, their size and the least."""
+    def excess(self, number: float) -> tuple[float, float, float, float]:
+        """Return a harmonic's excess over what its neighbours predict, the noise of that, their size and the least.
+
+        Between harmonics, where `number` is no whole one, the neighbours are whole steps away too.
+        """
         near = self.at(number + np.arange(-2.0, 3.0)).real
         # Harmonics of a broad line fall so steeply that their trend runs below zero: nothing would exceed it by itself.
         predicted = max((4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0, 0.0)
@@ -126,7 +129,7 @@ class Harmonics:
         beside = np.delete(near, 2)
         return float(near[2] - predicted), noise, float(np.abs(beside).mean()), float(beside.min())
 
-    def noise(self, number: int) -> float:
+    def noise(self, number: float) -> float:
         """Return the standard deviation of the noise of a harmonic, from what is beside it."""
         return float(np.sqrt(np.mean(np.abs(self.at(number + np.array(_NOISE_AT))) ** 2) / 2.0))
 

@@ -3,7 +3,8 @@
 Lines drawn over every second or third printed line hide that the printed ones go on between them: they are far
 fainter. The scale would be wrong by two or three without any residual. The mean profile across the lines shows them
 where they are resolved. Where blur runs them together, its spectrum does: the logarithms of the harmonics of single
-lines fall with the square of their number, and the second to tenth is larger than that if there are two to ten lines.
+lines fall with the square of their number, and the second to twelfth is larger than that if there are two to twelve
+lines.
 
 Where noise or blur leaves open whether a harmonic is larger, the picture cannot tell a plain grid from one that a pen
 has drawn over finer lines.
@@ -20,7 +21,7 @@ from labrig.vision.line_profile import Comb, Harmonics, Profile
 
 _FloatArray = NDArray[np.float64]
 
-_NUMBERS = tuple(range(2, 11))
+_NUMBERS = tuple(range(2, 13))
 # Half the width of what is looked at around a place [px]: beyond it, light changes slowly.
 _REACH_PX = 6.0
 _LEAST_PLACES = 5
@@ -34,7 +35,7 @@ _HARMONICS = (2, 3, 4, 5)
 _LEAST_RATIO, _LEAST_OVER_NOISE, _LEAST_WAVE_PX = 0.1, 5.0, 1.9
 _LEAST_RATIO_SIGMAS = 4.0
 # Of more lines a high harmonic tells, which the form of thick lines raises too: light and density must agree on it.
-_HIGH_HARMONICS = (6, 7, 8, 9, 10)
+_HIGH_HARMONICS = (6, 7, 8, 9, 10, 11, 12)
 # Finer lines of at least this share of the weight of the lines counted are to be excluded, so surely: harmonics of
 # single lines vary by 0.04, those of the faintest lines midway between them by 0.11. Closer lines than this are not
 # looked for, or no plain lines under 5 px would be told; further ones are seen in the profile.
@@ -177,7 +178,8 @@ def average(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
 def _compare_harmonic(family: Harmonics, number: int, thin: bool) -> tuple[float, float] | None:
     """Return the logarithm of a harmonic over what those beside it predict of single lines, and its standard error.
 
-    None if one of them is lost in noise, or, with `thin`, if the lines are so thick that they alone raise it.
+    None if one of them is lost in noise, or, with `thin`, if the lines are so thick that they alone raise it. The one
+    after it may be lost if it exceeds the one before it, as no harmonic of single lines does.
     """
     near = number + np.array([-1.0, 0.0, 1.0])
     after = _weigh_beyond(number)
@@ -185,8 +187,10 @@ def _compare_harmonic(family: Harmonics, number: int, thin: bool) -> tuple[float
     noise = family.noise(number + 1)
     # Thick lines have harmonics below zero, and next to these a weak one.
     thick = double < -_MOST_BELOW_ZERO * noise
-    if min(before, here, beyond) < _LEAST_OVER_NOISE * noise or (thin and thick):
+    least = _LEAST_OVER_NOISE * noise
+    if min(before, here, max(beyond, here - before)) < least or (thin and thick):
         return None
+    beyond = max(beyond, least)
     ratio = np.log(here) - (1.0 - after) * np.log(before) - after * np.log(beyond)
     return float(ratio), float(noise * np.hypot(1.0 / here, after / beyond))
 

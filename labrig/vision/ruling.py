@@ -21,7 +21,7 @@ from labrig.vision.grid_tracking import TrackedGrid
 from labrig.vision.line_density import Density
 from labrig.vision.line_profile import ACROSS, Comb, Harmonics, LineTable, Profile, measure_profile, sample
 from labrig.vision.lines_between import Spectra, find_undecided, require_no_lines_between
-from labrig.vision.uneven_lines import require_even_lines
+from labrig.vision.uneven_lines import require_even_lines, require_finer_lines
 
 _FloatArray = NDArray[np.float64]
 
@@ -163,6 +163,7 @@ def read_ruling(density: Density, grid: TrackedGrid) -> Ruling:
     )
     undecided = _require_no_others(density, grid, profiles, lines, rhythm) if hidden == 1 else ()
     if hidden > 1:
+        require_finer_lines(harmonics, hidden)
         # With a rhythm of two, these are lines of 5 and 10 mm: the finest lie between all of them.
         rhythm, unresolved = Rhythm(hidden, hidden * (rhythm.heaviest if rhythm else 1)), ()
     return Ruling(steps, offsets, hidden, rhythm, unresolved, undecided, thickness, width)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betainc
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.grid_tracking import TrackedGrid
@@ -58,6 +59,8 @@ _FAINTEST_FINE = 0.18
 _RHYTHMS = tuple(range(2, 13))
 # Least share of the variance of the lines' weights that a rhythm explains, and how little less than the best it may.
 _LEAST_RHYTHM, _AS_GOOD = 0.5, 0.9
+# Few lines have some rhythm by chance: 0.01 for lines that a pen drew, 4e-5 at the most for printed rhythms.
+_LARGEST_CHANCE = 1e-3
 _LEAST_HEAVIER = 1.15
 # Number of lines with which the weight of a line is compared: light and focus change slowly.
 _AROUND = 20
@@ -345,13 +348,19 @@ def _average(weights: _FloatArray, every: int) -> _FloatArray:
 
 
 def _explain(weights: _FloatArray, every: int) -> float:
-    """Return the share of the variance of the weights that a rhythm explains, less what it would explain of noise."""
+    """Return the share of the variance of the weights that a rhythm explains, less what it would explain of noise.
+
+    0 if noise would be explained as well with a probability that counts, by the F test of an analysis of variance.
+    """
     seen = np.flatnonzero(np.isfinite(weights))
     if len(seen) < 2 * every or not np.isfinite(_average(weights, every)).all():
         return 0.0
     left = weights[seen] - _average(weights, every)[seen % every]
     free = (len(seen) - every) / (len(seen) - 1)
-    return float(1.0 - np.mean(left**2) / max(float(np.var(weights[seen])), np.finfo(float).tiny) / free)
+    share = float(np.mean(left**2)) / max(float(np.var(weights[seen])), np.finfo(float).tiny)
+    # The share that is left of noise is a beta variable.
+    chance = float(betainc(0.5 * (len(seen) - every), 0.5 * (every - 1), min(share, 1.0)))
+    return 1.0 - share / free if chance < _LARGEST_CHANCE else 0.0
 
 
 def _read_rhythm(means: _FloatArray) -> Rhythm | None:

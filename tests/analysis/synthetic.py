@@ -222,7 +222,8 @@ def record_calibration(
 ) -> Run:
     """Record a camera calibration by the simulated world's camera into `folder/calibration` and open it.
 
-    `last` is the plane map of the rig when the run begins.
+    Without `hold_board` the graph paper is photographed in place of the board: bare gel would take OpenCV's search for
+    a board forty times as long. `last` is the plane map of the rig when the run begins.
     """
     text = f"""
 schema_version: 1
@@ -252,6 +253,8 @@ plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
     for view in range(views):
         if hold_board:
             world.hold_board(view, 9, 6, 4.0)
+        else:
+            world.lay_graph_paper(1.0)
         recorder.frame(world.picture(), float(view), trial=None, role="board")
     if views:
         world.lay_graph_paper(1.0)

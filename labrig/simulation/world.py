@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -81,9 +82,17 @@ class World:
         self._scene: _View | None = None
         self._backdrop: tuple[tuple[str, float, float], Backdrop] | None = None
         self._pictures: dict[str, int] = {}
-        self._white = draw_light(description.light, description.lens) * np.float32(description.light.level)
-        size_px = (description.lens.width_px, description.lens.height_px)
-        self._sensor = Sensor(seed, size_px, description.noise_sd, description.light.level)
+
+    # Drawn with the first picture: they take most of the time in which a world is made, and few worlds are looked at.
+    @cached_property
+    def _white(self) -> Field32:
+        light, lens = self.description.light, self.description.lens
+        return draw_light(light, lens) * np.float32(light.level)
+
+    @cached_property
+    def _sensor(self) -> Sensor:
+        lens, level = self.description.lens, self.description.light.level
+        return Sensor(self._seed, (lens.width_px, lens.height_px), self.description.noise_sd, level)
 
     def mount_needle(self, needle_id: str) -> None:
         """Clamp a needle into the instrument, which starts without a needle; its bevel is not wound up.

@@ -82,13 +82,12 @@ class ObjectDictionary:
     ) -> None:
         self._table = table
         self._entries = {(entry.index, entry.subindex): entry for entry in table.entries}
-        self._highest_subindex = {
-            index: max(sub for i, sub in self._entries if i == index) for index, _ in self._entries
-        }
+        self._highest_subindex = dict(sorted(self._entries))  # of one index the last counts
         self._while_unpowered = table.while_unpowered | frozenset(_SIGNATURES)
         with_node = frozenset((*_COB_IDS, co.EMERGENCY_ID, co.SDO_REQUEST_ID, co.SDO_RESPONSE_ID))
         # What this drive lacks has the standard's defaults behind the scenes: motion needs them, and nobody can ask.
-        every = (*(e for e in co.STANDARD if e not in set(table.entries)), *table.entries)
+        own = frozenset(table.entries)
+        every = (*(e for e in co.STANDARD if e not in own), *table.entries)
         self._defaults = {e: e.default + node_id * (e in with_node) for e in every}
         self._fixed = dict(fixed)
         self._live = live

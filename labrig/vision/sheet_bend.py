@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 
 from labrig.vision.plane import Bend
 from labrig.vision.plane_fit import PlaneFit
@@ -31,13 +31,14 @@ _LEAST_SMOOTH_SHARE = 0.1
 # A crossing this many typical residuals off does not count.
 _OUTLIER = 4.0
 _MAD_TO_SIGMA = 1.4826
+# Where the camera is known, a bend whose height is not above zero by so many standard deviations is none.
+_LEAST_SIGMAS = 3.0
 # Standard deviations of the prior: heights as shares of the camera's distance, the camera's foot from the sheet's
 # middle in halves of its diagonal, and the parameters of the plane fit, which are of the order of one.
 _PLAUSIBLE_HEIGHT = 0.1
 _PLAUSIBLE_FOOT = 1.5
 _PLAUSIBLE_MOVE = 1.0
-# Iterations of the correction for the sheet's shortening by its slope, and the highest order of its polynomial.
-_SHORTENINGS = 3
+# The highest order of the polynomial for the sheet's shortening by its slope.
 _MOST_SHORTENING_ORDER = 7
 _DIFFERENCE = 1e-5
 _FEET = tuple(product((-1.2, -0.4, 0.4, 1.2), repeat=2))
@@ -94,6 +95,8 @@ def find_bend(
 ) -> Bend | None:
     """Return the sheet's bend; None if left-out crossings are predicted as well without a bend.
 
+    With a known camera also None if the height is not significant: a bend whose height nothing bounds explains nothing.
+
     Parameters
     ----------
     px : ndarray (N, 2)
@@ -149,48 +152,96 @@ def _pixel(px: _FloatArray, number: int) -> tuple[float, float]:
     return float(px[number, 0]), float(px[number, 1])
 
 
-def _add_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, half_mm: float) -> Bend:
-    """Return the bend with its height, corrected for the sheet's shortening by its own slope."""
-    first = surface = _fit_surface(sheet, bend.order)
-    for _ in range(_SHORTENINGS):
-        shorter = replace(sheet, off=sheet.off + _find_shortening(sheet, surface, distance_mm / half_mm))
-        surface = _fit_surface(shorter, bend.order)
+def _add_height(
+    bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, half_mm: float
+) -> Bend | None:
+    """Return the bend with its height, corrected for the sheet's shortening by its own slope; None if insignificant."""
+    first = _fit_surface(sheet, bend.order)
+    surface = _fit_shortened(sheet, first, distance_mm / half_mm)
     before, heights = (_remove_plane(sheet, found.heights(sheet)) for found in (first, surface))
     high, low = int(np.argmax(heights)), int(np.argmin(heights))
     # The shortening is known to first order only, so its whole effect counts as uncertain.
-    change = float((heights[high] - heights[low]) - (before[high] - before[low]))
-    sigma = _estimate_sigma(sheet, surface, (high, low), bend.holdout_rms_mm / half_mm)
+    height = float(heights[high] - heights[low])
+    change = height - float(before[high] - before[low])
+    sigma = float(
+        np.hypot(_estimate_sigma(sheet, surface, (high, low), bend.holdout_rms_mm / half_mm), change)
+    )
+    if not height > _LEAST_SIGMAS * sigma:
+        return None
     return replace(
         bend,
-        height_mm=distance_mm * float(heights[high] - heights[low]),
-        sigma_mm=distance_mm * float(np.hypot(sigma, change)),
+        height_mm=distance_mm * height,
+        sigma_mm=distance_mm * sigma,
         highest_px=_pixel(px, high),
         lowest_px=_pixel(px, low),
     )
 
 
-def _find_shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _FloatArray:
-    """Return how much further out (N, 2) places are along the sheet than in projection: paper does not stretch.
+def _fit_shortened(sheet: _Sheet, first: _Surface, distance: float) -> _Surface:
+    """Return the surface fitted together with its own shortening, from one that was fitted without.
 
-    This is the least-squares displacement whose strain is half the square of the slope (Foeppl, von Karman);
+    The two are fitted at once: to correct the places and fit again in turns diverges on all but the gentlest sheets.
     `distance` is the camera's, in halves of the diagonal.
     """
-    slopes = distance * np.stack(_differentiate(sheet, surface), axis=1)
-    order = min(2 * surface.order - 1, _MOST_SHORTENING_ORDER)
-    terms = _legendre(sheet.places, 1, order)
-    right, down = _differentiate_legendre(sheet.places, 1, order)
-    none = np.zeros_like(terms)
-    strain = np.block([[right, none], [none, down], [down, right]])
-    wanted = np.concatenate((0.5 * slopes[:, 0] ** 2, 0.5 * slopes[:, 1] ** 2, slopes[:, 0] * slopes[:, 1]))
-    found = np.linalg.lstsq(strain, wanted, rcond=None)[0]
-    return np.asarray(terms @ found.reshape(2, -1).T)
+    shortening = _Shortening.of(sheet, first.order, distance)
+    count = len(first.moves)
+    pull = (first.foot - sheet.places)[:, :, None] * sheet.columns(first.order)[:, None, :]
+    held = np.repeat([1.0 / _PLAUSIBLE_MOVE, 1.0 / _PLAUSIBLE_HEIGHT], (count, len(first.coefficients)))
+
+    def residuals(at: _FloatArray) -> _FloatArray:
+        places = sheet.off + sheet.moves @ at[:count] + pull @ at[count:] + shortening.places(at[count:])
+        return np.concatenate((places.ravel() / sheet.noise, held * at))
+
+    def jacobian(at: _FloatArray) -> _FloatArray:
+        slopes = np.concatenate((sheet.moves, pull + shortening.derivatives(at[count:])), axis=2)
+        return np.vstack((slopes.reshape(-1, len(at)) / sheet.noise, np.diag(held)))
+
+    start = np.concatenate((first.moves, first.coefficients))
+    found = np.asarray(least_squares(residuals, start, jacobian, method="lm").x)
+    return replace(first, moves=found[:count], coefficients=found[count:])
 
 
-def _differentiate(sheet: _Sheet, surface: _Surface) -> list[_FloatArray]:
-    """Return the slopes of the heights along either axis, minus those of the best plane."""
-    level = np.linalg.lstsq(_plane_terms(sheet), surface.heights(sheet), rcond=None)[0]
-    gradient = _differentiate_legendre(sheet.places, 2, surface.order)
-    return [terms @ surface.coefficients - level[axis] for axis, terms in enumerate(gradient)]
+@dataclass(frozen=True, eq=False)
+class _Shortening:
+    """How much further out places are along the sheet than in projection: paper does not stretch.
+
+    This is the least-squares displacement whose strain is half the square of the slope (Foeppl, von Karman). `slopes`
+    (2, N, K) are those of the height's terms along either axis, against the best plane; the displacement has the terms
+    (N, T), and `solver` (2 T, 3 N) gives their coefficients for a strain.
+    """
+
+    slopes: _FloatArray
+    terms: _FloatArray
+    solver: _FloatArray
+
+    @classmethod
+    def of(cls, sheet: _Sheet, order: int, distance: float) -> "_Shortening":
+        level = np.linalg.lstsq(_plane_terms(sheet), sheet.columns(order), rcond=None)[0]
+        gradient = np.stack(_differentiate_legendre(sheet.places, 2, order))
+        highest = min(2 * order - 1, _MOST_SHORTENING_ORDER)
+        right, down = _differentiate_legendre(sheet.places, 1, highest)
+        none = np.zeros_like(right)
+        strain = np.block([[right, none], [none, down], [down, right]])
+        return cls(
+            distance * (gradient - level[:2, None]),
+            _legendre(sheet.places, 1, highest),
+            np.linalg.pinv(strain),
+        )
+
+    def places(self, coefficients: _FloatArray) -> _FloatArray:
+        """Return the displacements (N, 2)."""
+        x, y = self.slopes @ coefficients
+        return self._displace(np.concatenate((0.5 * x**2, 0.5 * y**2, x * y))[:, None])[..., 0]
+
+    def derivatives(self, coefficients: _FloatArray) -> _FloatArray:
+        """Return the derivatives (N, 2, K) of the displacements by the coefficients."""
+        x, y = (self.slopes @ coefficients)[..., None]
+        along_x, along_y = self.slopes
+        return self._displace(np.concatenate((x * along_x, y * along_y, x * along_y + y * along_x)))
+
+    def _displace(self, strain: _FloatArray) -> _FloatArray:
+        found = (self.solver @ strain).reshape(2, self.terms.shape[1], -1)
+        return np.asarray((self.terms @ found).transpose(1, 0, 2))
 
 
 def _legendre(places: _FloatArray, lowest: int, order: int) -> _FloatArray:

@@ -74,21 +74,33 @@ def find_runs_dir(given: Path | None) -> Path:
 
 
 def _find_protocol(given: Path) -> Path:
-    """Return a protocol file: the given one, or the one of that name in the lab folder."""
-    if given.is_file() or len(given.parts) != 1:
-        return given
+    """Return a protocol file: the given one, or the one of that name in the lab folder.
+
+    Raises
+    ------
+    InputError
+        When it is a name without suffix, and there is no such protocol; says which was probably meant.
+    """
+    with suppress(OSError):  # a name that no file can have: whoever reads it says so
+        if len(given.parts) == 1 and not given.is_file():
+            return _find_in_lab_folder(given)
+    return given
+
+
+def _find_in_lab_folder(name: Path) -> Path:
     folder = find_in_lab(PROTOCOLS)
-    named = folder / (given if given.suffix else given.with_suffix(_YAML))
-    if named.is_file():
-        return named
-    near = get_close_matches(given.stem, _list_protocols(), 1)
+    file = folder / (name if name.suffix else f"{name}{_YAML}")
+    if file.is_file() or name.suffix:
+        return file if file.is_file() else name
+    known = _list_protocols()
+    near = get_close_matches(name.name, known, 1)
     if near:
         hint = f"did you mean {near[0]}?"
     elif find_lab_folder() is None:
         hint = "there is no lab folder here or above; make one, with example protocols: labrig init FOLDER"
     else:
-        hint = f"there are {', '.join(_list_protocols())}"
-    raise InputError(f"there is no protocol {given}, neither here nor in {folder}", hint)
+        hint = f"there are {', '.join(known)}" if known else "labrig init --update adds the examples"
+    raise InputError(f"there is no protocol {name}, neither here nor in {folder}", hint)
 
 
 def _list_protocols() -> list[str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from labrig.cli.sources import Sources, read_sources
 from labrig.lab.folder import MARKER, RUNS_DIR_VARIABLE
 from tests.cli.conftest import Labrig
 
@@ -36,6 +37,33 @@ def test_a_protocol_is_named_in_any_folder_of_the_lab(
         .err.splitlines()[-1]
         .startswith(f"no runs in ../data/runs, in the lab folder {lab}; make")
     )
+
+
+def test_a_manifest_names_its_sources_from_the_lab_folder(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever in the lab folder a run was started, it can be resumed from any other folder."""
+    monkeypatch.chdir(lab / "data")
+    typed = Sources(Path("../protocols/design.yaml"), Path("../calibration/rig-simulated.yaml"), (), None)
+    kept = typed.document()
+    assert (kept["protocol"], kept["rig"]) == ("protocols/design.yaml", "calibration/rig-simulated.yaml")
+    monkeypatch.chdir(lab.parent)
+    found = read_sources(Path("my lab/data/runs/one"), {"sources": kept})
+    assert found.protocol.samefile(lab / "protocols/design.yaml")
+    assert found.rig.samefile(lab / "calibration/rig-simulated.yaml")
+    for elsewhere in (lab.parent / "a.yaml", Path("../a.yaml")):
+        assert Sources(elsewhere, None, (), None).document()["protocol"] == str(elsewhere)
+
+
+def test_the_folder_of_the_runs_may_be_set_for_a_session(
+    lab: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commands say so; a folder of another computer is refused, as for --runs-dir."""
+    monkeypatch.setenv(RUNS_DIR_VARIABLE, "elsewhere")
+    assert labrig("runs").err.startswith("runs: elsewhere, as LABRIG_RUNS_DIR says")
+    assert "there is no run one, neither here nor in elsewhere" in labrig("report", "one").err
+    monkeypatch.setenv(RUNS_DIR_VARIABLE, "s3://lab/runs")
+    refused = labrig("run", "steerability")
+    assert refused.exit_code == 2
+    assert "LABRIG_RUNS_DIR s3:" in refused.err
 
 
 def test_the_schemas_of_a_lab_folder_are_where_its_files_name_them(lab: Path) -> None:

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.damage import note_unused, report_damage, require_undamaged
+from labrig.cli.missing_package import require_package
 from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
@@ -154,8 +154,7 @@ def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: boo
             "--record copies all of a run, and --private leaves something out",
             "export tables: --csv --private",
         )
-    if mcap and find_spec("mcap") is None:
-        raise InputError(
-            "MCAP files need a package that is not installed",
-            "pip install mcap; in the checkout of labrig: pip install -e '.[mcap]'",
-        )
+    if mcap:
+        require_package("mcap", "mcap", "--mcap")
+    if "parquet" in formats:
+        require_package("pyarrow", "pyarrow", "--parquet")

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import (
+    LiveKind,
     LiveOption,
     LocalRunArgument,
     NoPauseOption,
@@ -48,6 +49,7 @@ def run(
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_local_runs_dir(runs_dir)
+    _require_viewer(live)
     if runs_dir is None:  # before the imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished
@@ -85,6 +87,14 @@ def run(
     return print_finished(perform(order), experiment, as_json)
 
 
+def _require_viewer(live: LiveKind | None) -> None:
+    """Refuse `--live` before anything moves if the viewer's library is not installed."""
+    if live is not None:
+        from labrig.cli.missing_package import require_package
+
+        require_package("rerun", "rerun-sdk", "--live")
+
+
 def resume(
     run_path: LocalRunArgument,
     protocol: Annotated[
@@ -99,6 +109,7 @@ def resume(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
+    _require_viewer(live)
     from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.resume_run import resume_and_print

@@ -38,8 +38,9 @@ def collect_provenance(
     dict
         `labrig` (version), `source_sha256` (of the installed code, by `digest_sources`), `git_commit` and `git_dirty`
         (of the package's source; None outside a checkout), `command_line`, `python`, `platform`, `host`, `account`
-        (user name, None without one), `packages` {name: version} of labrig's direct dependencies. In a changed
-        checkout also `code_diff_holds` and `code_diff_leaves_out`, the files of `find_code_changes`.
+        (user name, None without one), `packages` {name: version} of labrig's direct dependencies, as far as they are
+        installed. In a changed checkout also `code_diff_holds` and `code_diff_leaves_out`, the files of
+        `find_code_changes`.
     """
     changes = find_code_changes() if changes is None else changes
     program = [Path(word).name for word in command_line[:1]]
@@ -177,7 +178,15 @@ def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> b
 def _read_package_versions() -> dict[str, str]:
     requirements = metadata.requires("labrig") or ()
     names = (_parse_distribution_name(text) for text in requirements if "extra ==" not in text)
-    return {name: metadata.version(name) for name in sorted(names)}
+    versions = {name: _read_version(name) for name in sorted(names)}
+    return {name: version for name, version in versions.items() if version is not None}
+
+
+def _read_version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:  # one that only some commands need
+        return None
 
 
 def _parse_distribution_name(requirement: str) -> str:

@@ -1,0 +1,38 @@
+"""Packages that labrig is installed with, and of which some take hundreds of MB: a command that needs one says so."""
+
+from importlib import metadata
+from importlib.util import find_spec
+
+from packaging.requirements import Requirement
+
+from labrig.errors import InputError
+
+
+def require_package(module: str, package: str, what: str) -> None:
+    """Refuse what needs a package that is not installed.
+
+    Parameters
+    ----------
+    module : str
+        The module of the package, which is not imported.
+    package : str
+        Its name, as labrig's dependencies or extras have it.
+    what : str
+        What needs it, as the subject of a sentence.
+
+    Raises
+    ------
+    InputError
+        With the command that installs a version that fits.
+    """
+    if find_spec(module) is None:
+        raise InputError(
+            f"{what} needs the package {package}, which is not installed",
+            f"pip install '{_find_requirement(package)}'",
+        )
+
+
+def _find_requirement(package: str) -> str:
+    """Return the versions of a package that fit, in the form that pip takes."""
+    needed = (Requirement(text) for text in metadata.requires("labrig") or ())
+    return next((f"{found.name}{found.specifier}" for found in needed if found.name == package), package)

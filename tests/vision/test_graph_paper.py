@@ -16,6 +16,7 @@ from tests.vision import no_graph_paper
 from tests.vision.paper_renderer import Camera, PenGrid, Sheet, draw_sheet
 
 CAMERA = Camera(size=(800, 480), focal_px=1100.0, centre_px=(404.0, 236.0))
+SMALL_CAMERA = Camera(size=(560, 360), focal_px=1100.0, centre_px=(284.0, 176.0))
 MIDDLE = (400.0, 240.0)
 
 
@@ -189,10 +190,31 @@ def test_the_same_paper_without_a_second_grid_is_accepted():
             "too blurred to tell",
         ),
         ("1", 2.65, PenGrid(5, width_mm=0.38), {"grey": True, "blur_px": 0.9}, "there are fainter ones"),
+        (
+            "1/10",
+            3.0,
+            PenGrid(4, width_mm=0.2, colour="red", density=0.63),
+            {"blur_px": 1.2, "width_mm": 0.19, "density": 0.7, "camera": SMALL_CAMERA},
+            "others at uneven distances",
+        ),
+        (
+            "1/10",
+            4.27,
+            PenGrid(11, width_mm=0.45, colour="pencil", density=0.73),
+            {"ink": "orange", "width_mm": 0.11, "density": 0.75, "blur_px": 1.09, "shift_mm": (6.3, 1.4)},
+            "two grids of lines",
+        ),
+        (
+            "2/10",
+            2.48,
+            PenGrid(12, first=4, width_mm=0.8, colour="pencil", density=0.84),
+            {"width_mm": 0.19, "density": 0.35, "blur_px": 0.75, "shift_mm": (3.3, 5.4), "tilt_deg": 2.0},
+            "there are fainter ones",
+        ),
     ],
 )
 def test_a_pen_grid_over_lines_too_fine_to_see_is_refused(ruling, px_per_mm, pen, how, reason):
-    """Lines drawn exactly over every second to fourth printed line are not taken for the paper's."""
+    """Lines drawn exactly over every second to twelfth printed line are not taken for the paper's."""
     sheet = sheet_of(ruling, px_per_mm, pen=pen, **how)
     try:
         reasons = calibrate(sheet).reasons

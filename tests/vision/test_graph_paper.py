@@ -1,7 +1,7 @@
 """Graph paper by an independent renderer: lines are counted right or the sheet is refused, and nothing else passes."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -35,7 +35,8 @@ def sheet_of(ruling, px_per_mm, **how):
     return Sheet(ruling=ruling, px_per_mm=px_per_mm, **{**tilted, **how})
 
 
-picture_of = cache(draw_sheet)
+# Nine samples of a pixel in place of sixteen: the drawing takes half the time.
+picture_of = cache(partial(draw_sheet, supersampling=3))
 
 
 def calibrate(sheet, pitch_mm=None, lens=None):

@@ -306,6 +306,8 @@ def _find_rhythm(tables: list[LineTable]) -> tuple[Rhythm | None, tuple[int, int
     if best < _LEAST_RHYTHM:
         return None, (0, 0)
     every = next(number for number, shares in explained.items() if shares.max() >= _AS_GOOD * best)
+    if min(_measure_chance(family, every) for family in weights) > _LARGEST_CHANCE:
+        return None, (0, 0)
     # Where a family hardly shows the rhythm, for instance out of focus, the other one tells it.
     clear = explained[every] >= _LEAST_RHYTHM
     means = [_average(family, every) for family in weights]
@@ -348,19 +350,26 @@ def _average(weights: _FloatArray, every: int) -> _FloatArray:
 
 
 def _explain(weights: _FloatArray, every: int) -> float:
-    """Return the share of the variance of the weights that a rhythm explains, less what it would explain of noise.
+    """Return the share of the variance of the weights that a rhythm explains, less what it would explain of noise."""
+    left, lines = _measure_left(weights, every)
+    return 1.0 - left * (lines - 1) / (lines - every) if lines else 0.0
 
-    0 if noise would be explained as well with a probability that counts, by the F test of an analysis of variance.
-    """
-    seen = np.flatnonzero(np.isfinite(weights))
-    if len(seen) < 2 * every or not np.isfinite(_average(weights, every)).all():
-        return 0.0
-    left = weights[seen] - _average(weights, every)[seen % every]
-    free = (len(seen) - every) / (len(seen) - 1)
-    share = float(np.mean(left**2)) / max(float(np.var(weights[seen])), np.finfo(float).tiny)
+
+def _measure_chance(weights: _FloatArray, every: int) -> float:
+    """Return the probability that a rhythm explains as much of noise: the F test of an analysis of variance."""
+    left, lines = _measure_left(weights, every)
     # The share that is left of noise is a beta variable.
-    chance = float(betainc(0.5 * (len(seen) - every), 0.5 * (every - 1), min(share, 1.0)))
-    return 1.0 - share / free if chance < _LARGEST_CHANCE else 0.0
+    return float(betainc(0.5 * (lines - every), 0.5 * (every - 1), min(left, 1.0))) if lines else 1.0
+
+
+def _measure_left(weights: _FloatArray, every: int) -> tuple[float, int]:
+    """Return the share of the variance that a rhythm leaves, and the number of lines; 0 lines if they are too few."""
+    seen = np.flatnonzero(np.isfinite(weights))
+    means = _average(weights, every)
+    if len(seen) < 2 * every or not np.isfinite(means).all():
+        return 1.0, 0
+    left = weights[seen] - means[seen % every]
+    return float(np.mean(left**2)) / max(float(np.var(weights[seen])), np.finfo(float).tiny), len(seen)
 
 
 def _read_rhythm(means: _FloatArray) -> Rhythm | None:

@@ -34,6 +34,12 @@ def analyse(run: Run, *overrides: str) -> InsertionResult:
     return result.content
 
 
+@cache
+def analyse_recorded(*overrides: str) -> InsertionResult:
+    """Analyse what `record_insertion` conducts, once for all tests that only read the result."""
+    return analyse(record_insertion(*overrides))
+
+
 def observations(run: Run) -> list[dict[str, Any]]:
     """Return the observations as they were written."""
     lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()

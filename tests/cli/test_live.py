@@ -15,7 +15,9 @@ from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 _SHORT = (
     "specimens=[{name: gel, gelatin_percent: 13}]",
     "insertions_per_specimen=2",
-    "insertion.frame_every_mm=20",
+    "insertion.length_mm=22",
+    "insertion.speed_mm_s=5",
+    "insertion.frame_every_mm=10",
 )
 
 

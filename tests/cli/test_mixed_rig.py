@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Done, Labrig
+from tests.cli.example_runs import SHORTENED
 from tests.devices.cia402.eds_text import eds_text
 
 ROTATION = """\
@@ -63,8 +64,9 @@ def _mixed(tmp_path: Path) -> MixedRig:
 
 def test_a_sweep_on_two_kinds_of_drives_replays(labrig: Labrig, mixed: MixedRig, tmp_path: Path) -> None:
     """The run keeps the EDS file, so the replay does not need the rig's folder."""
+    short = (word for setting in SHORTENED["steerability"] for word in ("--set", setting))
     done = labrig(
-        "run", SWEEP, *SHORT_SWEEP, "--rig", mixed.path, "--runs-dir", tmp_path / "runs", "--yes", "--json"
+        "run", SWEEP, *short, "--rig", mixed.path, "--runs-dir", tmp_path / "runs", "--yes", "--json"
     )
     assert done.exit_code == 0, done.err
     (run,) = (tmp_path / "runs").iterdir()

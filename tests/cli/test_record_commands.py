@@ -124,10 +124,13 @@ def test_the_view_is_made_from_the_record(labrig: Labrig, sweep: SweepRun, tmp_p
 @pytest.mark.skipif(not REAL.is_dir(), reason="../shared/data/real_insertions is not here")
 def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path: Path) -> None:
     """A folder of real pictures is imported and measured: tips are found, and no radius is stated."""
-    folder = REAL / "DC_0_feedbackfinal_alvo1"
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for picture in sorted((REAL / "DC_0_feedbackfinal_alvo1").iterdir())[::3]:
+        shutil.copy(picture, folder)
     (imported,) = labrig(
         "import", folder, "--px-per-mm", 5.607, "--origin-px", 70, 50, "--insertion", "down", "--needle-diameter-mm", 1,
-        "--roll-sd-deg", 3, "--runs-dir", tmp_path, "--json",
+        "--roll-sd-deg", 3, "--runs-dir", tmp_path / "runs", "--json",
     ).json()  # fmt: skip
     assert imported["ok"] is True
     done = labrig("reanalyze", imported["run"], "--json")
@@ -137,7 +140,8 @@ def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path:
     result = json.loads((Path(done.json()[0]["analysis"]) / "result.json").read_text())
     assert result["settings"]["roll_sd_deg"] == 3.0
     assert result["not_in_interval"][:3] == ["lens", "plane", "surface"]
-    assert sum(measurement["found"] for measurement in result["measurements"]) >= 15
+    assert len(result["measurements"]) == 6
+    assert sum(measurement["found"] for measurement in result["measurements"]) >= 5
     assert not any(measurement["accepted"] for measurement in result["measurements"])
 
 

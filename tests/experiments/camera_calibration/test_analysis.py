@@ -32,9 +32,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return record_calibration(tmp_path_factory.mktemp("calibration"), views=12)
 
 
-def test_lens_and_plane_are_found_and_written(run: Run) -> None:
+@pytest.fixture(scope="session")
+def analysed(run: Run) -> tuple[CalibrationResult, Path]:
+    """The result with the settings of the protocol, and its folder."""
+    return _analyse(run)
+
+
+def test_lens_and_plane_are_found_and_written(run: Run, analysed: tuple[CalibrationResult, Path]) -> None:
     """The simulated lens (fx 1800 px) is found within 4 sigma, and both files load together."""
-    content, folder = _analyse(run)
+    content, folder = analysed
     lens = load_intrinsics(folder / "intrinsics.json")
     assert lens.fx == pytest.approx(1800.0, abs=4.0 * (lens.sigma["fx"] or 0.0))
     assert load_plane(folder / "plane.json", lens).mm_per_px == pytest.approx(0.0646, abs=0.001)
@@ -75,7 +81,7 @@ def test_a_scale_five_times_that_of_the_rig_is_refused_until_a_person_says_the_c
     """The reason has both scales and the command that confirms; page and summary say how wide the picture is."""
     last = tmp_path / "last.json"
     save_plane(last, PlaneMap.from_scale(77.4, (320.0, 200.0), "right", (1280, 720)), {})
-    run = record_calibration(tmp_path, views=4, last=last)
+    run = record_calibration(tmp_path, views=6, last=last)
     refused, folder = _analyse(run)
     (reason,) = (reason for reason in refused.reasons if "times that of the last plane map" in reason)
     assert "--set plane.camera_moved=true" in reason
@@ -98,31 +104,29 @@ def test_a_scale_five_times_that_of_the_rig_is_refused_until_a_person_says_the_c
     assert set(refused.reasons) - set(moved.reasons) == {reason}
 
 
-def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:
+def test_the_corners_of_each_used_photograph_are_kept(analysed: tuple[CalibrationResult, Path]) -> None:
     """The result holds the 9 x 6 corners of each photograph that was used."""
-    content, _ = _analyse(run)
+    content, _ = analysed
     assert content.intrinsics is not None
     used = {view["image"] for view in content.intrinsics["views"] if view["used"]}
     assert content.corners.keys() == used
     assert {len(pixels) for pixels in content.corners.values()} == {54}
 
 
-def test_unchanged_settings_give_identical_numbers(run: Run) -> None:
+def test_unchanged_settings_give_identical_numbers_and_progress_counts_the_pictures(
+    run: Run, analysed: tuple[CalibrationResult, Path]
+) -> None:
     """Lens and plane are identical to the last digit, whatever the number of OpenCV threads."""
-    first, second = (_analyse(run)[0].model_dump(mode="json") for _ in range(2))
-    assert find_divergence(first, second) is None
-
-
-def test_progress_counts_the_pictures(run: Run) -> None:
-    """Progress is reported for every picture."""
     updates: list[tuple[int, int]] = []
-    analyze_run(
+    again = analyze_run(
         run,
         find_run_experiment(run),
         progress=lambda done, total: updates.append((done, total)),
         created=NOW,
         provenance=PROVENANCE,
     )
+    first, second = (content.model_dump(mode="json") for content in (analysed[0], again.content))
+    assert find_divergence(first, second) is None
     assert updates[-1] == (13, 13)
 
 

@@ -12,13 +12,13 @@ import pytest
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.errors import InputError
 from labrig.record.reader import open_run
-from tests.analysis.insertions import analyse, observations, record_insertion
+from tests.analysis.insertions import analyse, analyse_recorded, observations, record_insertion
 from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 
 
 def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
     """The measured error is within 0.3 mm of the true one, under the keys of the interface."""
-    content = analyse(record_insertion())
+    content = analyse_recorded()
     assert content.reached
     assert content.target_error_mm is not None
     assert content.true_target_error_mm is not None
@@ -33,7 +33,7 @@ def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
 def test_estimated_again_everything_comes_out_as_it_was() -> None:
     """With the protocol's settings, recorded pictures and turns give every live estimate again."""
     run = record_insertion()
-    steps = analyse(run).insertions[0].steps
+    steps = analyse_recorded().insertions[0].steps
     live = observations(run)
     assert len(steps) == len(live) > 30
     for again, was in zip(steps, live, strict=True):
@@ -45,7 +45,7 @@ def test_estimated_again_everything_comes_out_as_it_was() -> None:
 def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
     """Another observation noise changes the estimates, not the measured end of the needle."""
     run = record_insertion()
-    was, would_be = analyse(run), analyse(run, "estimator.observation_sd_mm=0.2")
+    was, would_be = analyse_recorded(), analyse(run, "estimator.observation_sd_mm=0.2")
     assert would_be.insertions[0].mean_nis != was.insertions[0].mean_nis
     assert would_be.target_error_mm == was.target_error_mm
     assert would_be.overrides == ("estimator.observation_sd_mm=0.2",)
@@ -56,7 +56,7 @@ def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
 def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
     """The estimated tip is within half a millimetre of the truth all the way; without a truth that error is unknown."""
     run = record_insertion()
-    steps = analyse(run).insertions[0].steps
+    steps = analyse_recorded().insertions[0].steps
     for step in steps:
         assert step.true_mm is not None
         assert step.estimate_mm == pytest.approx(step.true_mm, abs=0.5)
@@ -69,7 +69,7 @@ def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
 
 def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     """Successful repetitions are counted, and the others by cause."""
-    content = analyse(record_insertion("repetitions=2", "target.tolerance_mm=0.001"))
+    content = analyse_recorded("repetitions=2", "target.tolerance_mm=0.001")
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
     assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)
@@ -90,7 +90,7 @@ def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path
 def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path) -> None:
     """An insertion that arrived by the estimate but not by the shaft counts as missed, with its cause."""
     run = record_insertion()
-    error_mm = analyse(run).target_error_mm
+    error_mm = analyse_recorded().target_error_mm
     assert error_mm is not None
     copy = shutil.copytree(run.path, tmp_path / "strict")
     protocol = (copy / "protocol.yaml").read_text(encoding="utf-8")

@@ -11,9 +11,8 @@ from labrig.experiments.insertion.events import BevelTurn, NeedleRetreat
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.insertion.summary import describe_places, summarise
-from labrig.record.reader import Run
 from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
-from tests.analysis.insertions import analyse, record_insertion
+from tests.analysis.insertions import analyse, analyse_recorded, record_insertion
 from tests.experiments.insertion.test_procedure import events, insertion
 
 SURE, UNSURE = (), ("out_of_plane.heading_sd_deg_per_root_mm=1",)
@@ -29,16 +28,11 @@ def unseen(heading_mm: float) -> OutOfPlaneBudget:
     return OutOfPlaneBudget(0.0, 0.0, heading_mm, 0.0, 0.0)
 
 
-@pytest.fixture(scope="module", params=[SURE, UNSURE])
-def run(request: pytest.FixtureRequest) -> Run:
-    """Return an insertion that ended at its target as seen in the plane."""
-    return record_insertion(*request.param)
-
-
-def test_the_analysis_decides_as_the_run_did(run: Run) -> None:
+@pytest.mark.parametrize("settings", [SURE, UNSURE])
+def test_the_analysis_decides_as_the_run_did(settings: tuple[str, ...]) -> None:
     """Outcome, reason and cause of the analysis are the recorded ones, to the last digit of the interval."""
-    (stop,) = events(run, "trial_stop")
-    (trial,) = analyse(run).insertions
+    (stop,) = events(record_insertion(*settings), "trial_stop")
+    (trial,) = analyse_recorded(*settings).insertions
     assert (trial.outcome, trial.stop, trial.cause) == (stop["outcome"], stop["stop"], stop["cause"])
 
 
@@ -46,7 +40,7 @@ def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     """A needle that may be millimetres out of the plane fails, and its target counts as neither reached nor missed."""
     run = record_insertion(*UNSURE)
     assert (run.manifest["exit_status"], run.manifest["reason"]) == ("failed", "reached_in_plane_only")
-    content = analyse(run)
+    content = analyse_recorded(*UNSURE)
     assert (content.reached, content.arrived, content.causes) == (None, 0, {"reached_in_plane_only": 1})
     low_mm, high_mm = content.target_error_interval_mm
     assert low_mm < content.target_error_mm + 0.2 < 2 < high_mm
@@ -91,7 +85,7 @@ def test_a_target_that_may_be_elsewhere_is_reached_less_surely() -> None:
     """What is stated of the target's place widens the interval, in the run as in its analysis, and is named."""
     run = record_insertion("target.sd_mm=1.5")
     assert (run.manifest["exit_status"], run.manifest["reason"]) == ("failed", "reached_in_plane_only")
-    (trial,) = analyse(run).insertions
+    (trial,) = analyse_recorded("target.sd_mm=1.5").insertions
     (stop,) = events(run, "trial_stop")
     assert (trial.outcome, trial.cause) == (stop["outcome"], stop["cause"])
     assert "most of the uncertainty comes from the place of the target" in trial.cause

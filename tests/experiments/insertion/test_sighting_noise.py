@@ -5,7 +5,7 @@ import re
 import pytest
 
 from labrig.experiments.insertion.summary import describe_sighting_noise
-from tests.analysis.insertions import analyse, record_insertion
+from tests.analysis.insertions import analyse_recorded
 
 _NOISE = {
     "mean_nis": 2.0,
@@ -18,7 +18,7 @@ _NOISE = {
 
 def test_the_sightings_of_a_record_tell_their_noise() -> None:
     """The tip is seen to a few hundredths of a millimetre, and less than a template's bias is not advised."""
-    noise = analyse(record_insertion()).sighting_noise
+    noise = analyse_recorded().sighting_noise
     assert noise is not None
     assert noise.observation_sd_mm is not None
     assert 0.003 < noise.observation_sd_mm < 0.05

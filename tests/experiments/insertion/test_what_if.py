@@ -8,7 +8,7 @@ import pytest
 from labrig.analysis.divergence import find_divergence
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.summary import compare_steering, summarise_steering
-from tests.analysis.insertions import analyse, observations, record_insertion
+from tests.analysis.insertions import analyse, analyse_recorded, observations, record_insertion
 
 
 @cache
@@ -19,7 +19,7 @@ def _document(*overrides: str) -> dict[str, Any]:
 
 @cache
 def _result(*overrides: str) -> InsertionResult:
-    return analyse(record_insertion(), *overrides)
+    return analyse(record_insertion(), *overrides) if overrides else analyse_recorded()
 
 
 def test_unchanged_settings_give_every_command_again() -> None:

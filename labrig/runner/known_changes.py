@@ -5,8 +5,8 @@ the code before the change, which reproduced the line to the last bit, and with 
 
 An entry that explained too much would hide a defect. So it names the kind of the recorded line, all that may differ in
 it, and, where the change came before another one of protocol or rig file, a key that every record made since has and
-this one must not have; the rest of the line must be the same. What no entry explains is a finding. A difference of
-commands has no entry: no line of the changelog says that it sends other ones.
+this one must not have; the rest of the line must be the same. What no entry explains is a finding. Nor has a
+difference of commands an entry, unless an event tells beforehand which way they go.
 """
 
 import math
@@ -132,6 +132,12 @@ def _adds_error_of_lag(old: Line, new: Line) -> bool:
     return "error" in after and {**before, "error": after["error"]} == after
 
 
+def _turns_other_way(old: Line, new: Line) -> bool:
+    return math.isclose(abs(new["to_rad"] - old["to_rad"]), math.tau, abs_tol=1e-9) and old.get(
+        "overshoot_rad", 0.0
+    ) == -new.get("overshoot_rad", 0.0)
+
+
 def _rounds_otherwise(old: Any, new: Any) -> bool:
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         return old.keys() == new.keys() and all(_rounds_otherwise(old[key], new[key]) for key in old)
@@ -187,6 +193,16 @@ KNOWN_CHANGES: tuple[KnownChange, ...] = (
         "trial_start",
         frozenset({"torsion"}),
         _adds_error_of_lag,
+        lacks=("protocol", "target", "sd_mm"),
+    ),
+    KnownChange(
+        _UNRELEASED,
+        "The directions of the bevel's turns were chosen as if a lag were off by the same angle at every depth. An "
+        "error of the lag that grows with the depth counts as such, and some turns go the other way round to the same "
+        "direction of the bevel.",
+        "flip",
+        frozenset({"to_rad", "overshoot_rad"}),
+        _turns_other_way,
         lacks=("protocol", "target", "sd_mm"),
     ),
     KnownChange(

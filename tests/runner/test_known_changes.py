@@ -1,5 +1,6 @@
 """The changes of labrig that explain why the replay of an older record differs."""
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -65,6 +66,11 @@ KNOWN: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
         {"kind": "trial_start", "trial": 0, "torsion": LAG | {"error": {"best_mm": 49.8}}},
     ),
     (
+        "The directions of the bevel's turns",
+        {"kind": "flip", "trial": 0, "depth_mm": 18.6205, "from_rad": -0.007, "to_rad": -0.007 - math.pi},
+        {"kind": "flip", "trial": 0, "depth_mm": 18.6205, "from_rad": -0.007, "to_rad": -0.007 + math.pi},
+    ),
+    (
         "The reason why there is no path",
         {
             "kind": "plan",
@@ -120,7 +126,7 @@ def test_nothing_else_is_explained(begins: str, old: Mapping[str, Any], new: Map
         assert find(old, new, NEW) is None
         assert find(old, new, {"protocol": {}, "rig": {}}) is None
     assert find({**old, "frame": 3}, {**new, "frame": 4}, OLD) is None
-    assert find({**old, "kind": "flip"}, new, OLD) is None
+    assert find({**old, "kind": "observation"}, new, OLD) is None
     assert find_known_change(DifferingLines("state", old, new), OLD) is None
     assert find_known_change(None, OLD) is None
 
@@ -147,6 +153,11 @@ def test_nothing_else_is_explained(begins: str, old: Mapping[str, Any], new: Map
         (
             {"kind": "plan", "refusal": "the start is blocked by obstacle 1"},
             {"kind": "plan", "refusal": "no path found with up to 6 arcs and 99.5 mm, obstacles or not"},
+        ),
+        ({"kind": "flip", "from_rad": 0.0, "to_rad": 3.1}, {"kind": "flip", "from_rad": 0.0, "to_rad": -3.1}),
+        (
+            {"kind": "flip", "to_rad": -math.pi, "overshoot_rad": -0.1},
+            {"kind": "flip", "to_rad": math.pi, "overshoot_rad": 0.2},
         ),
         ({"kind": "roll_zero", "zero_rad": 0.0105603}, {"kind": "roll_zero", "zero_rad": 0.0105604}),
         ({"kind": "run_start", "t_s": 0.195}, {"kind": "run_start", "t_s": 0.505}),

@@ -129,7 +129,9 @@ class Guards:
     force : bool
         Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
     steady : bool
-        Whether power is switched on only when the run has its record, and targets are read less often.
+        Whether power is switched on only when the run has its record.
+    sparing : bool
+        Whether targets are read every 0.15 s instead of every 0.05 s.
     recall : bool
         Whether a resumed run asks only for what may have changed.
     """
@@ -138,12 +140,13 @@ class Guards:
     watch: bool = True
     force: bool = True
     steady: bool = True
+    sparing: bool = True
     recall: bool = True
 
     @property
     def target_look_s(self) -> float:
         """The shortest time between two readings of targets [s]."""
-        return _TARGET_LOOK_S if self.steady else _FORMER_TARGET_LOOK_S
+        return _TARGET_LOOK_S if self.sparing else _FORMER_TARGET_LOOK_S
 
     @property
     def level(self) -> int:
@@ -153,8 +156,8 @@ class Guards:
         return 3 if self.steady else 2 if self.force else int(self.dead_man)
 
     @classmethod
-    def recorded(cls, level: int, *, exact: bool) -> Self:
-        """Return the guards with which a record of this level is replayed.
+    def recorded(cls, level: int, *, exact: bool, sparing: bool = True) -> Self:
+        """Return the guards with which a record of this level is replayed; the first ones of level 3 were not sparing.
 
         What a bench answered while it was watched cannot be asked again at other instants.
         """
@@ -163,6 +166,7 @@ class Guards:
             watch=level > 0 and exact,
             force=level > 1,
             steady=level > 2,
+            sparing=level > 2 and sparing,
             recall=level > 3,
         )
 

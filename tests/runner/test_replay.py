@@ -14,6 +14,7 @@ from labrig.devices.operator import ShiftToHole
 from labrig.devices.replayed.comparison import ReplayDifference
 from labrig.devices.replayed.opening import load_recorded_rig
 from labrig.devices.replayed.recording import read_recordings
+from labrig.devices.rig import Guards
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.hinge_design.protocol import DesignProtocol
@@ -73,6 +74,18 @@ def test_every_example_protocol_comes_again_to_the_last_bit(tmp_path: Path, name
     assert found.counts["events"] == len(run.events)
     assert found.counts.get("frames", 0) == len(run.frame_table)
     assert found.counts.get("questions", 0) == sum(run.events["kind"] == "operator")
+
+
+@pytest.mark.parametrize("sparing", [True, False])
+def test_a_record_that_read_targets_more_often_replays_identically(tmp_path: Path, sparing: bool) -> None:
+    """Records name the same guards whether they read targets as often as the first of them or as rarely as now."""
+    guards = Guards.recorded(3, exact=True, sparing=sparing)
+    protocol = sweep("insertion.length_mm=22", "insertion.speed_mm_s=5")
+    with bench(tmp_path, protocol, (), guards) as at:
+        _, run = at.conduct(protocol)
+    assert read_recordings(run, exact=True)[0].guards == 3
+    found = replay(run)
+    assert (found.first_difference, found.bit_exact) == (None, True)
 
 
 def record_design(tmp_path: Path, protocol: DesignProtocol) -> Run:

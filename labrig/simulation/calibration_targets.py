@@ -29,7 +29,8 @@ def draw_light(light: LightDescription, lens: LensDescription) -> Field32:
 
     It combines the lens's fall-off to the corners, a slope across the light table, and its lamp's broad spot.
     """
-    v, u = np.mgrid[0 : lens.height_px, 0 : lens.width_px].astype(np.float32)
+    u = np.arange(lens.width_px, dtype=np.float32)[None, :]
+    v = np.arange(lens.height_px, dtype=np.float32)[:, None]
     a, b = (u - lens.cx_px) / lens.width_px, (v - lens.cy_px) / lens.width_px
     slope = -0.55 * a + 0.35 * b
     spot = np.exp(-((a - 0.12) ** 2 + (b + 0.05) ** 2) / 0.18)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ ANSWER_TIMEOUT_S = 0.12
 FAST_WORLD = ("world.bubbles_per_specimen=0", "world.noise_sd=0")
 
 
+@cache
 def simulated_rig(*overrides: str) -> RigDescription:
     """Return the simulated rig, with a world that is quick to draw."""
     return load_rig(SIMULATED, (*FAST_WORLD, *overrides))

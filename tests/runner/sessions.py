@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
@@ -25,6 +26,7 @@ PROTOCOLS = Path(__file__).parents[2] / "protocols"
 ONE_INSERTION = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
 
 
+@cache
 def sweep(*overrides: str) -> ExperimentProtocol:
     """Return the sweep of one insertion into one gel."""
     return load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS, [*ONE_INSERTION, *overrides])

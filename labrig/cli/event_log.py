@@ -1,12 +1,12 @@
 """Prints the events of a run in words: of a record, or of a run that another process is making."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from labrig.cli.damage import note_unused, report_damage
 from labrig.cli.output import print_json, print_wrapped, say
-from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 from labrig.experiments.registry import follow_run
@@ -14,7 +14,6 @@ from labrig.record.following import GrowingRun
 from labrig.record.reader import open_run
 from labrig.report.event_words import LogEntry, describe_event
 
-_LOOK_EVERY_S = 0.05
 _TIME_COLUMNS = 11
 _MARKS: Mapping[str, str] = {"ERROR": "! ", "WARN": "? "}
 
@@ -47,23 +46,11 @@ def follow_log(path: Path, skip: int, *, every: bool) -> None:
         When a line is damaged.
     """
     words = follow_run(open_run(path)).words
-    for event in _follow_events(GrowingRun(path), SystemClock(), skip):
+    followed = GrowingRun(path).follow(SystemClock())
+    for event in islice((event for lines in followed for event in lines.events), skip, None):
         entry = describe_event(event, words)
         if _is_shown(entry, every):
             _print(event, entry)
-
-
-def _follow_events(run: GrowingRun, clock: Clock, skip: int) -> Iterator[Mapping[str, Any]]:
-    while True:
-        # Asked first, so that nothing is missed that was written just before the end.
-        ended = run.has_ended()
-        lines = run.read_new()
-        yield from lines.events[skip:]
-        skip = max(0, skip - len(lines.events))
-        if ended and not lines:
-            return
-        if not lines:
-            clock.sleep(_LOOK_EVERY_S)
 
 
 def _is_shown(entry: LogEntry, every: bool) -> bool:

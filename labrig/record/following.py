@@ -4,13 +4,14 @@ A line is in the kernel before the writer goes on, and a picture is complete und
 So whoever follows a run reads files and asks nothing of the process that makes it: it can neither delay nor stop that.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.clock import Clock
 from labrig.errors import RecordError
 from labrig.input_file import open_file
 from labrig.record.events import FrameLine, parse_frame_lines
@@ -22,6 +23,7 @@ from labrig.record.reader import Run
 
 _MOST_BYTES = 2**22
 """Of a file that are read at once."""
+_LOOK_EVERY_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,24 @@ class GrowingRun:
             if place is not None
         ]
         return RecordLines(self._read_lines(EVENT_LINES), self._read_lines(STATE_LINES), pictures)
+
+    def follow(self, clock: Clock) -> Iterator[RecordLines]:
+        """Yield what `read_new` gives at each look, also nothing, until all is read and no process writes any more.
+
+        Raises
+        ------
+        RecordError
+            As `read_new`.
+        """
+        while True:
+            # Asked first, so that nothing is missed that was written just before the end.
+            ended = self.has_ended()
+            lines = self.read_new()
+            yield lines
+            if not lines:
+                if ended:
+                    return
+                clock.sleep(_LOOK_EVERY_S)
 
     def _read_lines(self, name: str) -> list[dict[str, object]]:
         path = self.path / name

@@ -19,7 +19,6 @@ from labrig.report.view import View
 MOST_WAITING = 8
 """Pictures that are drawn of those that wait."""
 
-_LOOK_EVERY_S = 0.05
 _TAKES_WITHIN_S = 1.0
 # A viewer that takes nothing for this long is reported.
 _SLOW_AFTER_S = 10.0
@@ -77,15 +76,11 @@ class LiveView:
             When a line or a picture is damaged.
         """
         shown, begins = Shown(), True
-        while True:
-            # Asked first, so that nothing is missed that was written just before the end.
-            ended = self.run.has_ended()
-            lines = self.run.read_new()
+        for lines in self.run.follow(self.clock):
             shown, begins = self._draw(lines, shown, begins=begins), False
-            if not self._wait_until_taken(has_viewer_ended) or (ended and not lines):
-                return shown
-            if not lines:
-                self.clock.sleep(_LOOK_EVERY_S)
+            if not self._wait_until_taken(has_viewer_ended):
+                break
+        return shown
 
     def _draw(self, lines: RecordLines, shown: Shown, *, begins: bool) -> Shown:
         chosen = choose_pictures(lines.pictures, self.view.needs)

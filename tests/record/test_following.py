@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from labrig.devices.clocks import SimulatedClock
 from labrig.errors import RecordError
 from labrig.record.following import GrowingRun, list_lines
 from labrig.record.reader import open_run
@@ -37,6 +38,19 @@ def test_each_line_is_read_once_and_a_torn_one_when_it_is_whole(tmp_path: Path) 
     recorder.close("success", "", ENDED)
     assert growing.has_ended()
     assert len(list_lines(open_run(recorder.path)).pictures) == 1
+
+
+def test_a_run_is_followed_to_the_last_line_that_was_written_before_its_end(tmp_path: Path) -> None:
+    """A look at which nothing was new is told too; between two of those passes the time of the clock."""
+    recorder, clock = begin(tmp_path), SimulatedClock()
+    followed = GrowingRun(recorder.path).follow(clock)
+    assert not next(followed)
+    recorder.event("run_start", 0.0, experiment="steerability")
+    assert [event["kind"] for event in next(followed).events] == ["run_start"]
+    assert clock.now_s() > 0.0
+    recorder.event("run_stop", 1.0, exit_status="success")
+    recorder.close("success", "", ENDED)
+    assert [len(lines.events) for lines in followed] == [1, 0]
 
 
 def test_a_damaged_line_is_named(tmp_path: Path) -> None:

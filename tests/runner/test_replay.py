@@ -55,6 +55,12 @@ def insertion(tmp_path_factory: pytest.TempPathFactory) -> Run:
 SHORTER = {
     "steerability": ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]"),
     "calibration": ("views=4",),
+    "roll-zero": (
+        "roll_zero.length_mm=12",
+        "roll_zero.torsion.depths_mm=[20, 26, 32]",
+        "roll_zero.torsion.further_mm=10",
+        "roll_zero.torsion.max_sd_deg=20",
+    ),
     "insertion": ("target.position_mm=[0, 3, 40]", "obstacles=[]", "insertion.frame_every_mm=4"),
 }
 """What makes long example protocols short enough for a test."""

@@ -101,8 +101,9 @@ class TargetMissedError(AnswerIsNoError):
     Parameters
     ----------
     reason : str
-        target_missed, reached_in_plane_only, needle_lost or needle_stuck if the needle was inserted and withdrawn
-        again; sheath_astray if it did not leave its sheath; no_path or no_roll_zero if nothing was inserted.
+        target_missed, reached_in_plane_only, needle_lost, needle_stuck, marker_lost or marker_jumped if the needle was
+        inserted and withdrawn again; sheath_astray if it did not leave its sheath; no_path, no_roll_zero or no_marker
+        if nothing was inserted.
     """
 
     def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:

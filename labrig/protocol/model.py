@@ -20,6 +20,16 @@ PixelUv: TypeAlias = tuple[float, float]
 Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
 PointMm: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 Direction: TypeAlias = Literal["right", "left", "up", "down"]
+MarkerId: TypeAlias = Annotated[int, Field(ge=0, le=10_000)]
+MarkerDictionary: TypeAlias = Literal[
+    "DICT_4X4_50", "DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000",
+    "DICT_5X5_50", "DICT_5X5_100", "DICT_5X5_250", "DICT_5X5_1000",
+    "DICT_6X6_50", "DICT_6X6_100", "DICT_6X6_250", "DICT_6X6_1000",
+    "DICT_7X7_50", "DICT_7X7_100", "DICT_7X7_250", "DICT_7X7_1000",
+    "DICT_ARUCO_ORIGINAL", "DICT_ARUCO_MIP_36h12",
+    "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11",
+]  # fmt: skip
+"""OpenCV's names of dictionaries of markers."""
 
 # Joiners that scripts and emoji need; any other invisible character could make two names look the same.
 _ALLOWED_INVISIBLE = "\u200c\u200d"

@@ -14,7 +14,7 @@ What is decided here
 - A phantom is a block with obstacles cast in, for one insertion. Unless the description states otherwise, only there
   is the path disturbed: the curvature wanders, the tip turns by itself, in cavities it goes straight, the tip lags
   behind the insertion, and layers have other radii. Its obstacles may lie beside where the protocol says, and its
-  target may move.
+  target may move; printed markers move with the target, and obstacles stay.
 - The bevel follows the rotation axis with play (`torsion`): as far as friction along the needle can wind it up. The
   wind-up stays while the needle advances without turning, and while it waits.
 - The path is computed in space: at a roll other than 0 and pi, or behind a sheath that leans, it leaves the plane. The

@@ -6,7 +6,15 @@ from typing import Annotated
 
 from pydantic import Field
 
-from labrig.protocol.model import Conflict, Model, NonNegativeMm, PixelUv, PositiveMm
+from labrig.protocol.model import (
+    Conflict,
+    MarkerDictionary,
+    MarkerId,
+    Model,
+    NonNegativeMm,
+    PixelUv,
+    PositiveMm,
+)
 
 _SAFE_SDS = 6  # a radius this many standard deviations below its mean must still be positive
 
@@ -217,6 +225,34 @@ class LayerDescription(Model):
     )
 
 
+class MarkerDescription(Model):
+    """A printed marker on the gel of a phantom, which moves with the target."""
+
+    marker_id: MarkerId = Field(description="Its id in the dictionary.")
+    dictionary: MarkerDictionary = Field("DICT_4X4_50", description="OpenCV's name of its dictionary.")
+    side_mm: PositiveMm = Field(
+        description="Side of its black square; a white rim a bit wide is around it [mm]."
+    )
+    position_mm: tuple[float, float] = Field(
+        description="Where its centre is before the target moves, y and z [mm]."
+    )
+    x_mm: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.0, description="Where it is across the steering plane, positive away from the camera [mm]."
+    )
+    turn_deg: float = Field(0.0, description="How it is turned in the plane, from +z towards +y [deg].")
+    covered_mm: tuple[float, float] | None = Field(
+        None,
+        description="Lengths of the needle's path between which something covers it; null: nothing does [mm].",
+    )
+
+
+class SlideDescription(Model):
+    """The gel slides: target and markers are displaced all at once."""
+
+    at_mm: NonNegativeMm = Field(description="Length of the needle's path at which it slides [mm].")
+    by_mm: tuple[float, float] = Field(description="How far, along y and z [mm].")
+
+
 def _paper_gels() -> tuple[GelDescription, ...]:
     """Return the radii of the paper's section V-B."""
     rows = ((10, 28.34, 0.247), (13, 27.71, 0.237), (16, 27.36, 0.459), (19, 27.13, 0.473))
@@ -253,6 +289,12 @@ class WorldDescription(Model):
     target_pushed_mm_per_mm: tuple[float, float] = Field(
         (0.0, 0.0),
         description="How far the needle pushes the target along y and z with each millimetre of its path [mm/mm].",
+    )
+    target_slides: SlideDescription | None = Field(
+        None, description="How the target is displaced all at once; null: it is not."
+    )
+    markers: tuple[MarkerDescription, ...] = Field(
+        (), max_length=20, description="Printed markers that move with the target, in every phantom."
     )
     resistance: ResistanceDescription = Field(
         default_factory=ResistanceDescription, description="Forces of the gel on needle and sheath."

@@ -27,6 +27,7 @@ from labrig.simulation.gel import (
     make_hole,
 )
 from labrig.simulation.lens import Field32, Floats, plane_to_pixels, steering_plane_pose, unproject
+from labrig.simulation.marker import draw_marker
 from labrig.simulation.scene import Backdrop, draw_backdrop, draw_gel, draw_with_needle
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blur
@@ -160,11 +161,13 @@ class World:
         moved_mm = self.description.target_moves_mm * min(1.0, track.length_mm / way_mm)
         angle_rad = stream(self._seed, "target", self._specimen.name).uniform(0.0, math.tau)
         along_y, along_z = (rate * track.length_mm for rate in self.description.target_pushed_mm_per_mm)
+        slides = self.description.target_slides
+        slid_y, slid_z = (0.0, 0.0) if slides is None or track.length_mm < slides.at_mm else slides.by_mm
         x, y, z = self._target_mm
         return (
             x,
-            y + moved_mm * math.sin(angle_rad) + along_y,
-            z + moved_mm * math.cos(angle_rad) + along_z,
+            y + moved_mm * math.sin(angle_rad) + along_y + slid_y,
+            z + moved_mm * math.cos(angle_rad) + along_z + slid_z,
         )
 
     def point_at_pixel_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
@@ -421,7 +424,22 @@ class World:
         if self._covering is not None:
             return blur(self._covering.sharp, self.description.blur_px)
         behind = self._draw_backdrop(scene)
-        return draw_with_needle(self.description, behind, self._hole, self._needle_span())
+        light = draw_with_needle(self.description, behind, self._hole, self._needle_span())
+        self._draw_markers(light)
+        return light
+
+    def _draw_markers(self, light: Field32) -> None:
+        """Draw the markers of a phantom where they are now, which lie over the needle."""
+        if self._specimen is None or not self._specimen.is_phantom:
+            return
+        cut_mm = 0.0 if self._hole.track is None else self._hole.track.length_mm
+        start_mm, target_mm = self._target_mm, self.locate_target_mm()
+        moved_mm = 0.0, 0.0
+        if start_mm is not None and target_mm is not None:
+            moved_mm = target_mm[1] - start_mm[1], target_mm[2] - start_mm[2]
+        for marker in self.description.markers:
+            if marker.covered_mm is None or not marker.covered_mm[0] <= cut_mm < marker.covered_mm[1]:
+                draw_marker(light, self.description, marker, moved_mm, self._white)
 
     def _draw_backdrop(self, scene: str) -> Backdrop:
         """Return the present scene with the sheath, drawn again only after something in it has moved."""

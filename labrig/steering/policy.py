@@ -13,7 +13,14 @@ from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings, freeze, require_numbers
 
 StopReason = Literal[
-    "target_reached", "target_missed", "blocked", "needle_lost", "needle_stuck", "sheath_astray"
+    "target_reached",
+    "target_missed",
+    "blocked",
+    "needle_lost",
+    "needle_stuck",
+    "sheath_astray",
+    "marker_lost",
+    "marker_jumped",
 ]
 
 
@@ -82,6 +89,14 @@ class TipSighting:
             object.__setattr__(
                 self, "position_mm", freeze(require_numbers("position_mm", self.position_mm, (3,)))
             )
+
+
+@dataclass(frozen=True)
+class Halt:
+    """Why a needle has to stop that is not seen from its tip, and a sentence about it."""
+
+    reason: StopReason
+    detail: str
 
 
 @dataclass(frozen=True)

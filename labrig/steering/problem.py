@@ -62,8 +62,11 @@ class PlanProblem:
         long, as the needle would follow its cut otherwise.
     covariance : (k, k) array, optional
         Of the start's position [mm] and rotation vector [rad] in the tip's frame, in the first six places.
+    obstacle_sds_mm : tuple of float
+        Standard deviation of each obstacle's place along each axis; empty: they are where they are said to be.
     margin_sigmas, margin_reach_mm : float
-        The required clearance grows by margin_sigmas standard deviations of the tip's position this far ahead.
+        The required clearance grows by margin_sigmas standard deviations of the tip's position this far ahead, and of
+        the obstacle's place.
     weights : PlanWeights
 
     Raises
@@ -89,6 +92,7 @@ class PlanProblem:
     planar: bool = False
     leaves_mm: float = 0.0
     covariance: FloatArray | None = None
+    obstacle_sds_mm: tuple[float, ...] = ()
     margin_sigmas: float = 2.0
     margin_reach_mm: float = 10.0
     weights: PlanWeights = field(default_factory=PlanWeights)
@@ -115,6 +119,8 @@ class PlanProblem:
             about = math.isfinite(high_mm) and self.diameter_mm / 2 < low_mm <= self.radius_mm <= high_mm
             _require(about, "radius_range_mm", self.radius_range_mm, f"about radius_mm, {self.radius_mm:g}")
         self._check_start()
+        known = len(self.obstacle_sds_mm) in (0, len(self.obstacles))
+        _require(known, "obstacle_sds_mm", self.obstacle_sds_mm, "one for each obstacle, or none")
         for number, obstacle in enumerate(self.obstacles, start=1):
             _require(
                 _is_finite(obstacle.position_mm),
@@ -166,6 +172,14 @@ class PlanProblem:
         turning = float(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1])
         return self.margin_sigmas * math.sqrt(max(position + turning * self.margin_reach_mm**2, 0.0))
 
+    @property
+    def margins_mm(self) -> FloatArray:
+        """Growth of the clearance from each obstacle, (K,): also because its own place is not known exactly."""
+        margins_mm = np.full(len(self.obstacles), self.margin_mm)
+        if not self.obstacle_sds_mm:
+            return margins_mm
+        return np.asarray(np.hypot(margins_mm, self.margin_sigmas * np.array(self.obstacle_sds_mm)))
+
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -196,7 +210,7 @@ class Surroundings:
     @cached_property
     def keep_off_mm(self) -> FloatArray:
         """The distance from the centre line that keeps the required clearance and the margin, (K,)."""
-        return self.needle_and_obstacle_mm + self.problem.clearance_mm + self.problem.margin_mm
+        return self.needle_and_obstacle_mm + self.problem.clearance_mm + self.problem.margins_mm
 
     def _to_start_frame(self, points: FloatArray) -> FloatArray:
         start = np.asarray(self.problem.start, dtype=float)

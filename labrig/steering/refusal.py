@@ -69,7 +69,7 @@ def _explain_blocked_ends(around: Surroundings) -> str | None:
 
 def _describe_gap(around: Surroundings, k: int, apart: FloatArray) -> str:
     gap_mm = apart[k] - around.needle_and_obstacle_mm[k]
-    wanted_mm = around.problem.clearance_mm + around.problem.margin_mm
+    wanted_mm = around.problem.clearance_mm + around.problem.margins_mm[k]
     return f"by obstacle {k + 1}: {gap_mm:.2f} mm of clearance, {wanted_mm:.2f} mm asked for"
 
 

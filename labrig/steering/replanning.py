@@ -109,7 +109,7 @@ def plan_with_clearance(
     `present` is the path that the needle follows, as in `plan_path`.
     """
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
-    without_margin = replace(problem, covariance=None)
+    without_margin = replace(problem, covariance=None, obstacle_sds_mm=())
     plan = _plan(problem, settings, effort, present)
     for relaxed in (without_margin, replace(without_margin, clearance_mm=least_mm, axis=None)):
         if plan.found:

@@ -20,7 +20,7 @@ import numpy as np
 
 from labrig.errors import InputError
 from labrig.steering.moving import move_target
-from labrig.steering.policy import SteeringCommand, SteeringSettings, StopReason, TipSighting
+from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.replanning import (
     plan_with_clearance,
     pose_problem_ahead,
@@ -51,9 +51,9 @@ def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringC
 
 
 def step_steering(
-    state: SteeringState, sighting: TipSighting, settings: SteeringSettings
+    state: SteeringState, sighting: TipSighting, settings: SteeringSettings, halt: Halt | None = None
 ) -> tuple[SteeringState, SteeringCommand]:
-    """Take in a sighting and return what to do next.
+    """Take in a sighting and return what to do next; that is to stop if something else than the tip calls for it.
 
     Raises
     ------
@@ -66,6 +66,8 @@ def step_steering(
             "start again from its present pose",
         )
     state = take_in_sighting(state, sighting, settings)
+    if halt is not None:
+        return state, _stop(state, halt.reason, halt.detail)
     stop = _stop_if_lost(state, settings)
     if stop is not None:
         return state, stop
@@ -185,7 +187,8 @@ def _withdraw_or_stop(
 def _find_stop_reason(state: SteeringState, settings: SteeringSettings) -> StopReason:
     """Return "blocked" if there is a path without the obstacles, otherwise "target_missed"."""
     motion = None if settings.motion is None else replace(settings.motion, obstacles=())
-    free = replace(settings, problem=replace(settings.problem, obstacles=()), motion=motion)
+    problem = replace(settings.problem, obstacles=(), obstacle_sds_mm=())
+    free = replace(settings, problem=problem, motion=motion)
     plan = plan_with_clearance(pose_problem_ahead(state, free), free, "closer")
     return "blocked" if plan.found else "target_missed"
 

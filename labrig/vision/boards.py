@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
+from labrig.vision.marker import load_dictionary
 from labrig.vision.picture import Picture, as_grey, require_contrast
 
 _FloatArray = NDArray[np.float64]
@@ -263,15 +264,12 @@ def _has_alternation(grey: Picture, pixels: _FloatArray, radius: float) -> NDArr
 
 def _find_charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> BoardView | None:
     """Return the corners of a ChArUco board that have visible markers."""
-    dictionary = getattr(cv2.aruco, board.dictionary, None)
-    if not board.dictionary.startswith("DICT_") or dictionary is None:
-        raise InputError(f"there is no dictionary {board.dictionary!r}", "for example DICT_5X5_100")
+    markers = load_dictionary(board.dictionary)
     if not 0.0 < board.marker_share < 1.0:
         raise InputError(
             f"a marker's side is {board.marker_share:g} of a square's, and has to be below 1",
             "measure marker and square with a ruler",
         )
-    markers = cv2.aruco.getPredefinedDictionary(dictionary)
     sheet = cv2.aruco.CharucoBoard((columns + 1, rows + 1), 1.0, board.marker_share, markers)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(sheet).detectBoard(grey)
     if corners is None or len(corners) < _LEAST_PART:

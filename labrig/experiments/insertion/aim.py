@@ -85,11 +85,7 @@ def _locate_picked(
 
 def find_pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
     """Yield pixels that lie outside the camera's picture."""
-    places = [
-        ("target", protocol.target),
-        *((f"obstacles.{n}", obstacle) for n, obstacle in enumerate(protocol.obstacles)),
-    ]
-    for where, place in places:
+    for where, place in protocol.places.items():
         if place.pixel is None or plane.image_size is None:
             continue
         (u, v), (width, height) = place.pixel, plane.image_size

@@ -17,9 +17,13 @@ _Point = tuple[float, float, float]
 
 
 class InsertionRole(PictureRole):
-    """Pictures in which the target is picked, the sheath is found or the plan is drawn; others have a `NeedleRole`."""
+    """Pictures in which the target is picked, markers or the sheath are found, or the plan is drawn.
+
+    Others have a `NeedleRole`.
+    """
 
     TARGET = "target"
+    MARKERS = "markers"
     SCENE = "scene"
     PLAN = "plan"
 
@@ -41,7 +45,8 @@ class RecordedTorsion(_Part):
 class InsertionStart(SpecimenTrialStart):
     """An insertion begins: its target, its obstacles, how they move, and the roll zero and torsion in use.
 
-    `repeats` is the trial that it replaces, interrupted or made again by a person.
+    `repeats` is the trial that it replaces, interrupted or made again by a person. `marker_ids` are the markers that
+    the target and each obstacle are bound to, the target's first; None for what is bound to none.
     """
 
     target_mm: _Point
@@ -53,6 +58,7 @@ class InsertionStart(SpecimenTrialStart):
     roll_zero_sd_rad: float
     torsion: RecordedTorsion | None = None
     motion: Motion | None = None
+    marker_ids: tuple[int | None, ...] = ()
     repeats: int | None = None
 
 
@@ -153,6 +159,33 @@ class TipObserved(InsertionEvent):
     nis: float | None
     believed: bool
     misses: int
+
+
+class RecordedMarker(_Part):
+    """A marker in a picture: its corners, its place and its displacement since the start, (y, z), by this picture.
+
+    `reason` says why it was not found. `displacement_mm` is what was planned with, which is held while the marker is
+    not seen or not believed; `unseen_mm` is how far the needle has moved since it was.
+    """
+
+    marker_id: int
+    corners_px: tuple[_Pixel, _Pixel, _Pixel, _Pixel] | None
+    place_mm: _Pixel | None
+    reason: str | None
+    believed: bool
+    displacement_mm: _Pixel
+    sd_mm: float
+    unseen_mm: float
+
+
+class MarkersSought(InsertionEvent):
+    """The markers in a picture, in the order of their ids; the first event of a trial says where they start."""
+
+    kind: ClassVar[str] = "markers"
+
+    frame: int
+    depth_mm: float
+    markers: tuple[RecordedMarker, ...]
 
 
 class RecordedPose(_Part):

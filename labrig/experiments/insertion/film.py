@@ -10,7 +10,6 @@ from labrig.experiments.insertion.colours import OBSTACLE, PLAN, TAKEN, TARGET
 from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial
 from labrig.report.film_pictures import Colour, Film, FilmPicture, Stroke
 from labrig.report.pictures import circle
-from labrig.steering.moving import move_obstacles, move_target
 from labrig.vision.plane import PlaneMap
 
 _TIP_RADIUS_MM = 1.0
@@ -31,7 +30,7 @@ def _list_pictures(trial: InsertionTrial, plane: PlaneMap) -> Iterator[FilmPictu
     for step in trial.steps:
         taken.append(step.estimate_mm)
         strokes = (
-            *_draw_scene(trial, step.depth_mm, plane),
+            *_draw_scene(trial, step.depth_mm, step.frame, plane),
             *_draw_line(_find_plan(trial, step.t_s), PLAN, "plan", plane),
             *_draw_line(taken, TAKEN, "estimate", plane),
             *_draw_tip(step, plane),
@@ -39,7 +38,7 @@ def _list_pictures(trial: InsertionTrial, plane: PlaneMap) -> Iterator[FilmPictu
         yield FilmPicture(step.frame, strokes, _write_caption(trial, step))
     if trial.final_frame is not None:
         end = (
-            *_draw_scene(trial, trial.length_mm or 0.0, plane),
+            *_draw_scene(trial, trial.length_mm or 0.0, trial.final_frame, plane),
             *_draw_line(trial.shaft_mm, TAKEN, "shaft", plane),
         )
         yield FilmPicture(trial.final_frame, end, _write_end(trial))
@@ -50,10 +49,10 @@ def _find_plan(trial: InsertionTrial, t_s: float) -> Sequence[Point]:
     return next((plan.path_mm for plan in reversed(trial.plans) if plan.found and plan.t_s <= t_s), ())
 
 
-def _draw_scene(trial: InsertionTrial, depth_mm: float, plane: PlaneMap) -> Iterator[Stroke]:
-    for ball in move_obstacles(trial.obstacles, trial.motion, depth_mm):
+def _draw_scene(trial: InsertionTrial, depth_mm: float, frame: int, plane: PlaneMap) -> Iterator[Stroke]:
+    for ball in trial.locate_obstacles(depth_mm, frame):
         yield Stroke(circle(ball.position_mm[1:], ball.radius_mm, plane), OBSTACLE, name="obstacle")
-    target_mm = move_target(trial.target_mm, trial.motion, depth_mm)[1:]
+    target_mm = trial.locate_target(depth_mm, frame)[1:]
     yield Stroke(circle(target_mm, trial.tolerance_mm, plane), TARGET, name="target")
 
 
@@ -71,7 +70,7 @@ def _draw_line(points_mm: Sequence[Point], colour: Colour, name: str, plane: Pla
 
 
 def _write_caption(trial: InsertionTrial, step: InsertionStep) -> str:
-    target_mm = move_target(trial.target_mm, trial.motion, step.depth_mm)[1:]
+    target_mm = trial.locate_target(step.depth_mm, step.frame)[1:]
     left_mm = math.dist(step.estimate_mm, target_mm)
     time_s = step.t_s - trial.start_t_s
     return f"{step.depth_mm:.1f} mm inserted, {time_s:.0f} s, {left_mm:.1f} mm to the target"

@@ -34,7 +34,6 @@ from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_views
-from labrig.steering.moving import move_obstacles, move_target
 from labrig.text import format_count
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
@@ -46,6 +45,7 @@ _MOST_PANELS = 8
 _OCCASIONS = {
     "start": "the first plan",
     "origin": "planned from where the sheath was found",
+    "markers": "planned to where the markers have moved it",
     "schedule": "planned anew as the protocol says",
     "deviation": "planned anew: the rest of the path would have missed",
     "near": "planned anew near the target, as at each picture from here on",
@@ -274,8 +274,8 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         return None
     width, height = size_of(image)
     taken = [step.estimate_mm for step in trial.steps if step.depth_mm <= moment.depth_mm + 1e-6]
-    target_mm = move_target(trial.target_mm, trial.motion, moment.depth_mm)[1:]
-    obstacles = move_obstacles(trial.obstacles, trial.motion, moment.depth_mm)
+    target_mm = trial.locate_target(moment.depth_mm, moment.frame)[1:]
+    obstacles = trial.locate_obstacles(moment.depth_mm, moment.frame)
     last = moment.frame == trial.final_frame
     scale_mm, scale = scale_bar((width, height), plane)
     return Panel(

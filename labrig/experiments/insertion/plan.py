@@ -12,6 +12,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import LabrigError, Problem
 from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
 from labrig.experiments.insertion.ending import EstimatedEnd, SeenEnd, bound_error
+from labrig.experiments.insertion.marker_view import find_marker_problems, find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.insertion.tracks import find_track_problems
@@ -56,7 +57,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
     return RunPlan(
         trials=trials,
         duration_s=estimate_roll_zero_s(protocol) + trials * total_duration_s(moves),
-        pictures=trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE)
+        pictures=trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE + (protocol.markers is not None))
         + (0 if first is None else first.pictures)
         + pictures,
         operator_steps=(2 + protocol.asked_places) * trials
@@ -65,7 +66,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         moves=moves,
         problems=problems or foreseen.problems,
         refusal=foreseen.refusal,
-        warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig)),
+        warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig), *_warn_of_marker_depth(protocol)),
         uses_calibration=True,
     )
 
@@ -152,6 +153,18 @@ def _warn_of_torsion(protocol: InsertionProtocol, rig: RigDescription) -> Iterat
         )
 
 
+def _warn_of_marker_depth(protocol: InsertionProtocol) -> Iterator[Problem]:
+    """Yield markers beside the steering plane: what they move is computed from how far."""
+    markers = protocol.markers
+    if markers is not None and markers.x_mm != 0.0:
+        yield Problem(
+            "markers.x_mm",
+            f"the markers lie {abs(markers.x_mm):g} mm {'behind' if markers.x_mm > 0 else 'before'} the calibrated "
+            "plane; what they move is scaled by that, as if they were seen through what lies before the plane",
+            "put them into the plane, or as near to it as possible",
+        )
+
+
 def _find_aim_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield places that are out of the camera's view or cannot be aimed at."""
     try:
@@ -161,6 +174,7 @@ def _find_aim_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iter
         return
     astray = tuple(find_pixel_problems(protocol, plane))
     yield from astray
+    yield from find_marker_problems(protocol, plane)
     if not (astray or protocol.asked_places):
         yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
 
@@ -197,7 +211,8 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
     target_mm = move_target(aim.target_mm, settings.motion, state.end_mm)
     end = EstimatedEnd(np.array(target_mm[1:]), READ_PX * plane.mm_per_px)
     seen = SeenEnd.of_estimate(end, plane)
-    warning = bound_error(seen, budget, target_mm, protocol.target.sd_mm).warn(settings.problem.tolerance_mm)
+    bounds = bound_error(seen, budget, target_mm, find_target_sd_mm(protocol, None))
+    warning = bounds.warn(settings.problem.tolerance_mm)
     return _Foreseen(warnings=() if warning is None else (warning,))
 
 

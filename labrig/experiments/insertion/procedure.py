@@ -56,6 +56,15 @@ from labrig.experiments.insertion.events import (
     RecordedTorsion,
     TipObserved,
 )
+from labrig.experiments.insertion.marker_view import (
+    MarkersFollowed,
+    MarkerView,
+    find_start,
+    find_target_sd_mm,
+    follow_markers,
+    list_marker_ids,
+    place_settings,
+)
 from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
@@ -71,7 +80,7 @@ from labrig.runner.withdrawal import find_speeds, withdraw, withdraw_partly
 from labrig.steering.moving import expect_places, move_target
 from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.planner import sample_path
-from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
 from labrig.steering.step import retreat_steering, start_steering, step_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
@@ -84,7 +93,7 @@ IN_TISSUE = "in_tissue"
 _HOLD_S = 1.0
 _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
-_UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
+_UNSURE = ("needle_lost", "needle_stuck", "sheath_astray", "marker_lost", "marker_jumped")
 
 
 def run(protocol: InsertionProtocol, session: Session) -> None:
@@ -206,8 +215,9 @@ def _insert_once(
     aim = _find_aim(protocol, session, view, trial)
     settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = session.compute(partial(start_steering, settings))
-    insertion = _Insertion(protocol, session, view, roll_zero, planned, settings)
-    insertion.record_start(aim, state)
+    insertion = _Insertion(protocol, session, view, roll_zero, planned, aim, settings)
+    insertion.record_start(state)
+    insertion.find_markers()
     session.dialogue.next_point = "at the next question"
     if command.stop is not None:
         raise TargetMissedError(
@@ -219,10 +229,13 @@ def _insert_once(
     insertion.path.append(collect_axis_positions(rig.read_states()))
     picture = session.take_picture(InsertionRole.SCENE, trial)
     origin = insertion.find_sheath(picture)
-    if origin is not None:
+    halt = insertion.follow_markers(picture, 0.0)
+    if halt is not None:
+        command = SteeringCommand(0.0, 0.0, 0.0, halt.reason, halt.detail)
+    elif origin is not None or insertion.markers is not None:
         state, command = insertion.start_from(origin, state)
     if command.stop is None:
-        insertion.confirm(picture.image, aim, state, origin)
+        insertion.confirm(picture.image, state, origin)
         state, command = _steer(insertion, state, command)
     rig.stop()
     return insertion.finish(state, command)
@@ -245,9 +258,10 @@ def _steer(
         seen = insertion.find_tip(picture, state)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         before = state
+        halt = insertion.follow_markers(picture, inserted_mm)
         sighting = TipSighting(inserted_mm, seen.position_mm)
         state, command = insertion.session.compute(
-            partial(step_steering, state, sighting, insertion.settings)
+            partial(step_steering, state, sighting, insertion.settings, halt)
         )
         insertion.record_sighting(picture, seen, before, state)
     dialogue.next_point = ""
@@ -303,7 +317,9 @@ class _Insertion:
     view: TipView
     roll_zero: RollZero
     planned: PlannedInsertion
+    aim: Aim
     settings: SteeringSettings
+    markers: MarkersFollowed | None = None
     path: list[AxisPositions] = field(default_factory=list)
     run_to_mm: float = 0.0
 
@@ -373,6 +389,25 @@ class _Insertion:
             partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel.base_rad)
         )
 
+    def find_markers(self) -> None:
+        """Find every marker before the needle moves, if the protocol has any."""
+        view = MarkerView.of(self.protocol, self.view.plane)
+        if view is None:
+            return
+        picture = self.session.take_picture(InsertionRole.MARKERS, self.trial)
+        require_light(picture.image)
+        self.markers = self.session.compute(partial(find_start, picture.image, view))
+        self.session.record(self.markers.make_event(self.trial, picture.frame, 0.0))
+
+    def follow_markers(self, picture: TakenPicture, inserted_mm: float) -> Halt | None:
+        """Move target and obstacles with their markers; return why the needle has to stop, if it has to."""
+        if self.markers is None:
+            return None
+        self.markers = self.session.compute(partial(follow_markers, self.markers, picture.image, inserted_mm))
+        self.session.record(self.markers.make_event(self.trial, picture.frame, inserted_mm))
+        self.settings, halt = place_settings(self.settings, self.aim, self.markers)
+        return halt
+
     def find_sheath(self, picture: TakenPicture) -> TrialOrigin | None:
         """Find and record the sheath's pose before the needle leaves it; None if the protocol does not ask for it."""
         sheath = self.protocol.sheath
@@ -394,8 +429,14 @@ class _Insertion:
         self.session.record(InsertionSheath(origin=origin))
         return origin
 
-    def start_from(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
-        """Plan from the sheath's pose; stop before the needle leaves a sheath that was refused."""
+    def start_from(
+        self, origin: TrialOrigin | None, state: SteeringState
+    ) -> tuple[SteeringState, SteeringCommand]:
+        """Plan from the sheath's pose, if that was asked for; stop before the needle leaves one that was refused."""
+        if origin is None:
+            state, command = self.session.compute(partial(start_steering, self.settings))
+            self._record_plan(state, None, because="markers")
+            return state, command
         if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
             return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
         self.settings = with_start(self.settings, origin.tip_mm, origin.heading_rad)
@@ -403,9 +444,7 @@ class _Insertion:
         self._record_plan(state, origin.frame, because="origin")
         return state, command
 
-    def confirm(
-        self, image: Picture, aim: Aim, state: SteeringState, origin: TrialOrigin | None = None
-    ) -> None:
+    def confirm(self, image: Picture, state: SteeringState, origin: TrialOrigin | None = None) -> None:
         """Draw plan, axes, sheath, and target and obstacles where the tip will meet them, and have it confirmed."""
         problem = self.settings.problem
         target_mm, obstacles = expect_places(problem, self.settings.motion, 0.0, problem.start[:3, 3])
@@ -422,7 +461,7 @@ class _Insertion:
         file = self.session.draw(picture, InsertionRole.PLAN, self.trial)
         arcs = len(state.plan.arcs)
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
-        self.session.ask(ConfirmPlan(str(file), self.view.compute_pixel(aim.target_mm), plan))
+        self.session.ask(ConfirmPlan(str(file), self.view.compute_pixel(self.aim.target_mm), plan))
 
     def finish(self, state: SteeringState, command: SteeringCommand) -> Ending:
         """Hold, take the last picture, record the truth, withdraw along the path, and return how it ended."""
@@ -430,6 +469,7 @@ class _Insertion:
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.rig.wait(_HOLD_S)
         final = session.take_picture(NeedleRole.FINAL, self.trial)
+        self.follow_markers(final, state.insertion_mm)
         is_judged = bool(session.dialogue.watch.names)
         bounds = self._bound_error(final, state) if command.stop == "target_reached" or is_judged else None
         ending = self._decide(bounds, command)
@@ -464,6 +504,8 @@ class _Insertion:
         stop = str(command.stop)
         if command.stop != "target_reached":
             return Ending("stopped" if stop in _UNSURE else "missed", stop, command.detail)
+        if self.markers is not None and (doubt := self.markers.doubt) is not None:
+            return Ending("stopped", doubt.reason, doubt.detail)
         if bounds is None:
             return Ending("reached", stop, command.detail)
         return bounds.decide(self.settings.problem.tolerance_mm)
@@ -478,7 +520,8 @@ class _Insertion:
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
         target_mm = move_target(problem.target_mm, self.settings.motion, state.insertion_mm)
-        return bound_error(seen, budget, target_mm, self.protocol.target.sd_mm)
+        target_sd_mm = find_target_sd_mm(self.protocol, self.markers)
+        return bound_error(seen, budget, target_mm, target_sd_mm)
 
     def _see_end(
         self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
@@ -499,7 +542,7 @@ class _Insertion:
         """The speed of each axis while the needle is withdrawn [mm/s or rad/s]."""
         return find_speeds(self.session.rig, self.protocol.insertion, self.protocol.sheath)
 
-    def record_start(self, aim: Aim, state: SteeringState) -> None:
+    def record_start(self, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
         torsion = self.roll_zero.torsion
@@ -511,15 +554,16 @@ class _Insertion:
                 hole=0,
                 hole_position_mm=specimen.first_hole_mm,
                 needle_id=needle.needle_id,
-                target_mm=aim.target_mm,
+                target_mm=self.aim.target_mm,
                 tolerance_mm=self.settings.problem.tolerance_mm,
-                obstacles=aim.obstacles,
+                obstacles=self.aim.obstacles,
                 start_mm=(0.0, 0.0, 0.0),
                 start_heading_rad=0.0,
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
                 torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
                 motion=self.settings.motion,
+                marker_ids=list_marker_ids(self.protocol),
                 repeats=self.planned.repeats,
             )
         )

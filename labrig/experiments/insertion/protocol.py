@@ -6,7 +6,18 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field
 
 from labrig.experiments.insertion.weights import PlannerWeights
-from labrig.protocol.model import Conflict, Former, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
+from labrig.protocol.model import (
+    Conflict,
+    Former,
+    Line,
+    MarkerDictionary,
+    MarkerId,
+    Model,
+    NonNegativeMm,
+    PixelUv,
+    PointMm,
+    PositiveMm,
+)
 from labrig.protocol.sections import (
     Advance,
     GridSentinel,
@@ -51,6 +62,17 @@ class Place(Model):
         description="How far it moves along y and z for each millimetre that the needle is inserted, as tissue is "
         "pushed or drawn along; null: it stands still [mm/mm].",
     )
+    marker_id: MarkerId | None = Field(
+        None,
+        description="The id of a printed marker that moves with it: what the marker moves in the pictures after the "
+        "first is added to its place. See markers.",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a motion that is told and measured."""
+        if self.motion_mm_per_mm is not None and self.marker_id is not None:
+            message = f"motion_mm_per_mm tells how it moves, and marker {self.marker_id} measures it"
+            yield Conflict("motion_mm_per_mm", message, "give one of the two")
 
 
 class Target(Place):
@@ -68,6 +90,7 @@ class Target(Place):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a target that is given more than once, or not at all."""
+        yield from super().conflicts()
         given = (self.position_mm is not None) + (self.pixel is not None) + self.ask
         if given != 1:
             message = f"the target is given {given} times, expected one of position_mm, pixel and ask: true"
@@ -85,8 +108,42 @@ class InsertionObstacle(Place):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield an obstacle without a place, or with two."""
+        yield from super().conflicts()
         if (self.position_mm is not None) + (self.pixel is not None) + self.ask != 1:
             yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
+
+
+class Markers(Model):
+    """The printed markers that target and obstacles are bound to by their `marker_id`, and how far they are trusted."""
+
+    dictionary: MarkerDictionary = Field(
+        "DICT_4X4_50",
+        description="OpenCV's name of the dictionary that all of them are from (ArUco or AprilTag).",
+    )
+    side_mm: PositiveMm = Field(description="Side of the printed black square, without its white rim [mm].")
+    x_mm: Annotated[float, Field(ge=-500, le=500)] = Field(
+        0.0, description="Where they are across the steering plane, positive away from the camera [mm]."
+    )
+    sd_mm: NonNegativeMm = Field(
+        0.1,
+        description="How far what is bound to a marker may be from where the marker's displacement puts it, along each "
+        "axis (standard deviation) [mm].",
+    )
+    lost_sd_mm_per_mm: float = Field(
+        0.05,
+        ge=0,
+        le=10,
+        description="How much is added to that for each millimetre that the needle moves while the marker is not seen "
+        "[mm/mm].",
+    )
+    most_lost_mm: PositiveMm = Field(
+        10.0, description="The needle stops when it has moved this far without a marker being seen [mm]."
+    )
+    jump_mm: PositiveMm = Field(
+        1.0,
+        description="The needle stops when a marker has moved by more than this between two pictures and stays there; "
+        "three standard deviations of lost_sd_mm_per_mm are allowed besides [mm].",
+    )
 
 
 class InsertionAdvance(Advance):
@@ -279,6 +336,10 @@ class InsertionProtocol(JudgedProtocol):
     obstacles: tuple[InsertionObstacle, ...] = Field(
         (), max_length=100, description="Spheres to keep off, any number up to a hundred."
     )
+    markers: Markers | None = Field(
+        None,
+        description="The printed markers by which moving targets and obstacles are followed; null: none.",
+    )
     sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
     insertion: InsertionAdvance = Field(description="How the needle goes in and comes out.")
     planner: Planner = Field(description="How a path is planned.")
@@ -308,6 +369,13 @@ class InsertionProtocol(JudgedProtocol):
         return self.target.ask + sum(obstacle.ask for obstacle in self.obstacles)
 
     @property
+    def places(self) -> Mapping[str, Target | InsertionObstacle]:
+        """Dotted key -> target or obstacle, the target first."""
+        return {"target": self.target} | {
+            f"obstacles.{number}": obstacle for number, obstacle in enumerate(self.obstacles)
+        }
+
+    @property
     def pictured_needle(self) -> NeedleInPicture:
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
@@ -335,9 +403,28 @@ class InsertionProtocol(JudgedProtocol):
                 "staging is unbounded, but a needle that may recover has to stand still while it is planned"
             )
             yield Conflict("planner.staging", message, "set it to staged, or leave out recovery")
+        yield from self._find_marker_conflicts()
         if self.planner.radius_mm <= self.needle.diameter_mm:
             message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"
             yield Conflict("planner.radius_mm", message, "are both in mm?")
         if self.insertion.frame_every_mm > self.insertion.max_length_mm:
             message = f"frame_every_mm is {self.insertion.frame_every_mm:g}, above max_length_mm"
             yield Conflict("insertion.frame_every_mm", message, "1 is usual")
+
+    def _find_marker_conflicts(self) -> Iterator[Conflict]:
+        """Yield ids of markers that nothing describes, and markers that nothing is bound to."""
+        if self.markers is None:
+            for key, place in self.places.items():
+                if place.marker_id is not None:
+                    message = (
+                        f"it is bound to marker {place.marker_id}, and the protocol does not describe markers"
+                    )
+                    yield Conflict(
+                        f"{key}.marker_id", message, "say how large they are: markers: {side_mm: 6}"
+                    )
+        elif all(place.marker_id is None for place in self.places.values()):
+            yield Conflict(
+                "markers",
+                "no target and no obstacle is bound to a marker",
+                "give it a marker_id, or leave this out",
+            )

@@ -7,8 +7,9 @@ from typing import Literal, Self
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
 from labrig.protocol.model import Model
-from labrig.steering.moving import Motion
+from labrig.steering.moving import Displacement, Displacements, Motion, move_obstacles, move_target
 from labrig.steering.problem import Obstacle
+from labrig.steering.problem import Point as Point3
 from labrig.steering.sighting_noise import NisVerdict
 from labrig.vision.error_budget import ErrorBudget
 
@@ -110,6 +111,40 @@ class TargetErrorSources(Model):
         return max(sources, key=lambda source: sources[source])
 
 
+class MarkerStep(Model):
+    """A marker in a picture, measured again from the recorded picture; displacements are (y, z) since the start.
+
+    `seen_mm` is its displacement by this picture; if that is None, `reason` says why. `believed` says whether it was
+    taken. `displacement_mm` is what was planned with, `sd_mm` its standard deviation along each axis, `unseen_mm` how
+    far the needle has moved since the marker was last believed.
+    """
+
+    frame: int
+    depth_mm: float
+    marker_id: int
+    seen_mm: Point | None
+    reason: str | None
+    believed: bool
+    displacement_mm: Point
+    sd_mm: float
+    unseen_mm: float
+
+
+class MarkerMotion(Model):
+    """How far a marker moved in an insertion: in the end, (y, z), and at most, and in how many pictures it was seen.
+
+    `moves` names what is bound to it. `sd_mm` is of the displacement in the end, along each axis.
+    """
+
+    marker_id: int
+    moves: str
+    displacement_mm: Point
+    sd_mm: float
+    farthest_mm: float
+    pictures: int
+    believed: int
+
+
 class EndDepth(Model):
     """How far the end of a needle is out of the plane, positive away from the camera, with standard deviations [mm].
 
@@ -141,8 +176,9 @@ class InsertionTrial(Model):
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
     the live run to the last digit, as it is with its settings and its code; older results say neither that nor
     `commands`. `retreats` counts how often the needle was withdrawn part of the way to go on elsewhere. `target_mm` and
-    `obstacles` are told for the start, and `motion` says how they were told to move; None: not at all. Errors and
-    clearances are from where they were then.
+    `obstacles` are told for the start, and `motion` says how they were told to move; None: not at all. `marker_ids` are
+    the markers that the target and each obstacle are bound to, the target's first, `marker_steps` what these showed,
+    and `markers` how far they moved. Errors and clearances are from where they were then.
     """
 
     trial: int
@@ -179,7 +215,28 @@ class InsertionTrial(Model):
     as_recorded: bool | None = None
     retreats: int = 0
     motion: Motion | None = None
+    marker_ids: tuple[int | None, ...] = ()
+    markers: tuple[MarkerMotion, ...] = ()
+    marker_steps: tuple[MarkerStep, ...] = ()
     commands: tuple[InsertionCommand, ...] = ()
+
+    def locate_target(self, depth_mm: float, frame: int) -> Point3:
+        """Return where the target (x, y, z) was at an insertion length, in a picture."""
+        return self._find_displacements(frame).move_target(move_target(self.target_mm, self.motion, depth_mm))
+
+    def locate_obstacles(self, depth_mm: float, frame: int) -> tuple[Obstacle, ...]:
+        """Return the obstacles where they were at an insertion length, in a picture."""
+        return self._find_displacements(frame).move_obstacles(
+            move_obstacles(self.obstacles, self.motion, depth_mm)
+        )
+
+    def _find_displacements(self, frame: int) -> Displacements:
+        moved = {
+            step.marker_id: Displacement(step.displacement_mm, step.sd_mm)
+            for step in self.marker_steps
+            if step.frame <= frame
+        }
+        return Displacements.by_marker(self.marker_ids or (None,) * (1 + len(self.obstacles)), moved)
 
 
 class InsertionRow(Model):
@@ -264,5 +321,10 @@ class InsertionResult(Result):
     def tables(self) -> Mapping[str, Rows]:
         """The tables of the result."""
         steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
+        markers = {
+            f"markers-{trial.trial}": Rows(MarkerStep, trial.marker_steps)
+            for trial in self.insertions
+            if trial.marker_steps
+        }
         insertions = {"insertions": Rows(InsertionRow, [InsertionRow.of(trial) for trial in self.insertions])}
-        return insertions | make_origin_table(self.origins) | make_track_table(self.maps) | steps
+        return insertions | make_origin_table(self.origins) | make_track_table(self.maps) | steps | markers

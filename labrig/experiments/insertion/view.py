@@ -5,7 +5,7 @@ Of a run that was measured the estimate is the result's; of one that is being ma
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -17,7 +17,7 @@ from shapely import Point as PlanePoint
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult, Point
 from labrig.experiments.insertion.colours import OBSTACLE, PLAN, TAKEN, TARGET
-from labrig.experiments.insertion.events import InsertionStart, PathSought, TipObserved
+from labrig.experiments.insertion.events import InsertionStart, MarkersSought, PathSought, TipObserved
 from labrig.experiments.insertion.recorded_plan import sample_plan
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionStep, InsertionTrial
 from labrig.record.events import parse_events
@@ -26,7 +26,7 @@ from labrig.record.reader import Run
 from labrig.report.pictures import circle
 from labrig.report.record_drawing import CAMERA, EVENTS, set_time
 from labrig.report.view import View, Words
-from labrig.steering.moving import Motion, move_obstacles, move_target
+from labrig.steering.moving import Displacement, Displacements, move_obstacles, move_target
 from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as SpacePoint
 from labrig.vision.plane import PlaneMap
@@ -39,20 +39,37 @@ _NIS_95 = 5.99
 
 @dataclass(frozen=True)
 class _Scene:
-    """What an insertion aims at, and how that moves; lengths in mm."""
+    """What an insertion aims at, where it is, and whether it moves; lengths in mm."""
 
     target_mm: SpacePoint
     tolerance_mm: float
     obstacles: tuple[Obstacle, ...]
-    motion: Motion | None
+    moves: bool
 
-    def at(self, inserted_mm: float) -> "_Scene":
+
+@dataclass
+class _LiveScene:
+    """The scene of an insertion that is being made: what it began with, and where its markers were seen since."""
+
+    start: InsertionStart
+    moved: Mapping[int, Displacement] = field(default_factory=dict)
+
+    def at(self, inserted_mm: float) -> _Scene:
         """Return the scene at an insertion length."""
-        return replace(
-            self,
-            target_mm=move_target(self.target_mm, self.motion, inserted_mm),
-            obstacles=move_obstacles(self.obstacles, self.motion, inserted_mm),
-        )
+        start = self.start
+        target_mm = move_target(start.target_mm, start.motion, inserted_mm)
+        obstacles = move_obstacles(start.obstacles, start.motion, inserted_mm)
+        if start.marker_ids:
+            moved = Displacements.by_marker(start.marker_ids, self.moved)
+            target_mm, obstacles = moved.move_target(target_mm), moved.move_obstacles(obstacles)
+        moves = start.motion is not None or bool(start.marker_ids)
+        return _Scene(target_mm, start.tolerance_mm, obstacles, moves)
+
+    def take_in(self, event: MarkersSought) -> None:
+        """Take in where the markers have moved."""
+        self.moved = {
+            marker.marker_id: Displacement(marker.displacement_mm, marker.sd_mm) for marker in event.markers
+        }
 
 
 @dataclass(frozen=True)
@@ -75,13 +92,13 @@ class _Drawing:
     """Draws insertions one after another into a stream."""
 
     plane: PlaneMap
-    scene: _Scene | None = None
+    live: _LiveScene | None = None
     plan: LineString | None = None
     taken: list[Point] = field(default_factory=list)
 
     def begin(self, stream: rr.RecordingStream, scene: _Scene, t_s: float) -> None:
         """Draw target and obstacles, and forget the last insertion."""
-        self.scene, self.plan, self.taken = scene, None, []
+        self.plan, self.taken = None, []
         set_time(stream, t_s)
         for name in _DRAWN:
             stream.log(f"{CAMERA}/{name}", rr.Clear(recursive=False))
@@ -107,16 +124,15 @@ class _Drawing:
         set_time(stream, t_s)
         self._draw_line(stream, "plan", path_mm, PLAN)
 
-    def draw_step(self, stream: rr.RecordingStream, step: _Step) -> None:
-        """Draw the observed tip, if any, the path taken, and the numbers of the estimate."""
+    def draw_step(self, stream: rr.RecordingStream, step: _Step, scene: _Scene | None) -> None:
+        """Draw the observed tip, if any, the path taken, what has moved, and the numbers of the estimate."""
         self.taken.append(step.estimate_mm)
         set_time(stream, step.t_s)
         self._draw_line(stream, "taken", self.taken, TAKEN)
         seen = np.empty((0, 2)) if step.tip_mm is None else self.plane.to_px([step.tip_mm])
         stream.log(f"{CAMERA}/tip", rr.Points2D(seen, colors=[TARGET] * len(seen), radii=4.0))
-        scene = None if self.scene is None else self.scene.at(step.depth_mm)
         target_mm = None if scene is None else scene.target_mm[1:]
-        if scene is not None and scene.motion is not None:
+        if scene is not None and scene.moves:
             self._draw_scene(stream, scene)
         _draw_number(stream, "error", "off the plan", _find_deviation(step.estimate_mm, self.plan))
         _draw_number(stream, "error", "seen - predicted", _find_distance((0.0, 0.0), step.innovation_mm))
@@ -148,30 +164,46 @@ def follow(run: Run) -> View:
 def _send(content: InsertionResult, drawing: _Drawing, stream: rr.RecordingStream, _timeline: str) -> None:
     """Send target, plans, observations and estimates in the order of rig time."""
     for trial in content.insertions:
-        scene = _Scene(trial.target_mm, trial.tolerance_mm, trial.obstacles, trial.motion)
-        drawing.begin(stream, scene, trial.start_t_s)
+        drawing.begin(
+            stream,
+            _Scene(trial.target_mm, trial.tolerance_mm, trial.obstacles, moves=False),
+            trial.start_t_s,
+        )
         made_in_order: list[InsertionPlan | InsertionStep] = [*trial.plans, *trial.steps]
         for made in sorted(made_in_order, key=lambda made: made.t_s):
             if isinstance(made, InsertionStep):
-                drawing.draw_step(stream, _step_of_result(made))
+                drawing.draw_step(stream, _step_of_result(made), _find_scene(trial, made))
             else:
                 drawing.draw_plan(stream, made.path_mm, made.t_s)
         if trial.steps and trial.final_frame is not None:
             _send_end(stream, trial)
 
 
+def _find_scene(trial: InsertionTrial, step: InsertionStep) -> _Scene:
+    return _Scene(
+        trial.locate_target(step.depth_mm, step.frame),
+        trial.tolerance_mm,
+        trial.locate_obstacles(step.depth_mm, step.frame),
+        moves=trial.motion is not None or bool(trial.marker_ids),
+    )
+
+
 def _follow(
     run: Run, drawing: _Drawing, stream: rr.RecordingStream, _timeline: str, lines: RecordLines
 ) -> None:
-    for event in parse_events(run.path, lines.events, (InsertionStart, PathSought, TipObserved)):
+    kinds = (InsertionStart, PathSought, MarkersSought, TipObserved)
+    for event in parse_events(run.path, lines.events, kinds):
         match event:
             case InsertionStart():
-                scene = _Scene(event.target_mm, event.tolerance_mm, event.obstacles, event.motion)
-                drawing.begin(stream, scene, event.t_s)
+                drawing.live = _LiveScene(event)
+                drawing.begin(stream, drawing.live.at(0.0), event.t_s)
             case PathSought():
                 drawing.draw_plan(stream, [(y, z) for _, y, z in sample_plan(event)], event.t_s)
+            case MarkersSought() if drawing.live is not None:
+                drawing.live.take_in(event)
             case TipObserved():
-                drawing.draw_step(stream, _step_of_event(event))
+                scene = None if drawing.live is None else drawing.live.at(event.depth_mm)
+                drawing.draw_step(stream, _step_of_event(event), scene)
 
 
 def _step_of_result(step: InsertionStep) -> _Step:
@@ -241,6 +273,14 @@ def _describe_sighting(event: Mapping[str, Any]) -> str:
     return f"tip seen at {event['depth_mm']:.1f} mm{trust}"
 
 
+def _describe_markers(event: Mapping[str, Any]) -> str:
+    return "; ".join(
+        f"marker {marker['marker_id']} has moved by {math.hypot(*marker['displacement_mm']):.2f} mm"
+        + ("" if marker["believed"] else f", not seen: {marker['reason'] or 'it jumped'}")
+        for marker in event["markers"]
+    )
+
+
 def _describe_turn(event: Mapping[str, Any]) -> str:
     turn_deg = math.degrees(event["to_rad"] - event["from_rad"])
     return f"bevel turns by {turn_deg:+.0f}° at {event['depth_mm']:.1f} mm"
@@ -258,5 +298,6 @@ _WORDS: Mapping[str, Words] = {
     "observation": _describe_sighting,
     "origin": _describe_sheath,
     "hold": lambda event: f"needle holds still: {event['detail'] or event['stop']}",
+    "markers": _describe_markers,
     "retreat": lambda event: f"needle goes back to {event['to_mm']:.1f} mm: {event['cause']}",
 }

@@ -1,4 +1,4 @@
-"""Figures of the estimated tip over the inserted length: error, clearance, NIS and heading."""
+"""Figures of an insertion over its length: error of the tip, clearance, NIS and heading, and what its markers moved."""
 
 import math
 
@@ -19,21 +19,21 @@ _NIS_95 = float(chdtri(2, 0.05))
 
 
 def draw_insertion_figure(trial: InsertionTrial, name: str) -> Markup:
-    """Draw four curves of an insertion over the inserted length, with the places where the path was replanned."""
+    """Draw the curves of an insertion over the inserted length, with the places where the path was replanned."""
+    draws = [_draw_error, _draw_clearance, _draw_nis, _draw_heading]
+    if trial.marker_steps:
+        draws.append(_draw_markers)
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 7.2), layout="constrained")
-        error, clearance, nis, heading = figure.subplots(4, 1, sharex=True)
-        _draw_error(error, trial)
-        _draw_clearance(clearance, trial)
-        _draw_nis(nis, trial)
-        _draw_heading(heading, trial)
-        for axes in (error, clearance, nis, heading):
+        figure = Figure(figsize=(9.6, 1.8 * len(draws)), layout="constrained")
+        curves = figure.subplots(len(draws), 1, sharex=True)
+        for axes, draw in zip(curves, draws, strict=True):
+            draw(axes, trial)
             axes.grid(visible=True)
             for plan in trial.plans:
                 axes.axvline(plan.depth_mm, color="#c9cdd2", linewidth=0.8, zorder=0)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
-        heading.set_xlabel("inserted (mm); grey lines: a path was sought")
+        curves[-1].set_xlabel("inserted (mm); grey lines: a path was sought")
         return svg(figure, name)
 
 
@@ -89,6 +89,23 @@ def _draw_heading(axes: Axes, trial: InsertionTrial) -> None:
     if true:
         axes.plot(*_split_columns(true), color=_TRUE, linewidth=1.0, linestyle=(0, (4, 2.5)), label="truth")
     axes.set_ylabel("degrees")
+
+
+def _draw_markers(axes: Axes, trial: InsertionTrial) -> None:
+    axes.set_title("Markers: displacement since the start")
+    for place, marker in enumerate(trial.markers):
+        steps = [step for step in trial.marker_steps if step.marker_id == marker.marker_id]
+        for name, along, line in (("y", 0, "-"), ("z", 1, (0, (4, 2.5)))):
+            moved = [(step.depth_mm, step.displacement_mm[along]) for step in steps]
+            label = f"{marker.marker_id}, along {name}"
+            axes.plot(
+                *_split_columns(moved), color=mark(place).colour, linewidth=1.3, linestyle=line, label=label
+            )
+        missed = [(step.depth_mm, 0.0) for step in steps if not step.believed]
+        if missed:
+            label = f"{marker.marker_id} not seen"
+            axes.plot(*_split_columns(missed), "x", color=mark(place).colour, markersize=5, label=label)
+    axes.set_ylabel("mm")
 
 
 def _split_columns(rows: list[tuple[float, float]]) -> tuple[list[float], list[float]]:

@@ -21,6 +21,7 @@ from labrig.experiments.insertion.result import (
     InsertionPlan,
     InsertionResult,
     InsertionTrial,
+    MarkerMotion,
     TargetErrorSources,
 )
 from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
@@ -94,6 +95,14 @@ class SourcesRow:
 
 
 @dataclass(frozen=True)
+class MarkerRow:
+    """What a marker moved in an insertion."""
+
+    number: int
+    marker: MarkerMotion
+
+
+@dataclass(frozen=True)
 class _Moment:
     """A picture to show: its frame, time, depth and occasion, and the plans up to then."""
 
@@ -142,6 +151,9 @@ def _collect_content(
         "not_in_interval": plane.unknown_quantities(),
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
         "sources": _collect_sources(content),
+        "markers": [
+            MarkerRow(trial.trial + 1, marker) for trial in content.insertions for marker in trial.markers
+        ],
         "places": _describe_places(content.insertions),
         "specimens": make_specimen_views(content.maps, protocol.gels, make_straight_shape(protocol)),
         "folder": f"analysis/{result.path.name}",

@@ -130,7 +130,18 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     rests_on = () if places is None else (f"error: by the shaft in the last picture; in space: {places}",)
     specimens = summarise_maps(document.get("maps", ()))
     tables = (TextTable(_HEADS, rows), *_list_sources(trials))
-    return Summary((*tables, *rests_on, arrived, *alarm, *specimens), values)
+    return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarm, *specimens), values)
+
+
+def _list_markers(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield what each marker moved in each insertion."""
+    for trial in trials:
+        for marker in trial.get("markers", ()):
+            y_mm, z_mm = marker["displacement_mm"]
+            yield (
+                f"insertion {trial['trial'] + 1}: marker {marker['marker_id']} moved {marker['moves']} by "
+                f"{y_mm:+.2f} mm along y and {z_mm:+.2f} mm along z"
+            )
 
 
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:

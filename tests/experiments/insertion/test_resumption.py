@@ -7,7 +7,7 @@ import pytest
 from labrig.devices.operator import MountNeedle
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.events import InsertionStart, InsertionStop
+from labrig.experiments.insertion.events import InsertionStart, InsertionStop, MarkersSought
 from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
@@ -19,6 +19,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
+from tests.experiments.insertion.test_markers import BOUND, PUSHED, world
 from tests.experiments.insertion.test_procedure import EVEN, FROM_THE_BEGINNING
 from tests.runner.sessions import PROTOCOLS, Told, Watched, bench
 
@@ -39,12 +40,13 @@ def test_what_remains_follows_from_what_was_made_and_decided() -> None:
 
 
 def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None:
-    """The first insertion is kept, the second was stopped and is made again; both sessions replay."""
+    """The first insertion is kept, the second was stopped and is made again with its markers; both sessions replay."""
     experiment = find_experiment("insertion")
     protocol = load_protocol(
-        PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, (*FROM_THE_BEGINNING, "repetitions=2")
+        PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, (*FROM_THE_BEGINNING, *BOUND, "repetitions=2")
     )
-    with bench(tmp_path, protocol, EVEN) as at:
+    laid = (*EVEN, world(), PUSHED)
+    with bench(tmp_path, protocol, laid) as at:
 
         def then(doing: str) -> None:
             if doing.startswith("inserted 1") and open_run(at.recorder.path).trials.shape[0] == 2:
@@ -53,7 +55,7 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
         outcome = conduct(experiment, protocol, Session(at.opened.rig, at.recorder, Told(then)))
     assert outcome.exit_status == "aborted"
     run = open_run(at.recorder.path)
-    with bench(tmp_path / "again", protocol, EVEN) as again:
+    with bench(tmp_path / "again", protocol, laid) as again:
         recorder = Recorder.reopen(run.path, "test")
         devices = open_run(again.recorder.path).manifest["devices"]
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
@@ -70,6 +72,8 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
         (1, None, "interrupted"),
         (2, 1, "success"),
     ]
+    starts = {event.trial: event.depth_mm for event in reversed(run.read_events(MarkersSought))}
+    assert starts == {0: 0.0, 1: 0.0, 2: 0.0}
     assert check_run(run.path).damage == ()
     found = replay_run(run, experiment, protocol, Told())
     assert (found.first_difference, found.bit_exact) == (None, True)

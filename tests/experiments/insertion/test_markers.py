@@ -1,0 +1,190 @@
+"""Targets that are bound to a marker: reached where they were pushed, replayed, measured again, stopped in doubt."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+
+from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.run import analyze_run
+from labrig.devices.operator import ConfirmStopped
+from labrig.errors import FileFormatError, Problem
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.insertion.film import make_films
+from labrig.experiments.insertion.result import InsertionResult
+from labrig.experiments.registry import find_experiment
+from labrig.protocol.load import load_protocol
+from labrig.record.reader import Run, open_run
+from labrig.runner.replay import replay_run
+from tests.analysis.insertions import analyse
+from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.devices.rigs import simulated_rig
+from tests.experiments.insertion.test_procedure import (
+    EVEN,
+    FROM_THE_BEGINNING,
+    conduct_insertion,
+    events,
+    insertion,
+    open_certified_rig,
+    truth,
+)
+from tests.pages import write_page
+from tests.runner.sessions import PROTOCOLS, Told, Watched, bench, find_problems
+
+BOUND = ("target.marker_id=7", "markers={side_mm: 6}")
+NEAR = ("target.position_mm=[0,-3,25]", "insertion.frame_every_mm=2")
+MARKER = "marker_id: 7, side_mm: 6, position_mm: [-28, 45]"
+PUSHED = "world.target_pushed_mm_per_mm=[0.12,0]"
+"""A target 25 mm ahead is then 3 mm aside when the needle gets there."""
+
+
+def world(marker: str = MARKER) -> str:
+    """Return the override that lays a marker into the world."""
+    return f"world.markers=[{{{marker}}}]"
+
+
+@cache
+def record_followed() -> Run:
+    """Conduct an insertion to a target that is pushed by 3 mm, followed by its marker."""
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *BOUND])
+    with bench(Path(mkdtemp(prefix="labrig-markers-")), protocol, (*EVEN, world(), PUSHED)) as opened:
+        outcome, run = opened.conduct(protocol)
+    assert outcome.exit_status == "success"
+    return run
+
+
+def test_a_pushed_target_is_reached_by_its_marker_alone(tmp_path: Path) -> None:
+    """Bound to its marker it is reached where it is; unbound the needle goes to where it was, 3 mm beside it."""
+    assert truth(record_followed())["true_target_error_mm"] < 1.0
+    _, unbound = conduct_insertion(tmp_path, insertion(*NEAR), (*EVEN, world(), PUSHED))
+    assert truth(unbound)["true_target_error_mm"] > 2.5
+    assert not events(unbound, "markers")
+
+
+def test_the_record_has_every_displacement_and_replays() -> None:
+    """Each picture that steered has the marker's displacement, which is the world's; a replay is identical."""
+    run = record_followed()
+    seen = events(run, "markers")
+    assert events(run, "trial_start")[0]["marker_ids"] == [7]
+    assert {look["frame"] for look in events(run, "observation")} < {event["frame"] for event in seen}
+    for event in seen:
+        (marker,) = event["markers"]
+        assert marker["believed"]
+        assert marker["displacement_mm"] == pytest.approx([0.12 * event["depth_mm"], 0.0], abs=0.05)
+    experiment = find_experiment("insertion")
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *BOUND])
+    assert replay_run(run, experiment, protocol, Told()).identical
+
+
+def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -> None:
+    """The estimates are the live ones; errors, film and page are of the moved target; the settings may be changed."""
+    run = record_followed()
+    result = analyze_run(run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE)
+    assert isinstance(result.content, InsertionResult)
+    (trial,) = result.content.insertions
+    assert trial.as_recorded
+    (marker,) = trial.markers
+    assert (marker.marker_id, marker.moves, marker.believed) == (7, "target", marker.pictures)
+    assert marker.displacement_mm == pytest.approx((3.0, 0.0), abs=0.4)
+    live = [event["markers"][0]["displacement_mm"] for event in events(run, "markers")]
+    assert [list(step.displacement_mm) for step in trial.marker_steps] == live
+    assert trial.target_error_mm == pytest.approx(trial.true_target_error_mm, abs=0.4)
+    assert trial.target_error_sources_mm is not None
+    assert trial.target_error_sources_mm.target == pytest.approx(0.1)
+    page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+    assert "<h2>What the markers moved</h2>" in page
+    assert "Markers: displacement since the start" in page
+    (film,) = make_films(result.content, load_plane_map(run))
+    first, last = (
+        next(stroke.px for stroke in picture.strokes if stroke.name == "target").mean(axis=0)
+        for picture in (film.pictures[0], film.pictures[-1])
+    )
+    assert first[1] - last[1] > 20.0
+    (wary,) = analyse(run, "markers.jump_mm=0.1", "markers.lost_sd_mm_per_mm=0").insertions
+    assert wary.commands[-1].stop == "marker_jumped"
+
+
+@pytest.mark.parametrize(
+    ("what", "reason", "stops_by_mm"),
+    [
+        (world(f"{MARKER}, covered_mm: [4, 100]"), "marker_lost", 11.0),
+        ("world.target_slides={at_mm: 4, by_mm: [2.5, 0]}", "marker_jumped", 9.0),
+    ],
+)
+def test_a_marker_that_is_lost_or_jumps_stops_the_axes(
+    tmp_path: Path, what: str, reason: str, stops_by_mm: float
+) -> None:
+    """The needle stops, a person is told why, and it is withdrawn; the run ends as no."""
+    protocol = insertion(*NEAR, *BOUND, "markers.most_lost_mm=4")
+    with open_certified_rig(tmp_path, protocol, (*EVEN, world(), what)) as opened:
+        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
+        outcome, run = opened.conduct(protocol)
+    assert outcome.error is not None
+    assert (outcome.reason, outcome.error.exit_code) == (reason, 1)
+    (asked,) = (request for request in watched.asked if isinstance(request, ConfirmStopped))
+    assert "marker 7" in asked.reason
+    assert 4.0 < run.states["insertion_mm"].max() < stops_by_mm
+    assert abs(run.states.iloc[-1]["insertion_mm"]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        (
+            world("marker_id: 8, side_mm: 6, position_mm: [-28, 45]"),
+            "marker 7 of DICT_4X4_50 is missing: it was not",
+        ),
+        (
+            world(f"{MARKER}}}, {{marker_id: 7, side_mm: 6, position_mm: [20, 60]"),
+            "marker 7 of DICT_4X4_50 is missing: it was seen 2 times",
+        ),
+        (
+            world(f"{MARKER}, x_mm: -20"),
+            "a marker of that size lies at about x -19 mm, and markers.x_mm is 0",
+        ),
+    ],
+)
+def test_without_its_markers_the_needle_does_not_move(tmp_path: Path, what: str, told: str) -> None:
+    """A marker that is missing, there twice, or beside the plane ends the run before anything moves, and is named."""
+    outcome, run = conduct_insertion(tmp_path, insertion(*NEAR, *BOUND), (*EVEN, what))
+    assert outcome.error is not None
+    assert (outcome.reason, outcome.error.exit_code) == ("no_marker", 1)
+    assert told in outcome.error.message
+    assert not events(run, "move")
+
+
+def test_markers_that_cannot_be_told_are_named_before_a_run() -> None:
+    """An id that the dictionary lacks, bits that are too small, and a plane across which nothing is known."""
+    unknown = _find_problems("target.marker_id=50", "markers={side_mm: 6}")
+    assert [problem.where for problem in unknown] == ["target.marker_id"]
+    assert "50 is not in DICT_4X4_50, whose markers are 0 to 49" in unknown[0].message
+    (small,) = _find_problems("target.marker_id=7", "markers={side_mm: 2}")
+    assert small.where == "markers.side_mm"
+    assert "print them 3 mm large" in small.hint
+    (behind,) = _find_problems("target.marker_id=7", "markers={side_mm: 6, x_mm: -190}")
+    assert behind.where == "markers.x_mm"
+    assert not _find_problems(*BOUND)
+
+
+def _find_problems(*overrides: str) -> tuple[Problem, ...]:
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *overrides])
+    return find_problems(protocol, simulated_rig())
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (("target.marker_id=7",), "does not describe markers"),
+        (("markers={side_mm: 6}",), "no target and no obstacle is bound to a marker"),
+        ((*BOUND, "target.motion_mm_per_mm=[0.1,0]"), "give one of the two"),
+    ],
+)
+def test_a_protocol_that_contradicts_itself_about_markers_is_refused(
+    overrides: tuple[str, ...], told: str
+) -> None:
+    """An id without markers, markers that nothing names, and a motion that is told and measured."""
+    with pytest.raises(FileFormatError) as refused:
+        insertion(*overrides)
+    (problem,) = refused.value.problems
+    assert told in f"{problem.message} {problem.hint}"

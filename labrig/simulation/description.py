@@ -245,6 +245,12 @@ class MarkerDescription(Model):
         description="Lengths of the needle's path between which something covers it; null: nothing does [mm].",
     )
 
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield lengths out of order."""
+        if self.covered_mm is not None and self.covered_mm[0] >= self.covered_mm[1]:
+            begins, ends = self.covered_mm
+            yield Conflict("covered_mm", f"[{begins:g}, {ends:g}] mm; the first must be the smaller one")
+
 
 class SlideDescription(Model):
     """The gel slides: target and markers are displaced all at once."""

@@ -28,6 +28,7 @@ _RIM_PX = 6  # of the part of the picture around a card, for the lens's blur
 class PrintedMarker:
     """A marker: its brightness over that of clear gel in each cell, its rim included, and how large a cell is."""
 
+    marker: MarkerDescription
     cells: Field32
     cell_mm: float
 
@@ -55,22 +56,21 @@ def print_marker(marker: MarkerDescription) -> PrintedMarker:
     across = dictionary.markerSize + 2
     bits = cv2.aruco.generateImageMarker(dictionary, marker.marker_id, across)
     cells = np.where(np.pad(bits, 1, constant_values=255) > 0, _CARD, _INK).astype(np.float32)
-    return PrintedMarker(cells, marker.side_mm / across)
+    return PrintedMarker(marker, cells, marker.side_mm / across)
 
 
 def draw_marker(
     light: Field32,
     world: WorldDescription,
-    marker: MarkerDescription,
+    printed: PrintedMarker,
     moved_mm: tuple[float, float],
     white: Field32,
 ) -> None:
     """Draw a marker that has moved by (y, z) over a blurred picture; `white` is the brightness of clear gel (H, W)."""
-    printed = print_marker(marker)
-    window = _frame(printed, marker, moved_mm, world.lens)
+    window = _frame(printed, moved_mm, world.lens)
     if window is None:
         return
-    along, up = _unwarp(window, marker, moved_mm, world.lens)
+    along, up = _unwarp(window, printed.marker, moved_mm, world.lens)
     count = len(printed.cells)
     column = np.floor((along + printed.half_mm) / printed.cell_mm).astype(int)
     row = np.floor((printed.half_mm - up) / printed.cell_mm).astype(int)
@@ -83,9 +83,10 @@ def draw_marker(
 
 
 def _frame(
-    printed: PrintedMarker, marker: MarkerDescription, moved_mm: tuple[float, float], lens: LensDescription
+    printed: PrintedMarker, moved_mm: tuple[float, float], lens: LensDescription
 ) -> tuple[slice, slice] | None:
     """Return the rows and columns of the picture around the card; None if it is out of view."""
+    marker = printed.marker
     y, z = (place + moved for place, moved in zip(marker.position_mm, moved_mm, strict=True))
     reach_mm = math.sqrt(2) * printed.half_mm
     corners = np.array([(marker.x_mm, y + a * reach_mm, z + b * reach_mm) for a in (-1, 1) for b in (-1, 1)])

@@ -27,7 +27,7 @@ from labrig.simulation.gel import (
     make_hole,
 )
 from labrig.simulation.lens import Field32, Floats, plane_to_pixels, steering_plane_pose, unproject
-from labrig.simulation.marker import draw_marker
+from labrig.simulation.marker import draw_marker, print_marker
 from labrig.simulation.scene import Backdrop, draw_backdrop, draw_gel, draw_with_needle
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blur
@@ -66,6 +66,11 @@ class World:
     seed : int
         The protocol's seed. Each draw has a stream of its own (specimen; hole and needle; picture of the
         hole), so that no draw depends on earlier actions.
+
+    Raises
+    ------
+    InputError
+        For a marker that its dictionary does not have.
     """
 
     def __init__(self, description: WorldDescription, seed: int) -> None:
@@ -83,6 +88,7 @@ class World:
         self._scene: _View | None = None
         self._backdrop: tuple[tuple[str, float, float], Backdrop] | None = None
         self._pictures: dict[str, int] = {}
+        self._markers = tuple(map(print_marker, description.markers))
 
     # Drawn with the first picture: they take most of the time in which a world is made, and few worlds are looked at.
     @cached_property
@@ -437,9 +443,10 @@ class World:
         moved_mm = 0.0, 0.0
         if start_mm is not None and target_mm is not None:
             moved_mm = target_mm[1] - start_mm[1], target_mm[2] - start_mm[2]
-        for marker in self.description.markers:
-            if marker.covered_mm is None or not marker.covered_mm[0] <= cut_mm < marker.covered_mm[1]:
-                draw_marker(light, self.description, marker, moved_mm, self._white)
+        for printed in self._markers:
+            covered_mm = printed.marker.covered_mm
+            if covered_mm is None or not covered_mm[0] <= cut_mm < covered_mm[1]:
+                draw_marker(light, self.description, printed, moved_mm, self._white)
 
     def _draw_backdrop(self, scene: str) -> Backdrop:
         """Return the present scene with the sheath, drawn again only after something in it has moved."""

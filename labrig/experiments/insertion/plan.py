@@ -154,14 +154,15 @@ def _warn_of_torsion(protocol: InsertionProtocol, rig: RigDescription) -> Iterat
 
 
 def _warn_of_marker_depth(protocol: InsertionProtocol) -> Iterator[Problem]:
-    """Yield markers beside the steering plane: what they move is computed from how far."""
+    """Yield markers beside the steering plane."""
     markers = protocol.markers
     if markers is not None and markers.x_mm != 0.0:
         yield Problem(
             "markers.x_mm",
             f"the markers lie {abs(markers.x_mm):g} mm {'behind' if markers.x_mm > 0 else 'before'} the calibrated "
-            "plane; what they move is scaled by that, as if they were seen through what lies before the plane",
-            "put them into the plane, or as near to it as possible",
+            f"plane: what they move looks {'smaller' if markers.x_mm > 0 else 'larger'} there, and is scaled back by "
+            "this number alone",
+            "put them into the plane, or measure how far from it they are",
         )
 
 

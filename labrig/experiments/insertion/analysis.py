@@ -7,10 +7,9 @@ of the protocol the commands are those of the run, to the last digit. With other
 The needle still followed the commands of the run: this compares commands picture by picture and predicts no other path.
 """
 
-import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from labrig.analysis.origin import find_origins
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
-from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.ending import (
     TEMPLATE_BIAS_MM,
     Ending,
@@ -51,16 +49,8 @@ from labrig.experiments.insertion.events import (
     TipObserved,
     TrueInsertion,
 )
-from labrig.experiments.insertion.marker_view import (
-    MarkersFollowed,
-    MarkerView,
-    find_start,
-    find_target_sd_mm,
-    follow_markers,
-    pass_unread_picture,
-    place_settings,
-    recall_start,
-)
+from labrig.experiments.insertion.marker_history import MarkerHistory, seek_markers
+from labrig.experiments.insertion.marker_view import find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.recorded_plan import sample_plan
 from labrig.experiments.insertion.result import (
@@ -69,8 +59,6 @@ from labrig.experiments.insertion.result import (
     InsertionResult,
     InsertionStep,
     InsertionTrial,
-    MarkerMotion,
-    MarkerStep,
     SightingNoise,
 )
 from labrig.experiments.insertion.settings import (
@@ -236,20 +224,18 @@ def _read_trials(run: Run) -> list[_Events]:
 def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
     settings = _restore_settings(events, source.protocol)
-    length_mm, tolerance_mm = None if stop is None else stop.depth_mm, settings.problem.tolerance_mm
+    depth_mm, tolerance_mm = 0.0 if stop is None else stop.depth_mm, settings.problem.tolerance_mm
     true = _read_true_path(truth)
-    sought = _seek_markers(events, source)
-    steps, commands = _retrace(events, settings, source, true, sought)
-    last = sought[-1].followed if sought else None
-    if last is not None:
-        settings, _ = place_settings(settings, Aim(start.target_mm, start.obstacles), last)
-    target_mm = move_target(settings.problem.target_mm, settings.motion, length_mm or 0.0)[1:]
+    markers = seek_markers(source.run, source.protocol, source.view.plane, events.start, events.markers)
+    steps, commands = _retrace(events, settings, source, true, markers)
+    settings = markers.place_at_end(settings)
+    target_mm = move_target(settings.problem.target_mm, settings.motion, depth_mm)[1:]
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
     budget = None if end is None else _find_budget(end, target_mm, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
-    target_sd_mm = find_target_sd_mm(source.protocol, last)
+    target_sd_mm = find_target_sd_mm(source.protocol, markers.last)
     bounds = _bound_error(events, settings, source, end, steps, target_sd_mm=target_sd_mm)
-    ending = _decide_ending(events.stop, error_mm, bounds, _find_doubt(source, last), tolerance_mm)
+    ending = _decide_ending(events.stop, error_mm, bounds, _find_doubt(source, markers), tolerance_mm)
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
@@ -257,7 +243,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         target_mm=start.target_mm,
         tolerance_mm=tolerance_mm,
         obstacles=start.obstacles,
-        final_frame=None if stop is None else stop.final_frame,
+        **_describe_stop(stop),
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
         target_error_mm=error_mm,
@@ -265,11 +251,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         target_error_budget_mm=budget,
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
-        true_target_error_mm=None if truth is None else truth.true_target_error_mm,
-        true_min_clearance_mm=None if truth is None else truth.true_min_clearance_mm,
-        true_path_mm=_thin_path(true.path_mm),
-        replans=0 if stop is None else stop.replans,
-        length_mm=length_mm,
+        **_describe_truth(truth, true),
         missed_sightings=sum(not step.believed for step in steps),
         mean_nis=_average([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
@@ -277,9 +259,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         as_recorded=[step.estimate_mm for step in steps] == events.estimates_mm,
         commands=tuple(commands),
         motion=settings.motion,
-        marker_ids=start.marker_ids,
-        markers=_summarise_markers(start.marker_ids, sought),
-        marker_steps=tuple(_list_marker_steps(sought)),
+        **markers.describe(),
         retreats=sum(isinstance(event, NeedleRetreat) for event in events.way),
     )
 
@@ -300,6 +280,22 @@ def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[s
         "target_error_interval_tip_mm": None if bounds is None else bounds.tip_mm,
         "target_error_sources_mm": None if bounds is None else bounds.sources,
         "depth": None if bounds is None else bounds.depth,
+    }
+
+
+def _describe_stop(stop: InsertionStop | None) -> dict[str, Any]:
+    return {
+        "final_frame": None if stop is None else stop.final_frame,
+        "replans": 0 if stop is None else stop.replans,
+        "length_mm": None if stop is None else stop.depth_mm,
+    }
+
+
+def _describe_truth(truth: TrueInsertion | None, true: _TruePath) -> dict[str, Any]:
+    return {
+        "true_target_error_mm": None if truth is None else truth.true_target_error_mm,
+        "true_min_clearance_mm": None if truth is None else truth.true_min_clearance_mm,
+        "true_path_mm": _thin_path(true.path_mm),
     }
 
 
@@ -333,11 +329,11 @@ def _bound_error(
     return bound_error(seen, budget, target_mm, target_sd_mm)
 
 
-def _find_doubt(source: _Source, followed: MarkersFollowed | None) -> Ending | None:
+def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
     """Return the ending of an insertion after which camera or markers are not where they were, None otherwise."""
     if source.sentinel is not None and not source.sentinel.accepted:
         return Ending("unknown", "camera_bumped", source.sentinel.reason or "")
-    doubt = None if followed is None else followed.doubt
+    doubt = None if markers.last is None else markers.last.doubt
     return None if doubt is None else Ending("stopped", doubt.reason, doubt.detail)
 
 
@@ -363,97 +359,18 @@ def _decide_ending(
     return Ending(stop.outcome, str(stop.stop), stop.cause)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sought:
-    """The markers after a picture, measured again."""
-
-    event: MarkersSought
-    followed: MarkersFollowed
-
-
-def _seek_markers(events: _Events, source: _Source) -> tuple[_Sought, ...]:
-    """Find and follow the markers again in the recorded pictures, as a live insertion does; none without markers."""
-    view = MarkerView.of(source.protocol, source.view.plane)
-    if view is None or not events.markers:
-        return ()
-    first, *later = events.markers
-    try:
-        followed = find_start(source.run.pictures[first.frame].read(), view)
-    except (PictureError, RecordError):
-        followed = recall_start(first, view)
-    sought = [_Sought(first, followed)]
-    for event in later:
-        try:
-            image = source.run.pictures[event.frame].read()
-            followed = follow_markers(followed, image, event.depth_mm)
-        except (PictureError, RecordError) as error:
-            reason = error.message.replace(f"{source.run.path}/", "")
-            followed = pass_unread_picture(followed, reason, event.depth_mm)
-        sought.append(_Sought(event, followed))
-    return tuple(sought)
-
-
-def _summarise_markers(
-    marker_ids: Sequence[int | None], sought: Sequence[_Sought]
-) -> tuple[MarkerMotion, ...]:
-    """Return how far each marker moved."""
-    steps = list(_list_marker_steps(sought))
-    names = ("target", *(f"obstacle {number}" for number in range(1, len(marker_ids))))
-    motions = []
-    for marker_id in sorted({step.marker_id for step in steps}):
-        own = [step for step in steps if step.marker_id == marker_id]
-        bound = [name for name, bound_to in zip(names, marker_ids, strict=True) if bound_to == marker_id]
-        motions.append(
-            MarkerMotion(
-                marker_id=marker_id,
-                moves=", ".join(bound),
-                displacement_mm=own[-1].displacement_mm,
-                sd_mm=own[-1].sd_mm,
-                farthest_mm=max(math.hypot(*step.displacement_mm) for step in own),
-                pictures=len(own),
-                believed=sum(step.believed for step in own),
-            )
-        )
-    return tuple(motions)
-
-
-def _list_marker_steps(sought: Sequence[_Sought]) -> Iterator[MarkerStep]:
-    if not sought:
-        return
-    starts_mm = {marker.marker_id: marker.start_mm for marker in sought[0].followed.tracked}
-    for picture in sought:
-        event = picture.followed.make_event(picture.event.trial, picture.event.frame, picture.event.depth_mm)
-        for marker in event.markers:
-            start_mm, place_mm = starts_mm[marker.marker_id], marker.place_mm
-            yield MarkerStep(
-                frame=event.frame,
-                depth_mm=event.depth_mm,
-                marker_id=marker.marker_id,
-                seen_mm=None if place_mm is None else (place_mm[0] - start_mm[0], place_mm[1] - start_mm[1]),
-                reason=marker.reason,
-                believed=marker.believed,
-                displacement_mm=marker.displacement_mm,
-                sd_mm=marker.sd_mm,
-                unseen_mm=marker.unseen_mm,
-            )
-
-
 def _retrace(
     events: _Events,
     settings: SteeringSettings,
     source: _Source,
     true: _TruePath,
-    sought: Sequence[_Sought],
+    markers: MarkerHistory,
 ) -> tuple[list[InsertionStep], list[InsertionCommand]]:
     """Run the steering step again at each picture, with the recorded turns instead of the turns that it commands.
 
     A commanded turn that was also made counts as the step's own, so that the same settings give the same digits.
     """
-    aim = Aim(events.start.target_mm, events.start.obstacles)
-    on_the_way = {event.frame for event in events.way if isinstance(event, TipObserved)}
-    followed = {picture.event.frame: picture.followed for picture in sought}
-    for frame in itertools.takewhile(lambda frame: frame not in on_the_way, followed):
-        settings, _ = place_settings(settings, aim, followed[frame])
+    settings = markers.place_before(events.way, settings)
     state, command = start_steering(settings)
     steps, commands = list[InsertionStep](), [_describe_command(None, state, command)]
     for place, event in enumerate(events.way):
@@ -469,9 +386,8 @@ def _retrace(
                 state = replace(state, turns=state.turns[:-1])
             predicted = state.predict(event.depth_mm, settings)
             fix, position_mm = _find_tip_again(event, predicted, state, source)
-            sighting, halt = TipSighting(event.depth_mm, position_mm), None
-            if event.frame in followed:
-                settings, halt = place_settings(settings, aim, followed[event.frame])
+            sighting = TipSighting(event.depth_mm, position_mm)
+            settings, halt = markers.place_at(event.frame, settings)
             if command.stop is None:
                 state, command = step_steering(state, sighting, settings, halt)
                 commands.append(_describe_command(event.frame, state, command))

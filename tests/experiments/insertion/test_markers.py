@@ -7,16 +7,26 @@ from tempfile import mkdtemp
 import pytest
 
 from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
+from labrig.devices.cia402_states import describe_statusword
 from labrig.devices.operator import ConfirmStopped
 from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.film import make_films
+from labrig.experiments.insertion.marker_view import MarkersFollowed, MarkerView, place_settings
+from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.insertion.settings import make_insertion_settings
+from labrig.experiments.registry import find_experiment, follow_run
 from labrig.protocol.load import load_protocol
 from labrig.record.reader import Run, open_run
+from labrig.report.rerun_view import write_view
 from labrig.runner.replay import replay_run
+from labrig.steering.marker_tracking import TrackedMarker
+from labrig.steering.problem import Obstacle
+from labrig.vision.plane import PlaneMap
 from tests.analysis.insertions import analyse
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import simulated_rig
@@ -30,6 +40,7 @@ from tests.experiments.insertion.test_procedure import (
     truth,
 )
 from tests.pages import write_page
+from tests.rerun_files import read_view
 from tests.runner.sessions import PROTOCOLS, Told, Watched, bench, find_problems
 
 BOUND = ("target.marker_id=7", "markers={side_mm: 6}")
@@ -101,6 +112,8 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
         for picture in (film.pictures[0], film.pictures[-1])
     )
     assert first[1] - last[1] > 20.0
+    followed = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
+    assert followed["/depth/to the target"][-1] < 1.0
     (wary,) = analyse(run, "markers.jump_mm=0.1", "markers.lost_sd_mm_per_mm=0").insertions
     assert wary.commands[-1].stop == "marker_jumped"
 
@@ -152,6 +165,37 @@ def test_without_its_markers_the_needle_does_not_move(tmp_path: Path, what: str,
     assert (outcome.reason, outcome.error.exit_code) == ("no_marker", 1)
     assert told in outcome.error.message
     assert not events(run, "move")
+
+
+def _follow(*markers: TrackedMarker) -> MarkersFollowed:
+    """Return markers as they were followed, without pictures."""
+    protocol = insertion(*NEAR, *BOUND, "obstacles=[{position_mm: [0, 9, 25], radius_mm: 4}]")
+    assert isinstance(protocol, InsertionProtocol)
+    view = MarkerView.of(protocol, PlaneMap.from_scale(10.0, (0.0, 0.0), "right"))
+    assert view is not None
+    return MarkersFollowed(view, markers)
+
+
+def test_a_marker_that_strays_in_the_last_picture_is_no_arrival() -> None:
+    """No picture follows that could tell whether it stays; one that was only covered there is in no doubt."""
+    doubt = _follow(TrackedMarker(7, (0.0, 0.0), strayed_mm=(3.0, 0.0))).doubt
+    assert doubt is not None
+    assert (doubt.reason, "marker 7" in doubt.detail) == ("marker_jumped", True)
+    assert _follow(TrackedMarker(7, (0.0, 0.0), unseen_mm=1.0)).doubt is None
+
+
+def test_a_target_that_moves_into_an_obstacle_stops_the_needle() -> None:
+    """What cannot be planned with halts the needle as blocked, and is planned with where it was before."""
+    protocol = insertion(*NEAR, *BOUND)
+    assert isinstance(protocol, InsertionProtocol)
+    aim = Aim((0.0, -3.0, 25.0), (Obstacle((0.0, 9.0, 25.0), 4.0),))
+    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    beside, halt = place_settings(settings, aim, _follow(TrackedMarker(7, (0.0, 0.0), (2.0, 1.0))))
+    assert (beside.problem.target_mm, halt) == ((0.0, -1.0, 26.0), None)
+    inside, halt = place_settings(beside, aim, _follow(TrackedMarker(7, (0.0, 0.0), (10.0, 0.0))))
+    assert halt is not None
+    assert (halt.reason, "target lies inside obstacle 1" in halt.detail) == ("blocked", True)
+    assert inside.problem.target_mm == beside.problem.target_mm
 
 
 def test_markers_that_cannot_be_told_are_named_before_a_run() -> None:

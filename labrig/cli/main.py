@@ -5,7 +5,7 @@ import importlib
 import itertools
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Annotated
 
 import typer
@@ -56,6 +56,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, tip template."),
     "measure": ("measure.app", "Measure pictures that belong to no run."),
     "devices": ("devices.app", "Check the rig, show its camera, move its axes, stop it."),
+    "manual": ("manual.manual", "Open a page of the manual, or list its pages."),
 }
 """Each command with its file and function (or group of commands) and its help, in the order of `labrig --help`.
 
@@ -82,6 +83,12 @@ def _root(
 
 def _make_app(arguments: Sequence[str]) -> typer.Typer:
     """Return `labrig` with the command that the arguments name; of the other commands it has only the help."""
+    words = _read_completed_line() or arguments
+    return make_app([word for word in words if not word.startswith("-")][:1])
+
+
+def make_app(named: Collection[str]) -> typer.Typer:
+    """Return `labrig` with the commands that are named; of the other commands it has only the help."""
     app = typer.Typer(
         name="labrig",
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
@@ -91,10 +98,8 @@ def _make_app(arguments: Sequence[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    words = _read_completed_line() or arguments
-    named = next((word for word in words if not word.startswith("-")), None)
     for name, (place, text) in COMMANDS.items():
-        command = _import_command(place) if name == named else _unused
+        command = _import_command(place) if name in named else _unused
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name, help=text, cls=HelpfulGroup)
         else:

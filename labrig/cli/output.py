@@ -65,6 +65,7 @@ def _make_finite(value: object) -> object:
 _UNKNOWN = "-"
 _UNLIMITED = 1_000_000
 _LEAST_COLUMNS = 20
+_WIDEST_TEXT = 100  # longer lines of prose are hard to read
 _INDENT = "  "
 
 
@@ -182,6 +183,19 @@ def print_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
             if check["solution"]:
                 print_wrapped(f"      {check['solution']}", 6)
     return 1 if any(check["status"] == "FAIL" for check in checks) else 0
+
+
+def print_markdown(text: str) -> None:
+    """Print Markdown as text for a terminal; a table that is too wide for it becomes a block for each row."""
+    from rich.console import Console
+
+    from labrig.cli.markdown_text import TerminalMarkdown
+
+    # A height too, without which a terminal that knows no colours counts as 80 columns wide.
+    console = Console(width=min(_terminal_columns(), _WIDEST_TEXT), height=25, highlight=False)
+    with console.capture() as captured:
+        console.print(TerminalMarkdown(escape_controls(text)))
+    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
 def print_wrapped(text: str, indent: int = 2) -> None:

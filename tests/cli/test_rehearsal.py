@@ -16,7 +16,7 @@ from tests.rehearsing import PATIENCE_S, Ended, ServingRig, copy_rig, serve_rehe
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
-CHAPTER = ROOT / "labrig" / "manual" / "commissioning.md"
+CHAPTER = ROOT / "labrig" / "manual" / "tutorials" / "commissioning.md"
 RIG = "calibration/rig-rehearsal.yaml"
 FAST = {
     "sheath.speed_mm_s": 30,
@@ -36,7 +36,7 @@ FAST = {
 def _read_blocks(section: str, language: str) -> list[str]:
     """Return the code blocks of a section of the chapter."""
     text = CHAPTER.read_text(encoding="utf-8").split(f"\n## {section}\n")[1].split("\n## ")[0]
-    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+    return re.findall(rf"```{language}(?: bench)?\n(.*?)```", text, re.DOTALL)
 
 
 def _read_commands(section: str) -> list[list[str]]:

@@ -186,3 +186,11 @@ def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> No
 def test_letters_of_any_language_and_line_ends_stay() -> None:
     """Only control characters are escaped; letters of any language and line ends stay."""
     assert escape_controls("Gel gr\u00fcn\t\u6c34\nzwei") == "Gel gr\u00fcn\t\u6c34\nzwei"
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_a_page_of_the_manual_fits_the_terminal(columns: int) -> None:
+    """No line is wider, and the names of options are whole."""
+    lines = _at_terminal(columns, "manual", "commands", "--print")
+    assert max(map(len, lines)) <= columns
+    assert {"--clearance-tolerance-mm", "--sheath-diameter-mm"} <= set(" ".join(lines).split())

@@ -1,0 +1,39 @@
+"""The pages of the manual that are generated when they are read: protocol and rig files, and the commands."""
+
+from labrig.report.manual import ManualPage
+
+_FOOT = (
+    "`labrig schema{}` prints the same as JSON Schema, which editors use to complete and check such files."
+)
+
+
+def _write_protocol_reference() -> str:
+    from labrig.experiments.declared import list_usable_models
+    from labrig.protocol.load import protocol_schema
+    from labrig.protocol.reference import write_reference
+
+    said = "A protocol names its experiment; the other keys follow from that. " + _FOOT.format("")
+    return write_reference(protocol_schema(list_usable_models()), _PROTOCOL, said)
+
+
+def _write_rig_reference() -> str:
+    from labrig.devices.rig_file import rig_schema
+    from labrig.protocol.reference import write_reference
+
+    said = "A rig file says how the bench is built. " + _FOOT.format(" rig")
+    return write_reference(rig_schema(), _RIG, said)
+
+
+def _write_commands_reference() -> str:
+    from labrig.cli.command_reference import write_command_reference
+    from labrig.cli.main import COMMANDS, make_app
+
+    return write_command_reference(make_app(COMMANDS), _COMMANDS)
+
+
+_PROTOCOL, _RIG, _COMMANDS = "Protocol files", "Rig files", "Commands"
+REFERENCE = (
+    ManualPage("reference/commands", _COMMANDS, _write_commands_reference),
+    ManualPage("reference/protocol", _PROTOCOL, _write_protocol_reference),
+    ManualPage("reference/rig", _RIG, _write_rig_reference),
+)

@@ -1,0 +1,86 @@
+"""The pages of the manual: Markdown in the package, and what a reference is generated from."""
+
+import posixpath
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import resources
+from importlib.resources.abc import Traversable
+
+from labrig.report.markdown import find_headings, find_links, parse
+
+INDEX = "index"
+KINDS = {
+    "tutorials": "Tutorials",
+    "howto": "How-to guides",
+    "reference": "Reference",
+    "explanation": "Explanation",
+}
+"""The folder of each kind of page, and what the kind is called (https://diataxis.fr)."""
+
+
+@dataclass(frozen=True)
+class ManualPage:
+    """A page of the manual.
+
+    Parameters
+    ----------
+    place : str
+        Its folder and name, such as `tutorials/commissioning`; `index` for the first page.
+    title : str
+        Its first heading.
+    read : callable
+        Returns its Markdown; a reference is generated then.
+    """
+
+    place: str
+    title: str
+    read: Callable[[], str]
+
+    @property
+    def kind(self) -> str:
+        """One of `KINDS`; empty for the first page."""
+        return posixpath.dirname(self.place)
+
+    @property
+    def topic(self) -> str:
+        """Its name, by which it is asked for."""
+        return posixpath.basename(self.place)
+
+
+def read_written_pages() -> list[ManualPage]:
+    """Return the pages that people wrote, the first page first, then by kind and name."""
+    root = find_manual()
+    files = [(INDEX, root / f"{INDEX}.md")]
+    for kind in KINDS:
+        entries = (root / kind).iterdir() if (root / kind).is_dir() else ()
+        names = sorted(entry.name for entry in entries if entry.name.endswith(".md"))
+        files += [(f"{kind}/{name.removesuffix('.md')}", root / kind / name) for name in names]
+    return [_read_page(place, file) for place, file in files if file.is_file()]
+
+
+def find_manual() -> Traversable:
+    """Return the folder of the manual inside the installed package."""
+    return resources.files("labrig") / "manual"
+
+
+def _read_page(place: str, file: Traversable) -> ManualPage:
+    text = file.read_text(encoding="utf-8")
+    title = next((heading.text for heading in find_headings(parse(text))), place)
+    return ManualPage(place, title, lambda: text)
+
+
+def find_target(place: str, address: str) -> str:
+    """Return where a relative address on a page leads, from the manual's folder; its anchor is left out."""
+    path = address.partition("#")[0]
+    return posixpath.normpath(posixpath.join(posixpath.dirname(place), path)) if path else f"{place}.md"
+
+
+def is_elsewhere(address: str) -> bool:
+    """Return whether an address names a scheme, as https: does, and so leads out of the manual."""
+    return ":" in address.partition("/")[0]
+
+
+def find_linked_files(page: ManualPage) -> set[str]:
+    """Return the files that a page links to, from the manual's folder; pages and pictures among them."""
+    links = find_links(parse(page.read()))
+    return {find_target(page.place, link) for link in links if not is_elsewhere(link)}

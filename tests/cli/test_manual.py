@@ -1,0 +1,93 @@
+"""`labrig manual`: pages in the terminal, in a browser and as files."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labrig.cli.command_reference import find_commands, read_tree
+from labrig.cli.main import COMMANDS, make_app
+from labrig.cli.manual import list_pages
+from labrig.report.manual import KINDS
+from tests.cli.conftest import Labrig
+
+PLACES = [page.place for page in list_pages()]
+
+
+def _run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    kept = {name: value for name, value in os.environ.items() if name not in {"DISPLAY", "WAYLAND_DISPLAY"}}
+    return subprocess.run(
+        [sys.executable, "-m", "labrig", "manual", *arguments],
+        env={**kept, "NO_COLOR": "1", **environment}, capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+
+
+def test_all_pages_are_listed(labrig: Labrig) -> None:
+    """By kind, each with its title; as JSON too."""
+    lines = labrig("manual").out.splitlines()
+    listed = labrig("manual", "--json").json()
+    assert [row["topic"] for row in listed] == [place.rpartition("/")[2] for place in PLACES]
+    for row in listed:
+        if row["kind"] is not None:
+            assert any(line.split()[:1] == [row["topic"]] and row["title"] in line for line in lines), row
+            assert KINDS[row["kind"]] in lines
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (("comands",), "did you mean commands?"),
+        (("zzz",), "known here: "),
+        (("files",), "name one: protocol, rig"),
+    ],
+)
+def test_a_page_that_cannot_be_told_is_refused(asked: tuple[str, ...], words: str, labrig: Labrig) -> None:
+    """It exits with 2 and names what may be meant."""
+    done = labrig("manual", *asked)
+    assert (done.exit_code, words in done.err) == (2, True), done.err
+
+
+@pytest.mark.parametrize("asked", [("rig",), ("reference/rig",), ("Rig", "files"), ("RIG.md",)])
+def test_a_page_is_found_by_its_name_or_by_words_of_its_title(asked: tuple[str, ...], labrig: Labrig) -> None:
+    """In any case of letters."""
+    assert labrig("manual", *asked, "--json").json()["topic"] == "rig"
+
+
+def test_a_browser_shows_the_page_where_there_is_a_display(tmp_path: Path) -> None:
+    """It is given a file of this computer with the page; without a display, or with --print, the page is printed."""
+    browser, told = tmp_path / "browser", tmp_path / "told"
+    browser.write_text(f'#!/bin/sh\nprintf %s "$1" > "{told}"\n', encoding="utf-8")
+    browser.chmod(0o755)
+    environment = {"BROWSER": str(browser), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    for arguments, display in ((("rig",), ""), (("rig", "--print"), ":7")):
+        printed = _run(*arguments, DISPLAY=display, **environment)
+        assert (printed.returncode, "Rig files" in printed.stdout, told.exists()) == (0, True, False)
+    done = _run("rig", DISPLAY=":7", **environment)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    file = Path(told.read_text(encoding="utf-8").removeprefix("file://"))
+    assert file == tmp_path / "cache" / "labrig" / "manual" / "reference" / "rig.html"
+    assert "quick_stop_deceleration" in file.read_text(encoding="utf-8")
+
+
+def test_all_pages_are_written_as_files(labrig: Labrig, tmp_path: Path) -> None:
+    """An existing folder is refused without --force."""
+    for force, exit_code in ((), 0), ((), 2), (("--force",), 0):
+        assert labrig("manual", "--html", tmp_path / "pages", *force).exit_code == exit_code
+    written = {path.relative_to(tmp_path / "pages").as_posix() for path in tmp_path.rglob("*.html")}
+    assert written == {f"{place}.html" for place in PLACES}
+
+
+def test_the_reference_names_every_command_and_option(labrig: Labrig) -> None:
+    """With the exit codes of every kind of failure."""
+    text = labrig("manual", "commands", "--json").json()["text"]
+    sections = {part.partition("`\n")[0]: part for part in text.split("\n## `")[1:]}
+    commands = dict(find_commands(read_tree(make_app(COMMANDS))))
+    assert {" ".join(path) for path in commands} == sections.keys()
+    assert len(commands) > 30
+    for path, command in commands.items():
+        for name in (name for param in command.params for name in param.opts if name.startswith("--")):
+            assert name in sections[" ".join(path)], (path, name)
+    for code in (0, 1, 2, 3, 4, 5, 130):
+        assert f"\n| {code} | " in text

@@ -66,19 +66,20 @@ def find_page(pages: Sequence[ManualPage], asked: str) -> ManualPage:
         When there is none or more than one; names those that may be meant.
     """
     wanted = asked.casefold().removesuffix(".md")
-    for page in pages:
-        if wanted in {page.topic, page.place}:
-            return page
+    named = [page for page in pages if wanted in {page.topic, page.place}]
     words = wanted.split()
-    found = [page for page in pages if all(word in f"{page.title} {page.topic}".casefold() for word in words)]
+    found = named or [
+        page for page in pages if all(word in f"{page.title} {page.topic}".casefold() for word in words)
+    ]
     if len(found) == 1:
         return found[0]
     if found:
         raise InputError(
-            f"{len(found)} pages of the manual have {asked!r} in their titles",
-            f"name one: {', '.join(page.topic for page in found)}",
+            f"{len(found)} pages of the manual fit {asked!r}",
+            f"name one: {', '.join(page.place for page in found)}",
         )
-    raise InputError(f"the manual has no page {asked!r}", choice_hint(asked, [page.topic for page in pages]))
+    topics = dict.fromkeys(page.topic for page in pages)
+    raise InputError(f"the manual has no page {asked!r}", choice_hint(asked, topics))
 
 
 def _describe_page(page: ManualPage) -> dict[str, object]:

@@ -14,8 +14,9 @@ KINDS = {
     "howto": "How-to guides",
     "reference": "Reference",
     "explanation": "Explanation",
+    "example": "Example package",
 }
-"""The folder of each kind of page, and what the kind is called (https://diataxis.fr)."""
+"""The folder of each kind of page, and what the kind is called: four kinds (https://diataxis.fr), and the example."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import pytest
 
 from labrig.cli.command_reference import find_commands, read_tree
 from labrig.cli.main import COMMANDS, make_app
-from labrig.cli.manual import list_pages
-from labrig.report.manual import KINDS
+from labrig.cli.manual import find_page, list_pages
+from labrig.errors import InputError
+from labrig.report.manual import KINDS, ManualPage
 from tests.cli.conftest import Labrig
 
 PLACES = [page.place for page in list_pages()]
@@ -35,24 +36,42 @@ def test_all_pages_are_listed(labrig: Labrig) -> None:
             assert KINDS[row["kind"]] in lines
 
 
+_PAGES = [
+    ManualPage(place, title, str)
+    for place, title in (
+        ("index", "The manual"),
+        ("howto/rig", "Describe a rig"),
+        ("reference/rig", "Rig files"),
+    )
+]
+
+
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("asked", "hint"),
     [
-        (("comands",), "did you mean commands?"),
-        (("zzz",), "known here: "),
-        (("files",), "name one: protocol, rig"),
+        ("idnex", "did you mean index?"),
+        ("zzz", "known here: index, rig"),
+        ("rig", "name one: howto/rig, reference/rig"),
+        ("RI", "name one: howto/rig, reference/rig"),
     ],
 )
-def test_a_page_that_cannot_be_told_is_refused(asked: tuple[str, ...], words: str, labrig: Labrig) -> None:
-    """It exits with 2 and names what may be meant."""
-    done = labrig("manual", *asked)
-    assert (done.exit_code, words in done.err) == (2, True), done.err
+def test_a_page_that_cannot_be_told_is_refused(asked: str, hint: str) -> None:
+    """The hint names what may be meant."""
+    with pytest.raises(InputError) as refused:
+        find_page(_PAGES, asked)
+    assert refused.value.hint == hint
 
 
-@pytest.mark.parametrize("asked", [("rig",), ("reference/rig",), ("Rig", "files"), ("RIG.md",)])
-def test_a_page_is_found_by_its_name_or_by_words_of_its_title(asked: tuple[str, ...], labrig: Labrig) -> None:
+@pytest.mark.parametrize("asked", ["reference/rig", "Rig files", "files", "reference/RIG.md"])
+def test_a_page_is_found_by_its_name_or_by_words_of_its_title(asked: str) -> None:
     """In any case of letters."""
-    assert labrig("manual", *asked, "--json").json()["topic"] == "rig"
+    assert find_page(_PAGES, asked).place == "reference/rig"
+
+
+def test_an_unknown_page_ends_with_2(labrig: Labrig) -> None:
+    """The words of the command line are one question."""
+    done = labrig("manual", "no", "such", "page")
+    assert (done.exit_code, "the manual has no page 'no such page'" in done.err) == (2, True)
 
 
 def test_a_browser_shows_the_page_where_there_is_a_display(tmp_path: Path) -> None:
@@ -61,10 +80,10 @@ def test_a_browser_shows_the_page_where_there_is_a_display(tmp_path: Path) -> No
     browser.write_text(f'#!/bin/sh\nprintf %s "$1" > "{told}"\n', encoding="utf-8")
     browser.chmod(0o755)
     environment = {"BROWSER": str(browser), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    for arguments, display in ((("rig",), ""), (("rig", "--print"), ":7")):
+    for arguments, display in ((("Rig", "files"), ""), (("reference/rig", "--print"), ":7")):
         printed = _run(*arguments, DISPLAY=display, **environment)
         assert (printed.returncode, "Rig files" in printed.stdout, told.exists()) == (0, True, False)
-    done = _run("rig", DISPLAY=":7", **environment)
+    done = _run("reference/rig", DISPLAY=":7", **environment)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     file = Path(told.read_text(encoding="utf-8").removeprefix("file://"))
     assert file == tmp_path / "cache" / "labrig" / "manual" / "reference" / "rig.html"

@@ -1,0 +1,47 @@
+"""The pages of the manual with their blocks of code.
+
+What stands behind an opening fence says what becomes of the block:
+
+- `sh`: its lines run as they stand, in order, in one lab folder for each page; `# exit code 1` at the end of a line
+  says how it ends if not with 0;
+- `sh bench`: needs hardware, a person, a display or the network; every command and option in it is looked up;
+- `yaml protocol=NAME`, `yaml rig=NAME`: validated together with the rest of that example file;
+- `yaml`: is read; `python`: runs; `text`: is shown by a program.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from labrig.cli.manual import list_pages
+from labrig.report.manual import ManualPage
+from labrig.report.markdown import Fence, find_fences, parse
+
+ROOT = Path(__file__).parents[2]
+PAGES = {page.place: page for page in list_pages()}
+KINDS = re.compile(r"sh|sh bench|yaml|yaml (?:protocol|rig)=[\w-]+|python|text")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a block for a shell: the command, and the exit code that it is said to end with."""
+
+    command: str
+    exit_code: int
+
+
+def list_blocks(page: ManualPage, *kinds: str) -> list[Fence]:
+    """Return the blocks of a page that are of these kinds, or all."""
+    found = find_fences(parse(page.read()))
+    return [fence for fence in found if not kinds or fence.info in kinds]
+
+
+def list_lines(block: Fence) -> list[Line]:
+    """Return the lines of a block for a shell; one that ends with a backslash goes on in the next."""
+    lines = (line.strip() for line in block.text.replace("\\\n", " ").splitlines())
+    return [_read_line(line) for line in lines if line and not line.startswith("#")]
+
+
+def _read_line(line: str) -> Line:
+    command, mark, code = re.match(r"(.*?)(?:\s+(# exit code )(\d+))?$", line).groups()
+    return Line(command, int(code) if mark else 0)

@@ -1,0 +1,32 @@
+"""The commands of the manual run as they stand, page by page, each page in a lab folder of its own."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.report.manual import ManualPage
+from tests.manual.lab import Lab, make_lab_folder, run_script
+from tests.manual.pages import PAGES, Line, list_blocks
+
+RUNNING = {place: page for place, page in PAGES.items() if list_blocks(page, "sh", "python")}
+
+
+@pytest.mark.parametrize("page", RUNNING.values(), ids=RUNNING)
+def test_the_commands_of_a_page_run(
+    page: ManualPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In order, each with the exit code that it is said to have; so does the Python between them."""
+    monkeypatch.chdir(make_lab_folder(tmp_path))
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    lab = Lab()
+    for block in list_blocks(page, "sh", "python"):
+        lab.run(block)
+
+
+def test_a_command_that_ends_otherwise_is_found(tmp_path: Path) -> None:
+    """So is one in a script for a shell; there a change of folder lasts."""
+    run_script([Line("mkdir a && cd a", 0), Line("false", 1), Line("touch b", 0)], tmp_path)
+    assert (tmp_path / "a" / "b").is_file()
+    with pytest.raises(AssertionError, match="false ended with 1"):
+        run_script([Line("false", 0), Line("touch c", 0)], tmp_path)
+    assert not (tmp_path / "c").exists()

@@ -43,6 +43,28 @@ def export(
         ),
     ] = False,
     record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
+    ro_crate: Annotated[
+        bool,
+        typer.Option(
+            "--ro-crate",
+            help="The record as an RO-Crate, to be published; with --private its tables. Needs labrig's extra rocrate.",
+        ),
+    ] = False,
+    license_: Annotated[
+        str | None,
+        typer.Option(
+            "--license",
+            metavar="ID",
+            help="Licence of the crate: SPDX identifier, or address.",
+            show_default=False,
+        ),
+    ] = None,
+    author: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--author", metavar="NAME", help="Who made the run: 'Name' or 'Name <ORCID>'; repeatable."
+        ),
+    ] = None,
     private: Annotated[
         bool,
         typer.Option(
@@ -60,11 +82,18 @@ def export(
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures), (_FILM, film)) if wanted]
-    _check_formats(formats, mcap=mcap, record=record, private=private)
+    if license_ is not None or author or ro_crate:
+        _check_crate(formats, ro_crate=ro_crate, other=mcap or record)
+    else:
+        _check_formats(formats, mcap=mcap, record=record, private=private)
     source = fetch_folder(run)
-    write, damage = (
-        _prepare_copy(source) if record else _prepare_tables(source, formats, mcap=mcap, private=private)
-    )
+    if ro_crate:
+        write, damage = _prepare_crate(source, license_, author or [], private=private)
+    elif record:
+        write, damage = _prepare_copy(source)
+    else:
+        write, damage = _prepare_tables(source, formats, mcap=mcap, private=private)
+    record = record or (ro_crate and not private)
     require_apart(out, run, record=record)
     if record and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
@@ -85,6 +114,35 @@ def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, 
     from labrig.record.copying import copy_record
 
     return partial(copy_record, source), check_run(source).damage
+
+
+def _prepare_crate(
+    source: Path, license_id: str | None, authors: list[str], *, private: bool
+) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
+    """Return what writes a crate of the record, or of its tables without personal data, and the damage of its files."""
+    from labrig.devices.clocks import SystemClock
+    from labrig.record.reader import open_run
+    from labrig.report.ro_crate import describe_crate, read_author, read_license
+
+    if license_id is None or not authors:
+        raise InputError(
+            "a crate needs a licence, and who made the run",
+            "--license CC-BY-4.0 --author 'Name <ORCID>'",
+        )
+    license_url, people = read_license(license_id), [read_author(text) for text in authors]
+    opened = open_run(source)
+    prepare = (
+        partial(_prepare_tables, formats=["csv"], mcap=False, private=True) if private else _prepare_copy
+    )
+    write_files, damage = prepare(source)
+
+    def write(folder: Path) -> None:
+        inside = folder / ("tables" if private else "record")
+        inside.mkdir()
+        write_files(inside)
+        describe_crate(opened, folder, license_url=license_url, authors=people, published=SystemClock().utc())
+
+    return write, damage
 
 
 def _prepare_tables(
@@ -142,10 +200,25 @@ def _write_for_paper(run: Any, formats: list[str], folder: Path) -> None:
                 write_film(folder, run, film)
 
 
+def _check_crate(formats: list[str], *, ro_crate: bool, other: bool) -> None:
+    if not ro_crate:
+        raise InputError("--license and --author belong to --ro-crate", "add --ro-crate, or leave them out")
+    if formats or other:
+        raise InputError(
+            "--ro-crate goes alone: the folder it writes is a crate", "export the rest elsewhere"
+        )
+    if find_spec("rocrate") is None:
+        raise InputError(
+            "RO-Crates need a package that is not installed",
+            "in the checkout of labrig: pip install -e '.[rocrate]'",
+        )
+
+
 def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:
     if not formats and not mcap and not record:
         raise InputError(
-            "nothing to write", "name --csv, --parquet, --mat, --mcap, --latex, --figures, --film or --record"
+            "nothing to write",
+            "name --csv, --parquet, --mat, --mcap, --latex, --figures, --film, --record or --ro-crate",
         )
     if record and (formats or mcap):
         raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")

@@ -1,0 +1,189 @@
+"""Describes the files of an exported run as an RO-Crate 1.1; needs the extra `rocrate` of labrig.
+
+Sources: RO-Crate Metadata Specification 1.1 (https://w3id.org/ro/crate/1.1), schema.org; ISO 7064 for the check
+character of an ORCID.
+"""
+
+import mimetypes
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rocrate.model.contextentity import ContextEntity
+from rocrate.model.person import Person
+from rocrate.rocrate import ROCrate
+
+from labrig import __version__
+from labrig.durable import disk_errors
+from labrig.errors import InputError
+from labrig.record.digest import hash_file
+from labrig.record.reader import Run
+
+CRATE_FILE = "ro-crate-metadata.json"
+_VERSION = "1.1"
+_SPDX = "https://spdx.org/licenses/"
+_STATUS = {"success": "CompletedActionStatus", "incomplete": "ActiveActionStatus"}
+_MEDIA_TYPES = {".jsonl": "application/jsonl", ".yaml": "application/yaml", ".log": "text/plain"}
+
+
+@dataclass(frozen=True)
+class Author:
+    """A person who made a run: the name, and the ORCID (https://orcid.org) if it was given."""
+
+    name: str
+    orcid: str | None
+
+
+def read_author(text: str) -> Author:
+    """Return the person in `Name` or `Name <0000-0000-0000-0000>`.
+
+    Raises
+    ------
+    InputError
+        When there is no name, or the ORCID does not have the check character that it should.
+    """
+    found = re.fullmatch(r"\s*([^<>]*[^<>\s])\s*(?:<\s*(?:https?://orcid\.org/)?([^<>\s]*)\s*>)?\s*", text)
+    if found is None:
+        raise InputError(f"the author {text!r} has no name", "write: 'Name' or 'Name <ORCID>'")
+    name, orcid = found.groups()
+    if orcid is not None and not _is_orcid(orcid):
+        raise InputError(
+            f"{orcid!r} is no ORCID", "it has four groups of four characters; look it up at orcid.org"
+        )
+    return Author(name, orcid)
+
+
+def _is_orcid(text: str) -> bool:
+    """Return whether the last character fits the others (ISO 7064, MOD 11-2)."""
+    if not re.fullmatch(r"(\d{4}-){3}\d{3}[\dX]", text, re.ASCII):
+        return False
+    total = 0
+    for digit in text.replace("-", "")[:-1]:
+        total = (total + int(digit)) * 2
+    return "0123456789X"[(12 - total % 11) % 11] == text[-1]
+
+
+def read_license(text: str) -> str:
+    """Return the address of a licence that is given by its SPDX identifier or its address.
+
+    Raises
+    ------
+    InputError
+        When it is neither.
+    """
+    if re.fullmatch(r"https?://[^\s<>\"]+", text):
+        return text
+    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+-]*", text):
+        return f"{_SPDX}{text}"
+    raise InputError(f"{text!r} is no licence", "give its SPDX identifier, such as CC-BY-4.0, or its address")
+
+
+def describe_crate(
+    run: Run, folder: Path, *, license_url: str, authors: Sequence[Author], published: datetime
+) -> None:
+    """Write `folder`/ro-crate-metadata.json, which describes every file in the folder and how the run was made.
+
+    Parameters
+    ----------
+    run : Run
+        The run that the files are of.
+    folder : Path
+        The root of the crate, with its files in place.
+    license_url : str
+        Licence of the files.
+    authors : sequence of Author
+        Who made the run, in their order; at least one.
+    published : datetime
+        Date of the export, aware.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    crate = ROCrate(version=_VERSION)
+    crate.name = str(run.manifest.get("title") or run.manifest.get("run"))
+    crate.description = _describe(run)
+    crate.datePublished = published
+    crate.license = crate.add(
+        ContextEntity(crate, license_url, {"@type": "CreativeWork", "name": license_url})
+    )
+    crate.root_dataset["author"] = [crate.add(_make_person(crate, author)) for author in authors]
+    files = [_add_file(crate, folder, path) for path in sorted(folder.rglob("*")) if path.is_file()]
+    instruments = [crate.add(ContextEntity(crate, *entity)) for entity in _list_instruments(run.manifest)]
+    crate.add(
+        ContextEntity(crate, "#run", _describe_action(run) | {"instrument": instruments, "result": files})
+    )
+    crate.root_dataset["mentions"] = crate.dereference("#run")
+    with disk_errors(folder / CRATE_FILE):
+        crate.metadata.write(folder)
+
+
+def _describe(run: Run) -> str:
+    rig = _section(run.manifest, "devices").get("kind")
+    return (
+        f"A run of the experiment {run.manifest.get('experiment')} by labrig, exit status "
+        f"{run.manifest.get('exit_status')}" + (f", on a {rig} rig." if rig else ".")
+    )
+
+
+def _make_person(crate: ROCrate, author: Author) -> Person:
+    place = f"https://orcid.org/{author.orcid}" if author.orcid else f"#{'-'.join(author.name.split())}"
+    return Person(crate, place, {"name": author.name})
+
+
+def _add_file(crate: ROCrate, folder: Path, path: Path) -> Any:
+    name = path.relative_to(folder).as_posix()
+    kind = _MEDIA_TYPES.get(path.suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
+    about = {
+        "name": name,
+        "encodingFormat": kind,
+        "contentSize": str(path.stat().st_size),
+        "sha256": hash_file(path),
+    }
+    return crate.add_file(path, dest_path=name, properties=about)
+
+
+def _describe_action(run: Run) -> dict[str, object]:
+    """Return what the run was, as a schema.org CreateAction; it is active while the run has not ended."""
+    status = _STATUS.get(str(run.manifest.get("exit_status")), "FailedActionStatus")
+    times = {"startTime": run.manifest.get("started"), "endTime": run.manifest.get("ended")}
+    return {
+        "@type": "CreateAction",
+        "name": str(run.manifest.get("run")),
+        "actionStatus": f"http://schema.org/{status}",
+        **{key: str(value) for key, value in times.items() if value},
+    }
+
+
+def _list_instruments(manifest: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield identifier and properties of the program, the drive of each axis, and the camera."""
+    program = str(_section(manifest, "provenance").get("labrig", __version__))
+    yield "#labrig", {"@type": "SoftwareApplication", "name": "labrig", "softwareVersion": program}
+    devices = _section(manifest, "devices")
+    for axis, described in _section(devices, "axes").items():
+        drive = _section({"": described}, "").get("drive")
+        yield f"#axis-{axis}", _describe_product(f"drive of the axis {axis}", _section({"": drive}, ""))
+    if camera := _section(devices, "camera"):
+        yield (
+            "#camera",
+            _describe_product(f"camera ({camera.get('driver')})", {"model": camera.get("device")}),
+        )
+
+
+def _describe_product(name: str, device: Mapping[str, Any]) -> dict[str, str]:
+    known = {"model": device.get("model"), "serialNumber": device.get("serial_number")}
+    return {
+        "@type": "IndividualProduct",
+        "name": name,
+        **{key: str(value) for key, value in known.items() if value},
+    }
+
+
+def _section(above: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return a section of a manifest, empty if a record has none."""
+    found = above.get(key)
+    return found if isinstance(found, Mapping) else {}

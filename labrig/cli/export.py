@@ -207,11 +207,7 @@ def _check_crate(formats: list[str], *, ro_crate: bool, other: bool) -> None:
         raise InputError(
             "--ro-crate goes alone: the folder it writes is a crate", "export the rest elsewhere"
         )
-    if find_spec("rocrate") is None:
-        raise InputError(
-            "RO-Crates need a package that is not installed",
-            "in the checkout of labrig: pip install -e '.[rocrate]'",
-        )
+    require_package("rocrate", "rocrate", "--ro-crate")
 
 
 def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:

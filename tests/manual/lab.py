@@ -5,7 +5,6 @@ import io
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -14,15 +13,14 @@ from typing import Any
 
 from labrig.cli.main import run_command
 from labrig.report.markdown import Fence
-from tests.manual.pages import ROOT, Line, list_lines
+from tests.manual.pages import Line, list_lines
 
 _FOR_A_SHELL = re.compile(r"[|<>;&$*?`]")
 
 
 def make_lab_folder(folder: Path) -> Path:
-    """Return a new lab folder with the examples."""
-    for name in ("protocols", "calibration"):
-        shutil.copytree(ROOT / name, folder / name)
+    """Make a lab folder with the examples, and return it."""
+    assert run_command(["init", str(folder)]) == 0
     return folder
 
 

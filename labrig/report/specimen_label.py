@@ -60,17 +60,12 @@ def draw_label(specimen: SpecimenFile) -> bytes:
 
 
 def _list_lines(specimen: SpecimenFile) -> list[LabelLine]:
-    cured = (
-        None
-        if specimen.cured_for_h is None
-        else f"cures {specimen.cured_for_h:g} h"
-        + ("" if specimen.cured_at_celsius is None else f" at {specimen.cured_at_celsius:g} °C")
-    )
+    curing = specimen.describe_curing()
     facts = (
         f"gelatin {specimen.gelatin_percent:g} %",
         f"batch {specimen.batch}" if specimen.batch else None,
         f"cast {_write_moment(specimen.cast_on)}",
-        cured,
+        None if curing is None else f"cures {curing}",
         None if specimen.usable_until is None else f"use until {_write_moment(specimen.usable_until)}",
     )
     shown = [text for text in facts if text is not None]

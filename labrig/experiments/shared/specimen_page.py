@@ -69,7 +69,7 @@ def list_specimen_facts(specimen: SpecimenFile) -> Rows:
         ("Batch", specimen.batch or None),
         ("Mixed", specimen.mixed_on),
         ("Cast", specimen.cast_on),
-        ("Cures", _describe_curing(specimen)),
+        ("Cures", specimen.describe_curing()),
         ("Usable until", specimen.usable_until),
         ("Temperature in use", _format(specimen.temperature_celsius, "°C")),
         ("Refractive index", index),
@@ -79,11 +79,6 @@ def list_specimen_facts(specimen: SpecimenFile) -> Rows:
         ("Notes", specimen.notes or None),
     )
     return tuple((term, value) for term, value in rows if value is not None)
-
-
-def _describe_curing(specimen: SpecimenFile) -> str | None:
-    parts = (_format(specimen.cured_for_h, "h"), _format(specimen.cured_at_celsius, "°C"))
-    return " at ".join(part for part in parts if part is not None) or None
 
 
 def _format(value: float | None, unit: str) -> str | None:

@@ -69,5 +69,5 @@ def choose_runs_dir(given: Path | None = None) -> RunsDir:
         return RunsDir(Path(named), f"as {RUNS_DIR_VARIABLE} says")
     lab = find_lab_folder()
     if lab is None:
-        return RunsDir(RUNS, "there is no lab folder here or above")
+        return RunsDir(RUNS, "below the working folder, as no lab folder is here or above")
     return RunsDir(lab / RUNS, f"in the lab folder {lab.resolve()}")

@@ -83,7 +83,10 @@ def test_without_a_lab_folder_labrig_says_how_to_make_one(
     refused = labrig("run", "steerability")
     assert refused.exit_code == 2
     assert "labrig init FOLDER" in refused.err
-    assert "no runs in data/runs, there is no lab folder here or above" in labrig("runs").err
+    assert (
+        "no runs in data/runs, below the working folder, as no lab folder is here or above"
+        in labrig("runs").err
+    )
     assert not list(tmp_path.iterdir())
 
 

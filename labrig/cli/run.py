@@ -50,7 +50,11 @@ def run(
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_local_runs_dir(runs_dir)
     _require_viewer(live)
-    if runs_dir is None:  # before the imports, which take a second
+    from labrig.cli.sources import Sources
+
+    sources = Sources(protocol, rig, tuple(settings or ()), seed)
+    loaded, description = sources.load()
+    if runs_dir is None:  # before the other imports, which take as long again
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished
     from labrig.cli.lab_version import remark_on_lab_version
@@ -58,13 +62,10 @@ def run(
     from labrig.cli.pausing import Attention
     from labrig.cli.pipeline import RunOrder, perform
     from labrig.cli.rigs import remark_on_yes
-    from labrig.cli.sources import Sources
     from labrig.cli.specimen_tracks import require_usable_specimens
     from labrig.devices.clocks import SystemClock
     from labrig.experiments.registry import find_experiment
 
-    sources = Sources(protocol, rig, tuple(settings or ()), seed)
-    loaded, description = sources.load()
     remark_on_lab_version()
     loaded = require_usable_specimens(loaded, description, chosen.path, SystemClock().utc())
     if description is not None:

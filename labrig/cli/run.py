@@ -53,8 +53,8 @@ def run(
     from labrig.cli.sources import Sources
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
-    loaded, description = sources.load()
-    if runs_dir is None:  # before the other imports, which take as long again
+    loaded = sources.load_protocol()
+    if runs_dir is None:  # before the other imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished
     from labrig.cli.lab_version import remark_on_lab_version
@@ -67,6 +67,7 @@ def run(
     from labrig.experiments.registry import find_experiment
 
     remark_on_lab_version()
+    description = sources.load_rig(loaded)
     loaded = require_usable_specimens(loaded, description, chosen.path, SystemClock().utc())
     if description is not None:
         remark_on_yes(description, yes=yes)

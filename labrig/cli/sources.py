@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.cli.options import find_rig_file, split_overrides
-from labrig.cli.rigs import load_rig_for
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.registry import find_experiment
 from labrig.lab.folder import find_lab_folder
 from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.load import load_protocol
@@ -27,12 +25,23 @@ class Sources:
 
     def load(self) -> tuple[ExperimentProtocol, RigDescription | None]:
         """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""
-        protocol_settings, rig_settings = split_overrides(self.settings)
-        protocol = load_protocol(self.protocol, PROTOCOL_MODELS, protocol_settings, self.seed)
-        return protocol, load_rig_for(protocol, self.protocol, self.rig, rig_settings)
+        protocol = self.load_protocol()
+        return protocol, self.load_rig(protocol)
+
+    def load_protocol(self) -> ExperimentProtocol:
+        """Read the protocol, which takes less time than the rig. Raises `FileFormatError`, `InputError`."""
+        return load_protocol(self.protocol, PROTOCOL_MODELS, split_overrides(self.settings)[0], self.seed)
+
+    def load_rig(self, protocol: ExperimentProtocol) -> RigDescription | None:
+        """Read the rig of a protocol, if it needs one. Raises `FileFormatError`, `InputError`."""
+        from labrig.cli.rigs import load_rig_for
+
+        return load_rig_for(protocol, self.protocol, self.rig, split_overrides(self.settings)[1])
 
     def with_rig_file(self, protocol: ExperimentProtocol) -> "Sources":
         """Return these with the default rig file, if none was named and the protocol needs one."""
+        from labrig.experiments.registry import find_experiment
+
         if not find_experiment(protocol.experiment).moves_rig:
             return self
         return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from labrig.record.manifest import calibration_sha256, is_simulated
 from labrig.record.reader import Run, open_run
 from labrig.record.search import find_runs
 from labrig.record.tables import unescape_formula
+from labrig.text import format_count
 
 _AGAIN = "make a new result with `labrig reanalyze`"
 # Names that may look like numbers.
@@ -215,9 +217,21 @@ def open_measured_runs(
     return unique, left_out
 
 
+class Measurements(pd.DataFrame):
+    """The measurements of runs; in a notebook it also says of how many, and which runs are left out and why."""
+
+    def _repr_html_(self) -> str:
+        """Return the table with what it holds above it."""
+        left_out = self.attrs.get("left_out", {})
+        count = self["run"].nunique() if "run" in self.columns else 0
+        said = f"<p>{format_count(len(self), 'measurement')} of {format_count(count, 'run')}</p>"
+        reasons = "".join(f"<li>{escape(run)}: {escape(reason)}</li>" for run, reason in left_out.items())
+        return f"{said}{f'<p>Left out:</p><ul>{reasons}</ul>' if reasons else ''}{self.to_html(max_rows=20)}"
+
+
 def load_runs(
     where: str | None = None, *, runs_dir: Path | str | None = None, table: str | None = None
-) -> pd.DataFrame:
+) -> Measurements:
     """Return the measurements of runs as one table, a row for each trial or imported picture.
 
     Parameters
@@ -231,10 +245,10 @@ def load_runs(
 
     Returns
     -------
-    DataFrame
-        `run`, `experiment`, `result`, `started`, then the columns of the tables, with their units. A row that was not
-        accepted has `accepted` false. `attrs["left_out"]` has the reason for each run without measurements, of which a
-        warning tells.
+    Measurements
+        A DataFrame: `run`, `experiment`, `result`, `started`, then the columns of the tables, with their units. A row
+        that was not accepted has `accepted` false. `attrs["left_out"]` has the reason for each run without
+        measurements, of which a warning tells.
 
     Raises
     ------
@@ -253,7 +267,7 @@ def load_runs(
             tables.append(run.read_measurements(wanted))
     if reasons:
         warnings.warn(f"{len(reasons)} runs are left out: see attrs['left_out']", stacklevel=2)
-    joined = join_measurements(tables)
+    joined = Measurements(join_measurements(tables))
     joined.attrs["left_out"] = reasons
     return joined
 

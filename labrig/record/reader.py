@@ -64,6 +64,7 @@ from labrig.record.layout import (
     require_name,
 )
 from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
+from labrig.record.notebook import make_html_table
 from labrig.record.pictures import RecordedPicture, locate_picture
 from labrig.record.provenance import leave_out_personal
 from labrig.record.results import (
@@ -186,6 +187,17 @@ class Run:
         self._torn = torn
         self._until_s = until_s
         self.private = False
+
+    def _repr_html_(self) -> str:
+        """Return what the run is as a table, for a notebook."""
+        about = ("experiment", "title", "exit_status", "reason", "started", "ended")
+        rows: list[tuple[str, object]] = [(key, self.manifest.get(key)) for key in about]
+        rows.append(
+            ("trials", f"{self.manifest.get('trials_done')} of {self.manifest.get('trials_planned')}")
+        )
+        rows.append(("results", ", ".join(map(str, self.result_numbers)) or "none"))
+        rows += [("problem", f"{problem.where}: {problem.message}") for problem in self.problems]
+        return make_html_table(f"Run {self.shown_path}", rows)
 
     def until(self, t_s: float) -> "Run":
         """Return this run as it was before rig time `t_s` [s]; pictures and truths stay."""

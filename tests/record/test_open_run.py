@@ -388,3 +388,17 @@ def test_a_run_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
     for act in (open_run, check_run, lambda path: Recorder.reopen(path, "test")):
         with pytest.raises(RecordError, match="is a symbolic link"):
             act(link)
+
+
+def test_a_run_shows_itself_in_a_notebook(tmp_path: Path) -> None:
+    """What it is and what is wrong with it; text of the record is escaped, and a private run names no folder."""
+    recorder = begin(tmp_path, title="<script>alert(1)</script>")
+    recorder.event("trial_start", 1.0, trial=0, specimen="gel 10", hole=0)
+    run = open_run(recorder.path)
+    shown = run._repr_html_()
+    assert "&lt;script&gt;alert(1)" in shown
+    assert "<script" not in shown
+    assert str(tmp_path) in shown
+    assert str(tmp_path) not in run.without_personal_data()._repr_html_()
+    flip_bit(recorder.path / "protocol.yaml")
+    assert "protocol.yaml" in open_run(recorder.path)._repr_html_()

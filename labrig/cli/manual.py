@@ -20,7 +20,7 @@ def manual(
     topic: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[TOPIC]", help="Name of a page, or words of its title; all pages are listed without it."
+            metavar="TOPIC", help="Name of a page, or words of its title; all pages are listed without it."
         ),
     ] = None,
     in_terminal: Annotated[

@@ -8,6 +8,9 @@ from labrig.protocol.formatting import Plain, show
 from labrig.protocol.schema import JsonSchema, SchemaView
 
 _UNIT = re.compile(r" ?\[([^\[\]]*[^\d\s.,\[\]][^\[\]]*)\](?=[.;,: ]|$)")
+_WRITTEN = {"Can": "CAN", "Cia402": "CiA 402", "Epos2": "EPOS2", "Mjpeg": "MJPEG", "Uvc": "UVC"}
+"""Words of model names that are written otherwise."""
+
 _HEAD = "| key | value | unit | default | meaning |\n|---|---|---|---|---|"
 
 
@@ -96,8 +99,9 @@ def _find_options(view: SchemaView) -> Iterator[SchemaView]:
 
 def _name(section: SchemaView) -> str:
     """Return the name of a section's model as words: Analysis window."""
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", str(section.node["title"]))
-    return (words[0] + words[1:].lower()).removesuffix(" description")
+    first, *others = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", str(section.node["title"])).split()
+    words = [_WRITTEN.get(first, first), *(_WRITTEN.get(word, word.lower()) for word in others)]
+    return " ".join(words).removesuffix(" description")
 
 
 def _describe_model(section: SchemaView) -> str:

@@ -15,6 +15,8 @@ What is decided here:
   that make `view.rrd`. Nothing is handed over by the process that moves axes, so no viewer can delay it.
 - **A page that asks or changes is served on this computer alone** (`local_server`), under a token. Text reaches it as
   JSON and is written as text; the files of `browser` are fixed.
+- **The manual is Markdown in the package** (`manual`, `markdown`), shown in the style of the reports. Raw HTML in it
+  stays text, and pictures stand in the page. The references come as pages from whoever knows the models.
 - **Refusals appear beside results**: every picture that was not measured is listed with the reason.
 - Colours are those of Okabe and Ito (2008), which people with any colour vision tell apart; gels also differ in marker.
 """

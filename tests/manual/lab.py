@@ -19,8 +19,9 @@ _FOR_A_SHELL = re.compile(r"[|<>;&$*?`]")
 
 
 def make_lab_folder(folder: Path) -> Path:
-    """Make a lab folder with the examples, and return it."""
-    assert run_command(["init", str(folder)]) == 0
+    """Return a new lab folder."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        assert run_command(["init", str(folder)]) == 0
     return folder
 
 

@@ -1,4 +1,4 @@
-"""The pages of the manual with their blocks of code.
+"""The pages of the manual and the README, with their blocks of code.
 
 What stands behind an opening fence says what becomes of the block:
 
@@ -18,6 +18,7 @@ from labrig.report.manual import ManualPage
 from labrig.report.markdown import Fence, find_fences, parse
 
 ROOT = Path(__file__).parents[2]
+README = ManualPage("README", "README", lambda: (ROOT / "README.md").read_text(encoding="utf-8"))
 PAGES = {page.place: page for page in list_pages()}
 KINDS = re.compile(r"sh|sh bench|yaml|yaml (?:protocol|rig)=[\w-]+|python|text")
 

@@ -6,7 +6,7 @@ import pytest
 
 from labrig.report.manual import ManualPage
 from tests.manual.lab import Lab, make_lab_folder, run_script
-from tests.manual.pages import PAGES, Line, list_blocks
+from tests.manual.pages import PAGES, README, Line, list_blocks, list_lines
 
 RUNNING = {place: page for place, page in PAGES.items() if list_blocks(page, "sh", "python")}
 
@@ -30,3 +30,10 @@ def test_a_command_that_ends_otherwise_is_found(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="false ended with 1"):
         run_script([Line("false", 0), Line("touch c", 0)], tmp_path)
     assert not (tmp_path / "c").exists()
+
+
+def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
+    """In order, by a shell with the real command, beginning in an empty folder."""
+    lines = [line for block in list_blocks(README, "sh") for line in list_lines(block)]
+    assert lines[0].command.startswith("labrig init")
+    run_script(lines, tmp_path)

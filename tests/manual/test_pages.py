@@ -21,9 +21,11 @@ from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.report.manual import ManualPage, find_manual, find_target, is_elsewhere
 from labrig.report.markdown import Fence, find_headings, find_links, parse
 from tests.manual.lab import make_lab_folder
-from tests.manual.pages import KINDS, PAGES, ROOT, list_blocks, list_lines
+from tests.manual.pages import KINDS, PAGES, README, ROOT, list_blocks, list_lines
 
-BLOCKS = {f"{page.place}:{block.line}": block for page in PAGES.values() for block in list_blocks(page)}
+BLOCKS = {
+    f"{page.place}:{block.line}": block for page in (README, *PAGES.values()) for block in list_blocks(page)
+}
 SHELL = {place: block for place, block in BLOCKS.items() if block.info.startswith("sh")}
 YAML = {place: block for place, block in BLOCKS.items() if block.info.startswith("yaml")}
 ANCHORS = {
@@ -57,6 +59,17 @@ def _leads_somewhere(page: ManualPage, link: str) -> bool:
     if target.removesuffix(".md") in PAGES:
         return not anchor or anchor in ANCHORS[target.removesuffix(".md")]
     return not target.startswith("..") and (find_manual() / target).is_file()
+
+
+def test_the_readme_is_short_and_its_links_lead_somewhere() -> None:
+    """At most 120 lines; links lead to files of the checkout, and to headings of the manual's pages."""
+    assert len(README.read().splitlines()) <= 120
+    own = {heading.anchor for heading in find_headings(parse(README.read()))}
+    for link in find_links(parse(README.read())):
+        path, _, anchor = link.partition("#")
+        place = path.removeprefix("labrig/manual/").removesuffix(".md")
+        assert is_elsewhere(link) or not path or (ROOT / path).exists(), link
+        assert not anchor or anchor in (ANCHORS[place] if path else own), link
 
 
 def test_every_page_begins_with_its_title() -> None:

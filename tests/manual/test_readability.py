@@ -1,12 +1,16 @@
-"""Sentences of the manual are short: a median of at most 15 words, and 90 % of at most 25."""
+"""Sentences of the README and the manual are short: a median of at most 15 words, and 90 % of at most 25."""
 
 import pytest
 
 from labrig.report.manual import KINDS, ManualPage, read_written_pages
+from tests.manual.pages import README
 from tests.manual.readability import Readability, count_words, list_sentences, measure, split_sentences
 
 WRITTEN = read_written_pages()
-GROUPS = {kind: [page for page in WRITTEN if page.kind == kind] for kind in KINDS}
+GROUPS = {
+    "README": [README],
+    **{kind: [page for page in WRITTEN if page.kind == kind] for kind in KINDS},
+}
 
 
 @pytest.mark.parametrize(

@@ -84,12 +84,20 @@ def require_finer_lines(harmonics: Sequence[Harmonics], number: int) -> None:
     finer = sum(family.excess(number)[0] for family in harmonics)
     for frequency in (number / every for every in range(2, number) if number % every):
         drawn = sum(
-            abs(family.excess(frequency)[0])
-            * float(np.exp(-2.0 * (np.pi * family.width()) ** 2 * (number**2 - frequency**2)))
+            abs(family.excess(frequency)[0]) * _measure_fall(family, frequency, number)
             for family in harmonics
         )
         if drawn > _MOST_DRAWN * finer:
             raise _refuse("between")
+
+
+def _measure_fall(family: Harmonics, low: float, high: float) -> float:
+    """Return the share that blur leaves of a wave at the higher of two frequencies, over that at the lower one.
+
+    From the second and third harmonic: where slow light is removed, the first of lines far apart is weaker.
+    """
+    second, third = np.maximum(family.at((2.0, 3.0)).real, np.finfo(float).tiny)
+    return float((third / max(second, third)) ** ((high**2 - low**2) / 5.0))
 
 
 def _refuse(where: str) -> MeasurementRefusedError:

@@ -38,7 +38,7 @@ _LEAST_HEIGHT, _LEAST_OVER_BESIDE = 0.06, 5.0
 # Least asymmetry of the lines of both families: the parts of the second and third harmonic that symmetric lines lack,
 # over the first. Print has 0.05 at the most.
 _LEAST_ASYMMETRY = 0.08
-# Largest share of the finer lines' harmonic that the drawn lines explain: 0.01 on printed sheets, 0.25 where a pen has
+# Largest share of the finer lines' harmonic that the drawn lines explain: 0.05 on printed sheets, 0.26 where a pen has
 # drawn over some of these finer lines, 0.7 and more without any.
 _MOST_DRAWN = 0.5
 

@@ -225,7 +225,7 @@ class LayerDescription(Model):
     )
 
 
-class MarkerDescription(Model):
+class PrintedMarkerDescription(Model):
     """A printed marker on the gel of a phantom, which moves with the target."""
 
     marker_id: MarkerId = Field(description="Its id in the dictionary.")
@@ -299,7 +299,7 @@ class WorldDescription(Model):
     target_slides: SlideDescription | None = Field(
         None, description="How the target is displaced all at once; null: it is not."
     )
-    markers: tuple[MarkerDescription, ...] = Field(
+    markers: tuple[PrintedMarkerDescription, ...] = Field(
         (), max_length=20, description="Printed markers that move with the target, in every phantom."
     )
     resistance: ResistanceDescription = Field(

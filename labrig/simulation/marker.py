@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.simulation.description import LensDescription, MarkerDescription, WorldDescription
+from labrig.simulation.description import LensDescription, PrintedMarkerDescription, WorldDescription
 from labrig.simulation.lens import (
     Field32,
     Floats,
@@ -28,7 +28,7 @@ _RIM_PX = 6  # of the part of the picture around a card, for the lens's blur
 class PrintedMarker:
     """A marker: its brightness over that of clear gel in each cell, its rim included, and how large a cell is."""
 
-    marker: MarkerDescription
+    marker: PrintedMarkerDescription
     cells: Field32
     cell_mm: float
 
@@ -38,7 +38,7 @@ class PrintedMarker:
         return len(self.cells) * self.cell_mm / 2
 
 
-def print_marker(marker: MarkerDescription) -> PrintedMarker:
+def print_marker(marker: PrintedMarkerDescription) -> PrintedMarker:
     """Return a marker as it is printed.
 
     Raises
@@ -99,7 +99,7 @@ def _frame(
 
 def _unwarp(
     window: tuple[slice, slice],
-    marker: MarkerDescription,
+    marker: PrintedMarkerDescription,
     moved_mm: tuple[float, float],
     lens: LensDescription,
 ) -> tuple[Floats, Floats]:

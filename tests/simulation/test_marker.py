@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.simulation.description import MarkerDescription, SlideDescription, WorldDescription
+from labrig.simulation.description import PrintedMarkerDescription, SlideDescription, WorldDescription
 from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.parallax import see_points
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, insert
 
-MARKER = MarkerDescription(marker_id=7, side_mm=6.0, position_mm=(-12.0, 25.0), turn_deg=30.0)
+MARKER = PrintedMarkerDescription(marker_id=7, side_mm=6.0, position_mm=(-12.0, 25.0), turn_deg=30.0)
 
 
-def world(*markers: MarkerDescription, slides: SlideDescription | None = None) -> World:
+def world(*markers: PrintedMarkerDescription, slides: SlideDescription | None = None) -> World:
     """Return a world with a phantom whose target is known."""
     description = WorldDescription(**{**dict(QUIET), "markers": markers, "target_slides": slides})
     made = World(description, 5)

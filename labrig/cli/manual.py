@@ -8,12 +8,11 @@ from typing import Annotated
 
 import typer
 
-from labrig import __version__
+import labrig
 from labrig.cli.output import AsJson, print_json, print_line, print_markdown, print_wrapped, say_wrapped
 from labrig.errors import InputError
 from labrig.protocol.formatting import choice_hint
 from labrig.report.manual import INDEX, KINDS, ManualPage, read_written_pages
-from labrig.report.viewer import has_display
 
 
 def manual(
@@ -105,7 +104,7 @@ def _write_all(pages: Sequence[ManualPage], out: Path, *, force: bool, as_json: 
     from labrig.report.manual_html import write_html
 
     with output_folder(str(out), force=force) as folder:
-        write_html(pages, folder, __version__)
+        write_html(pages, folder, labrig.__version__)
     first = out / f"{INDEX}.html"
     if as_json:
         print_json({"out": str(out), "pages": [f"{page.place}.html" for page in pages]})
@@ -115,12 +114,14 @@ def _write_all(pages: Sequence[ManualPage], out: Path, *, force: bool, as_json: 
 
 def _open_page(page: ManualPage, pages: Sequence[ManualPage]) -> bool:
     """Open a page in the browser, and return whether that was possible."""
-    from labrig.report.manual_html import write_html
+    from labrig.report.viewer import has_display
 
     if not has_display(os.environ):
         return False
+    from labrig.report.manual_html import write_html
+
     folder = _find_cache_folder()
-    write_html(pages, folder, __version__)
+    write_html(pages, folder, labrig.__version__)
     file = folder / f"{page.place}.html"
     if not webbrowser.open(file.as_uri()):
         return False

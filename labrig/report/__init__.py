@@ -21,6 +21,12 @@ What is decided here:
 - Colours are those of Okabe and Ito (2008), which people with any colour vision tell apart; gels also differ in marker.
 """
 
-from labrig.report.tables import run_tables
+import importlib
+from typing import Any
 
-__all__ = ["run_tables"]
+
+def __getattr__(name: str) -> Any:
+    """Import pandas, and the reader of runs, on first use of `run_tables`: the manual needs neither."""
+    if name == "run_tables":
+        return importlib.import_module("labrig.report.tables").run_tables
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -28,7 +28,7 @@ class ManualPage:
     place : str
         Its folder and name, such as `tutorials/commissioning`; `index` for the first page.
     title : str
-        Its first heading.
+        The heading that it begins with; its place if it begins with none.
     read : callable
         Returns its Markdown; a reference is generated then.
     """
@@ -66,7 +66,9 @@ def find_manual() -> Traversable:
 
 def _read_page(place: str, file: Traversable) -> ManualPage:
     text = file.read_text(encoding="utf-8")
-    title = next((heading.text for heading in find_headings(parse(text))), place)
+    # Only the first block: to parse all pages takes longer than to list them.
+    beginning = parse(text.partition("\n\n")[0])
+    title = next((heading.text for heading in find_headings(beginning)), place)
     return ManualPage(place, title, lambda: text)
 
 

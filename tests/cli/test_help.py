@@ -84,13 +84,29 @@ def test_brackets_are_no_markup(columns: int) -> None:
     )
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["runs", "--runs-dir", "none"]])
-def test_help_and_list_load_no_heavy_package(arguments: list[str]) -> None:
-    """Help and the list of runs import neither numpy nor OpenCV nor pandas."""
+@pytest.mark.parametrize(
+    ("arguments", "unneeded"),
+    [
+        (["--help"], (*HEAVY, "pydantic", "rich.markdown", "rich.traceback")),
+        (["runs", "--runs-dir", "none"], HEAVY),
+        (["manual"], HEAVY),
+    ],
+)
+def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: tuple[str, ...]) -> None:
+    """Help and the lists of runs and pages import no numpy, OpenCV or pandas, and help no more than it shows."""
     code = (
         "import sys, io, contextlib, json\n"
         "from labrig.cli.main import run_command\n"
         f"with contextlib.redirect_stdout(io.StringIO()): run_command({arguments!r})\n"
-        f"print(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))"
+        f"print(json.dumps([name for name in {unneeded!r} if name in sys.modules]))"
     )
     assert json.loads(_python(code)) == []
+
+
+def test_markdown_is_shown_after_help() -> None:
+    """What help does not import can be imported after it in the same process."""
+    shown = _python(
+        "from labrig.cli.main import run_command\n"
+        "for words in (['--help'], ['manual', 'units', '--print']): run_command(words)"
+    )
+    assert "Units, frames and signs" in shown

@@ -48,7 +48,7 @@ def _show(path: Path, wanted: ViewerKind, program: str) -> None:
     run = open_run(path)
     view = follow_run(run)
     stream = open_stream(path.name, viewer.url, view)
-    drawing = RecordDrawing(stream, view.words, describe_statusword)
+    drawing = RecordDrawing(stream, view, describe_statusword)
     shown = LiveView(stream, drawing, view, GrowingRun(path), clock, _tell).follow(viewer.has_ended)
     end_stream(stream)
     if viewer.has_ended():

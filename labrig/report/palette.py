@@ -19,6 +19,11 @@ class Mark:
     colour: str
     marker: str
 
+    @property
+    def rgba(self) -> int:
+        """The colour, opaque, as 0xRRGGBBAA."""
+        return int(self.colour.lstrip("#") + "ff", 16)
+
 
 def mark(index: int) -> Mark:
     """Return the mark of the group with this number; colours repeat after seven, with other markers."""

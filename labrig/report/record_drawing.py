@@ -1,5 +1,6 @@
 """Draws lines of a record into a rerun stream: of a finished run all at once, of a running one as they are written."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from heapq import merge
 from typing import Any
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from labrig.record.following import LinedPicture, RecordLines
 from labrig.report.event_words import describe_event
+from labrig.report.palette import mark
 from labrig.report.pictures import JpegSize, jpeg
-from labrig.report.view import Words
+from labrig.report.view import View
 from labrig.vision.picture import size_of
 
 TIME = "rig_time"
@@ -73,6 +75,20 @@ def set_time(stream: rr.RecordingStream, t_s: float) -> None:
     stream.set_time(TIME, duration=t_s)
 
 
+def choose_colours(added: Sequence[str]) -> dict[str, int]:
+    """Return the colour (0xRRGGBBAA) of each curve of a record, and of those added to it, by its place.
+
+    The viewer would choose them by the name, and give curves of the same plot the same colour.
+    """
+    drawn: Counter[str] = Counter()
+    colours = {}
+    for place in (*(place for _, place, _ in _COLUMNS), *added):
+        plot = place.rpartition("/")[0]
+        colours[place] = mark(drawn[plot]).rgba
+        drawn[plot] += 1
+    return colours
+
+
 class RecordDrawing:
     """Draws what every run has: axes, drive states, events in words, and pictures.
 
@@ -82,17 +98,15 @@ class RecordDrawing:
     ----------
     stream : RecordingStream
         Where to draw.
-    words : Mapping
-        The sentences of an experiment's own events.
+    view : View
+        What the experiment adds: the sentences of its own events, and curves.
     describe_status : callable
         What a statusword says.
     """
 
-    def __init__(
-        self, stream: rr.RecordingStream, words: Mapping[str, Words], describe_status: DescribeStatus
-    ) -> None:
+    def __init__(self, stream: rr.RecordingStream, view: View, describe_status: DescribeStatus) -> None:
         self._stream = stream
-        self._words = words
+        self._words = view.words
         self._describe_status = describe_status
         self._states: dict[str, str] = {}
         self._picture: LinedPicture | None = None
@@ -102,6 +116,8 @@ class RecordDrawing:
         style = rr.StateConfiguration(values=values, labels=values, colors=list(DRIVE_STATES.values()))
         for axis in _AXES:
             stream.log(f"{DRIVES}/{axis}", style, static=True)
+        for place, colour in choose_colours(view.added).items():
+            stream.log(place, rr.SeriesLines(colors=[colour]), static=True)
 
     def draw(self, lines: RecordLines, pictures: Sequence[LinedPicture]) -> None:
         """Draw lines that follow those drawn before.

@@ -82,7 +82,7 @@ def _fill(file: Path, run: Run, lines: CentreLines, view: View, describe_status:
     stream = rr.RecordingStream(_TITLE, recording_id=run.path.name)
     stream.save(file, default_blueprint=make_blueprint(view, _find_motion(recorded)))
     try:
-        RecordDrawing(stream, view.words, describe_status).draw(recorded, recorded.pictures)
+        RecordDrawing(stream, view, describe_status).draw(recorded, recorded.pictures)
         if lines.px:
             for line in run.frame_lines:
                 set_time(stream, line.t_s)

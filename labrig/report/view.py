@@ -47,6 +47,8 @@ class View:
         Whether a picture is drawn however many wait, such as one from which a result is measured.
     words : Mapping
         The sentence of each kind of event that the experiment has.
+    added : tuple of str
+        The place of each curve that `send` and `follow` draw, except those that they give a colour themselves.
     """
 
     curves: tuple[tuple[str, str], ...] = ()
@@ -56,6 +58,7 @@ class View:
     documents: tuple[tuple[str, str], ...] = ()
     needs: Callable[[FrameLine], bool] = _is_never_needed
     words: Mapping[str, Words] = field(default_factory=dict)
+    added: tuple[str, ...] = ()
 
 
 NO_VIEW = View()

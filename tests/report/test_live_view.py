@@ -37,7 +37,7 @@ def test_pictures_taken_before_the_view_began_are_not_blamed_on_its_speed(tmp_pa
     view = follow_run(run)
     stream = rr.RecordingStream("labrig-test")
     stream.save(tmp_path / "shown.rrd")
-    drawing = RecordDrawing(stream, view.words, describe_statusword)
+    drawing = RecordDrawing(stream, view, describe_statusword)
     told: list[str] = []
     live = LiveView(stream, drawing, view, GrowingRun(_RECORDED), SimulatedClock(), told.append)
     shown = live.follow(lambda: False)

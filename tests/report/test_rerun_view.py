@@ -8,12 +8,13 @@ import pytest
 from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
 from labrig.devices.cia402_states import describe_statusword
 from labrig.errors import RecordError
+from labrig.experiments.registry import follow_run
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
 from tests.analysis.synthetic import record_sweep
 from tests.report.conftest import WrittenPage
-from tests.rerun_files import read_view
+from tests.rerun_files import read_colours, read_view
 
 RECORDS = Path(__file__).parents[1] / "records"
 
@@ -52,3 +53,17 @@ def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path
     depth_mm = max(line.insertion_mm for line in run.frame_lines if line.insertion_mm is not None)
     assert shown["/camera/old/words"][-1].startswith(f"OLD PICTURE: taken at {depth_mm:.1f} mm")
     assert shown["/events"][0].startswith("run starts")
+
+
+def test_curves_of_a_plot_differ_in_colour(tmp_path: Path) -> None:
+    """Every curve of an insertion has a colour, and no two of the same plot have the same."""
+    run = open_run(shutil.copytree(RECORDS / "insertion", tmp_path / "run"))
+    file = write_view(run, NO_LINES, follow_run(run), describe_statusword)
+    colours = read_colours(file)
+    curves = [
+        place for place, values in read_view(file).items() if any(type(value) is float for value in values)
+    ]
+    assert {"/roll/rotation", "/roll/heading"} <= set(curves) <= colours.keys()
+    for plot in {place.rpartition("/")[0] for place in curves}:
+        shown = [colours[place] for place in curves if place.rpartition("/")[0] == plot]
+        assert len(set(shown)) == len(shown), plot

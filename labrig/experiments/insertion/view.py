@@ -33,6 +33,13 @@ from labrig.vision.plane import PlaneMap
 
 _DRAWN = ("obstacles", "target", "plan", "taken", "tip")
 _CURVES = (("/error", "Error (mm)"), ("/nis", "NIS of the sightings (2 expected)"))
+_ADDED = {
+    "error": ("off the plan", "seen - predicted", "estimated - true"),
+    "nis": ("NIS", "95 % below"),
+    "depth": ("to the target", "to an obstacle"),
+    "roll": ("heading",),
+}
+_PLACES = tuple(rr.new_entity_path([plot, name]) for plot, names in _ADDED.items() for name in names)
 # 95 % of the values of a chi-squared distribution with two degrees of freedom lie below.
 _NIS_95 = 5.99
 
@@ -153,12 +160,13 @@ class _Drawing:
 def make_view(run: Run, result: AnalysisResult[InsertionResult]) -> View:
     """Return the curves of the estimate and the drawings in the pictures, by a result."""
     send = partial(_send, result.content, _Drawing(load_plane_map(run)))
-    return View(_CURVES, send, words=_WORDS)
+    return View(_CURVES, send, words=_WORDS, added=_PLACES)
 
 
 def follow(run: Run) -> View:
     """Return the same of a run that is being made, by what it records."""
-    return View(_CURVES, follow=partial(_follow, run, _Drawing(load_plane_map(run))), words=_WORDS)
+    drawing = partial(_follow, run, _Drawing(load_plane_map(run)))
+    return View(_CURVES, follow=drawing, words=_WORDS, added=_PLACES)
 
 
 def _send(content: InsertionResult, drawing: _Drawing, stream: rr.RecordingStream, _timeline: str) -> None:

@@ -78,7 +78,7 @@ class _Drawing:
 
     def _begin_gel(self, stream: rr.RecordingStream, gel: str) -> None:
         """Give a gel its colour: points for its holes, a line for the mean, thin ones for the interval."""
-        colour = int(mark(len(self.drawn)).colour.lstrip("#") + "ff", 16)
+        colour = mark(len(self.drawn)).rgba
         points = rr.SeriesPoints(colors=[colour], marker_sizes=[5.0], markers=["circle"], names=[gel])
         stream.log(_place(gel, "hole"), points, static=True)
         for name, width in (("mean", 2.5), ("low", 1.0), ("high", 1.0)):

@@ -9,6 +9,8 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
+from labrig.cli.plain_values import spare_validators
+
 # On narrower terminals columns cut names, and longer names than this share of the width are cut on any.
 _LEAST_COLUMNS, _LARGEST_SHARE = 72, 0.25
 _INDENT = "    "
@@ -21,6 +23,10 @@ _NEVER_SHOWN = {"rich.markdown": "Markdown", "rich.traceback": "Traceback"}
 class HelpfulCommand(TyperCommand):
     """A command whose help cuts no names: where columns would, each text stands below its name."""
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, with those of typer's own."""
+        return spare_validators(super().get_params(ctx))
+
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
         if _fits_columns(self, ctx):
@@ -32,6 +38,10 @@ class HelpfulCommand(TyperCommand):
 
 class ColumnsGroup(TyperGroup):
     """A group of commands whose help stands in columns."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, with those of typer's own."""
+        return spare_validators(super().get_params(ctx))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, with the texts of the group's commands."""

@@ -18,6 +18,7 @@ from tests.benchmarks.table import print_rows
 from tests.record.runs import STARTED, closed_run
 
 RUNS = 5000
+SEARCH = "diameter_mm=1.2 and exit_status=success and seed<100"
 LIMIT_S = 0.3
 SWEEPS = 3000
 COLD_LIMIT_S = 5.0
@@ -29,17 +30,16 @@ def print_table(runs: int = RUNS) -> None:
     """Print the time of a list and a search: the command from start to exit, and the query alone."""
     with tempfile.TemporaryDirectory() as folder:
         runs_dir = Path(folder)
-        _make_runs(runs_dir, runs)
-        condition = "diameter_mm=1.2 and exit_status=success and seed<100"
+        make_runs(runs_dir, runs)
         first_s = _best_s(lambda: list_runs(runs_dir), 1)
-        first_search_s = _best_s(lambda: find_runs(runs_dir, condition), 1)
+        first_search_s = _best_s(lambda: find_runs(runs_dir, SEARCH), 1)
         command = [sys.executable, "-m", "labrig", "runs", "--runs-dir"]
         rows: list[tuple[str, float, float | None]] = [
             ("labrig runs, from start to exit", _command_s([*command, folder]), LIMIT_S),
-            ("labrig runs --where, likewise", _command_s([*command, folder, "--where", condition]), LIMIT_S),
+            ("labrig runs --where, likewise", _command_s([*command, folder, "--where", SEARCH]), LIMIT_S),
             ("labrig runs of an empty folder", _command_s([*command, f"{folder}/none"]), None),
             ("the list alone", _best_s(lambda: list_runs(runs_dir), REPETITIONS), None),
-            ("the search alone", _best_s(lambda: find_runs(runs_dir, condition), REPETITIONS), None),
+            ("the search alone", _best_s(lambda: find_runs(runs_dir, SEARCH), REPETITIONS), None),
             ("the list, index lost: made again", first_s, None),
             ("the search, likewise", first_search_s, None),
         ]
@@ -73,13 +73,14 @@ def _search_cold_s(runs_dir: Path, runs: int) -> float:
     times = []
     for _ in range(REPETITIONS):
         (runs_dir / INDEX_FILE).unlink(missing_ok=True)
-        before_s = _children_s()
+        before_s = children_s()
         subprocess.run([*command, "--where", "gelatin_percent=13"], check=True, capture_output=True)
-        times.append(_children_s() - before_s)
+        times.append(children_s() - before_s)
     return statistics.median(times)
 
 
-def _children_s() -> float:
+def children_s() -> float:
+    """Return the processor time [s] of the processes that this one has started, and that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -93,7 +94,7 @@ def _best_s(work: Callable[[], object], repetitions: int) -> float:
     return min(times)
 
 
-def _make_runs(runs_dir: Path, runs: int) -> None:
+def make_runs(runs_dir: Path, runs: int) -> None:
     """Make a run as a recorder does, and copies under other names without the pictures."""
     first = closed_run(runs_dir, "00000", started=STARTED + timedelta(seconds=1))
     for number in range(1, runs):

@@ -88,14 +88,16 @@ def test_brackets_are_no_markup(columns: int) -> None:
     ("arguments", "unneeded"),
     [
         (["--help"], (*HEAVY, "pydantic", "rich.markdown", "rich.traceback")),
-        (["runs", "--runs-dir", "none"], HEAVY),
-        (["manual"], HEAVY),
+        (["runs"], (*HEAVY, "pydantic")),
+        (["runs", "--where", "seed=1"], ("numpy", "cv2", "pandas", "pydantic")),
+        (["manual"], (*HEAVY, "pydantic")),
     ],
 )
 def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: tuple[str, ...]) -> None:
     """Help and the lists of runs and pages import no numpy, OpenCV or pandas, and help no more than it shows."""
     code = (
-        "import sys, io, contextlib, json\n"
+        "import sys, os, io, contextlib, json\n"
+        "os.environ['LABRIG_RUNS_DIR'] = 'none'\n"
         "from labrig.cli.main import run_command\n"
         f"with contextlib.redirect_stdout(io.StringIO()): run_command({arguments!r})\n"
         f"print(json.dumps([name for name in {unneeded!r} if name in sys.modules]))"

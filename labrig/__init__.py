@@ -63,8 +63,8 @@ def __getattr__(name: str) -> str:
     """Return `__version__`, that of the installed package; reading it takes 10 ms, so it is read when asked for."""
     if name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    metadata = import_module("importlib.metadata")
+    plugins = import_module("labrig.plugins")
     try:
-        return str(metadata.version(__name__))
-    except metadata.PackageNotFoundError:
+        return str(plugins.find_own_distribution().version)
+    except plugins.PackageNotFoundError:
         return "that is not installed"

@@ -5,10 +5,11 @@ when it is used, so a package that cannot be imported stops no other command.
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution, entry_points
 from typing import TypeVar
 
 from labrig.errors import InputError, MachineError, PluginError
@@ -23,7 +24,7 @@ INTERFACE = 1
 Kind = TypeVar("Kind")
 
 _NOUNS = {EXPERIMENTS: "experiment", DRIVES: "drive", CAMERAS: "camera"}
-_OWN = "labrig"
+_OWN = ("labrig", "labrig-core")  # the same files; the second is installed with fewer packages
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,20 @@ class Plugin:
         return f"{self.title} of package {self.origin}"
 
 
+def find_own_distribution() -> Distribution:
+    """Return the distribution that this code was installed as, `labrig` or `labrig-core`.
+
+    Raises
+    ------
+    PackageNotFoundError
+        When it is not installed.
+    """
+    for name in _OWN:
+        with suppress(PackageNotFoundError):
+            return distribution(name)
+    raise PackageNotFoundError(_OWN[0])
+
+
 def _title(group: str, name: str) -> str:
     return f"{_NOUNS[group]} {name}"
 
@@ -107,15 +122,22 @@ def find_plugins(group: str) -> Mapping[str, tuple[Plugin, ...]]:
     Raises
     ------
     MachineError
-        When labrig's own are missing: the installation is older than the code.
+        When labrig's own are missing, as the installation is older than the code, or when they are there twice.
     """
     found: dict[str, tuple[Plugin, ...]] = {}
     for plugin in _read_entry_points(group):
         found[plugin.name] = (*found.get(plugin.name, ()), plugin)
-    if not any(plugin.package == _OWN for plugins in found.values() for plugin in plugins):
+    declaring = {plugin.package for plugins in found.values() for plugin in plugins}
+    own = [name for name in _OWN if name in declaring]
+    if not own:
         raise MachineError(
             f"labrig's own {_NOUNS[group]}s are not registered: the installation is older than the code",
             "install labrig again: pip install -e . in its folder",
+        )
+    if len(own) > 1:
+        raise MachineError(
+            f"{' and '.join(own)} are both installed, and each has replaced files of the other",
+            f"pip uninstall {' '.join(own)}, then install one of them",
         )
     return found
 
@@ -143,7 +165,7 @@ def find_plugin(group: str, name: str) -> Plugin:
     InputError
         When no installed package declares it, or when several do.
     MachineError
-        When labrig's own are missing.
+        When labrig's own are missing, or are there twice.
     """
     plugins = find_plugins(group)
     claimed = plugins.get(name, ())

@@ -1,8 +1,7 @@
-"""labrig installed away from its checkout: from its sdist alone, and from its wheel with a package of somebody else."""
+"""Away from the checkout: labrig from its wheel with a package of somebody else, and labrig-core from its sdist."""
 
 import hashlib
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -10,20 +9,25 @@ import sys
 import sysconfig
 import tomllib
 import zipfile
+from collections.abc import Collection
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.markers import Marker
 from packaging.metadata import Metadata
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from labrig.lab.examples import read_examples
 from labrig.record.source_digest import digest_sources
+from tests.distributions import QUIET, ROOT, build, build_both
 
-ROOT = Path(__file__).parents[1]
 EXAMPLE = "labrig/manual/example"
-QUIET = {
-    name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "LABRIG", "COV"))
-}
+DESCRIBED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = DESCRIBED["project"]
+LEFT_OUT = set(DESCRIBED["tool"]["labrig"]["core-leaves-out"])
 
 
 @dataclass(frozen=True)
@@ -49,20 +53,21 @@ class Installed:
         return done.stdout
 
 
-def _build(source: Path, folder: Path, *kinds: str) -> None:
-    """Build distributions without the network, as `pip wheel` would fetch the build backend first, and without git."""
-    targets = [word for kind in kinds for word in ("-t", kind)]
-    command = [sys.executable, "-m", "hatchling", "build", *targets, "-d", str(folder)]
-    quiet = {**QUIET, "PATH": ""}
-    subprocess.run(command, cwd=source, capture_output=True, check=True, env=quiet, timeout=300)
+def _install(environment: Path, *distributions: Path, without: Collection[str] = ()) -> None:
+    """Install into a new environment, which takes the dependencies, and what builds an sdist, from this one.
 
-
-def _install(environment: Path, *distributions: Path) -> None:
-    """Install into a new environment, which takes the dependencies, and what builds an sdist, from this one."""
+    Neither the labrig of this environment is among them, nor the packages of `without`.
+    """
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True, timeout=300)
     (site,) = environment.glob("lib/python*/site-packages")
-    here = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
-    (site / "dependencies.pth").write_text("\n".join(sorted(here)), encoding="utf-8")
+    dependencies = environment / "dependencies"
+    dependencies.mkdir()
+    hidden = _find_files("labrig", *without)
+    for here in {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}:
+        for path in Path(here).iterdir():
+            if path.name not in hidden:
+                (dependencies / path.name).symlink_to(path)
+    (site / "dependencies.pth").write_text(str(dependencies), encoding="utf-8")
     pip = [sys.executable, "-m", "pip", "--python", str(environment / "bin" / "python"), "install", "--quiet"]
     offline = [
         "--no-deps",
@@ -71,15 +76,19 @@ def _install(environment: Path, *distributions: Path) -> None:
         "--no-compile",
         "--disable-pip-version-check",
     ]
-    # Without the option, pip takes the labrig that this environment has for the one that is wanted.
-    subprocess.run([*pip, *offline, "--ignore-installed", *distributions], check=True, timeout=300)
+    subprocess.run([*pip, *offline, *distributions], check=True, timeout=300)
+
+
+def _find_files(*packages: str) -> set[str]:
+    """Return the names of what these packages have put beside the others."""
+    return {path.parts[0] for package in packages for path in metadata.files(package) or ()}
 
 
 @pytest.fixture(scope="module")
 def distributions(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build labrig's wheel and its sdist."""
+    """Build wheel and sdist of labrig, and of labrig-core."""
     folder = tmp_path_factory.mktemp("distributions")
-    _build(ROOT, folder, "wheel", "sdist")
+    build_both(folder)
     return folder
 
 
@@ -91,64 +100,103 @@ def installed(distributions: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     with zipfile.ZipFile(wheel) as packed:
         packed.extractall(folder, [name for name in packed.namelist() if name.startswith(EXAMPLE)])
     example = Path(shutil.move(folder / EXAMPLE, folder / "example"))
-    _build(example, folder / "wheels", "wheel")
+    build(example, folder / "wheels", "wheel")
     _install(folder / "environment", wheel, *(folder / "wheels").glob("*.whl"))
     return Installed(folder / "environment", example)
 
 
 @pytest.fixture(scope="module")
-def alone(distributions: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
-    """Install labrig's sdist, and make a lab folder with it."""
-    folder = tmp_path_factory.mktemp("alone")
-    (sdist,) = distributions.glob("labrig-*.tar.gz")
-    _install(folder / "environment", sdist)
+def core(distributions: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    """Install labrig-core from its sdist, which is made of labrig's, and make a lab folder with it."""
+    folder = tmp_path_factory.mktemp("core")
+    (sdist,) = distributions.glob("labrig_core-*.tar.gz")
+    _install(folder / "environment", sdist, without=LEFT_OUT)
     assert json.loads(Installed(folder / "environment", folder).call("labrig", "init", "lab", "--json"))[
         "added"
     ]
     return Installed(folder / "environment", folder / "lab")
 
 
-def test_a_lab_folder_of_an_installed_labrig_runs_its_protocols(alone: Installed) -> None:
-    """Without the checkout: run, report and list of runs; the record says which code made it."""
+def test_a_lab_folder_of_labrig_core_runs_its_protocols(core: Installed) -> None:
+    """Without checkout and viewer: run, report and list of runs; the record says which code made it."""
     short = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: A1, gelatin_percent: 10}]")
-    ran = json.loads(alone.call("labrig", "run", "steerability", *short, "--json"))
+    ran = json.loads(core.call("labrig", "run", "steerability", *short, "--json"))
     assert (ran["exit_status"], ran["result"]["specimens"][0]["n"]) == ("success", 1)
     assert Path(ran["run"]).parent == Path("data/runs")
-    provenance = json.loads((alone.folder / ran["run"] / "manifest.json").read_text(encoding="utf-8"))[
+    provenance = json.loads((core.folder / ran["run"] / "manifest.json").read_text(encoding="utf-8"))[
         "provenance"
     ]
     assert (provenance["source_sha256"], provenance["git_commit"]) == (digest_sources(), None)
-    page = (alone.folder / alone.call("labrig", "report", "last").strip()).read_text(encoding="utf-8")
+    assert provenance["labrig"] == PROJECT["version"]
+    wanted = {canonicalize_name(Requirement(text).name) for text in PROJECT["dependencies"]}
+    assert provenance["packages"].keys() == wanted - LEFT_OUT
+    page = (core.folder / core.call("labrig", "report", "last").strip()).read_text(encoding="utf-8")
     assert digest_sources() in page
-    (listed,) = json.loads(alone.call("labrig", "runs", "--json"))
+    (listed,) = json.loads(core.call("labrig", "runs", "--json"))
     assert listed["run"] == ran["run"]
 
 
-def test_a_wheel_holds_what_an_sdist_holds(
-    distributions: Path, installed: Installed, alone: Installed
-) -> None:
-    """The code, the examples and the licences are the same; the metadata is valid, its version that of the project."""
+def test_labrig_core_names_the_command_that_installs_a_viewer(core: Installed) -> None:
+    """In a version that labrig is made for; nothing has run."""
+    done = core.call("labrig", "run", "steerability", "--live", "web", "--json", exit_code=2)
+    hint = json.loads(done)["error"]["hint"]
+    wanted = Requirement(hint.removeprefix("pip install '").removesuffix("'"))
+    assert wanted in [Requirement(text) for text in PROJECT["dependencies"]]
+    assert metadata.version("rerun-sdk") in wanted.specifier
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """What a wheel installs, as a checksum of each file, and what it says of itself."""
+
+    files: dict[str, int]
+    described: Metadata
+
+    @classmethod
+    def read(cls, wheel: Path) -> "Wheel":
+        """Read a wheel, of which the metadata must be valid."""
+        with zipfile.ZipFile(wheel) as packed:
+            checksums = {file.filename: file.CRC for file in packed.infolist()}
+            (stated,) = (name for name in checksums if name.endswith(".dist-info/METADATA"))
+            described = Metadata.from_email(packed.read(stated), validate=True)
+        files = {name: checksum for name, checksum in checksums.items() if ".dist-info/" not in name}
+        return cls(files, described)
+
+    def find_needed(self, extra: str | None = None) -> set[str]:
+        """Return what is needed always, or with an extra alone."""
+        marker = None if extra is None else Marker(f"extra == '{extra}'")
+        needed = (found for found in self.described.requires_dist or () if found.marker == marker)
+        return {f"{found.name}{found.specifier}" for found in needed}
+
+
+def test_labrig_core_is_labrig_with_fewer_dependencies(distributions: Path) -> None:
+    """Both wheels hold the same files; what labrig alone needs is an extra of labrig-core."""
+    labrig, core = (Wheel.read(*distributions.glob(f"{name}-*.whl")) for name in ("labrig", "labrig_core"))
+    assert (labrig.described.name, core.described.name) == ("labrig", "labrig-core")
+    assert labrig.described.author == core.described.author == "The labrig developers"
+    assert labrig.files == core.files
+    more = labrig.find_needed() - core.find_needed()
+    assert {Requirement(text).name for text in more} == LEFT_OUT
+    assert core.find_needed("full") == more
+
+
+def test_a_wheel_holds_what_an_sdist_holds(installed: Installed, core: Installed) -> None:
+    """The code, the examples and the licences are the same, and the version is that of the project."""
     described = (
-        "import importlib.metadata as metadata, labrig; from labrig.lab.examples import read_examples;"
-        "from labrig.record.source_digest import digest_sources; from hashlib import sha256;"
-        "files = sorted(str(file) for file in metadata.files('labrig') if 'licenses' in file.parts);"
+        "import labrig; from hashlib import sha256; from labrig.lab.examples import read_examples;"
+        "from labrig.plugins import find_own_distribution; from labrig.record.source_digest import digest_sources;"
+        "files = sorted(file.name for file in find_own_distribution().files if 'licenses' in file.parts);"
         "examples = sha256(repr(read_examples()).encode()).hexdigest();"
         "print(labrig.__file__, digest_sources(), examples, files, labrig.__version__, sep='\\n')"
     )
-    found = [place.call("python", "-c", described).splitlines() for place in (installed, alone)]
-    for place, lines in zip((installed, alone), found, strict=True):
+    found = [place.call("python", "-c", described).splitlines() for place in (installed, core)]
+    for place, lines in zip((installed, core), found, strict=True):
         assert lines[0].startswith(str(place.environment))
     assert found[0][1:] == found[1][1:]
     examples = hashlib.sha256(repr(read_examples()).encode()).hexdigest()
     assert found[0][1:3] == [digest_sources(), examples]
-    assert "LICENSE'" in found[0][3]
-    assert "LICENSES.md" in found[0][3]
-    (wheel,) = distributions.glob("labrig-*.whl")
-    with zipfile.ZipFile(wheel) as packed:
-        (stated,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA"))
-        assert Metadata.from_email(packed.read(stated), validate=True).author == "The labrig developers"
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert found[0][4] == project["version"]
+    assert found[0][3] == "['LICENSE', 'LICENSES.md']"
+    assert found[0][4] == PROJECT["version"]
 
 
 def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: Installed) -> None:

@@ -113,7 +113,7 @@ def _write_all(pages: Sequence[ManualPage], out: Path, *, force: bool, as_json: 
 
 
 def _open_page(page: ManualPage, pages: Sequence[ManualPage]) -> bool:
-    """Open a page in the browser, and return whether that was possible."""
+    """Give a page to the browser, and return whether one was started; whether it shows the page is not known."""
     from labrig.report.viewer import has_display
 
     if not has_display(os.environ):
@@ -123,10 +123,8 @@ def _open_page(page: ManualPage, pages: Sequence[ManualPage]) -> bool:
     folder = _find_cache_folder()
     write_html(pages, folder, labrig.__version__)
     file = folder / f"{page.place}.html"
-    if not webbrowser.open(file.as_uri()):
-        return False
-    say_wrapped(f"opened {file}; --print prints the page here")
-    return True
+    say_wrapped(f"the page is {file}; --print prints it here")
+    return webbrowser.open(file.as_uri())
 
 
 def _find_cache_folder() -> Path:

@@ -1,11 +1,11 @@
-"""Packages that labrig is installed with, and of which some take hundreds of MB: a command that needs one says so."""
+"""Packages that labrig is installed with and `labrig-core` is not, and extras: a command that needs one says so."""
 
-from importlib import metadata
 from importlib.util import find_spec
 
 from packaging.requirements import Requirement
 
 from labrig.errors import InputError
+from labrig.plugins import find_own_distribution
 
 
 def require_package(module: str, package: str, what: str) -> None:
@@ -34,5 +34,5 @@ def require_package(module: str, package: str, what: str) -> None:
 
 def _find_requirement(package: str) -> str:
     """Return the versions of a package that fit, in the form that pip takes."""
-    needed = (Requirement(text) for text in metadata.requires("labrig") or ())
+    needed = (Requirement(text) for text in find_own_distribution().requires or ())
     return next((f"{found.name}{found.specifier}" for found in needed if found.name == package), package)

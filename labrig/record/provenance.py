@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from labrig import __version__
+from labrig.plugins import find_own_distribution
 from labrig.record.json_lines import plain_text
 from labrig.record.source_digest import digest_sources
 
@@ -176,7 +177,7 @@ def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> b
 
 
 def _read_package_versions() -> dict[str, str]:
-    requirements = metadata.requires("labrig") or ()
+    requirements = find_own_distribution().requires or ()
     names = (_parse_distribution_name(text) for text in requirements if "extra ==" not in text)
     versions = {name: _read_version(name) for name in sorted(names)}
     return {name: version for name, version in versions.items() if version is not None}

@@ -1,6 +1,7 @@
 """`labrig manual`: pages in the terminal, in a browser and as files."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -75,7 +76,10 @@ def test_an_unknown_page_ends_with_2(labrig: Labrig) -> None:
 
 
 def test_a_browser_shows_the_page_where_there_is_a_display(tmp_path: Path) -> None:
-    """It is given a file of this computer with the page; without a display, or with --print, the page is printed."""
+    """It is given a file of this computer with the page; without a display, or with --print, the page is printed.
+
+    Where the file is is told whatever the browser does with it, and not that it was opened.
+    """
     browser, told = tmp_path / "browser", tmp_path / "told"
     browser.write_text(f'#!/bin/sh\nprintf %s "$1" > "{told}"\n', encoding="utf-8")
     browser.chmod(0o755)
@@ -88,6 +92,12 @@ def test_a_browser_shows_the_page_where_there_is_a_display(tmp_path: Path) -> No
     file = Path(told.read_text(encoding="utf-8").removeprefix("file://"))
     assert file == tmp_path / "cache" / "labrig" / "manual" / "reference" / "rig.html"
     assert "quick_stop_deceleration" in file.read_text(encoding="utf-8")
+    # After a browser that fails, Python tries the others of PATH.
+    failed = _run(
+        "reference/rig", DISPLAY=":7", **environment | {"BROWSER": shutil.which("false"), "PATH": ""}
+    )
+    assert (failed.returncode, "Rig files" in failed.stdout) == (0, True)
+    assert done.stderr == failed.stderr == f"the page is {file}; --print prints it here\n"
 
 
 def test_all_pages_are_written_as_files(labrig: Labrig, tmp_path: Path) -> None:

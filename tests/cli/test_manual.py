@@ -78,7 +78,7 @@ def test_an_unknown_page_ends_with_2(labrig: Labrig) -> None:
 def test_a_browser_shows_the_page_where_there_is_a_display(tmp_path: Path) -> None:
     """It is given a file of this computer with the page; without a display, or with --print, the page is printed.
 
-    Where the file is is told whatever the browser does with it, and not that it was opened.
+    Its path is told whatever the browser does with it, and not that it was opened.
     """
     browser, told = tmp_path / "browser", tmp_path / "told"
     browser.write_text(f'#!/bin/sh\nprintf %s "$1" > "{told}"\n', encoding="utf-8")

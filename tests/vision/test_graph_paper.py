@@ -203,7 +203,7 @@ def test_the_same_paper_without_a_second_grid_is_accepted():
             4.27,
             PenGrid(11, width_mm=0.45, colour="pencil", density=0.73),
             {"ink": "orange", "width_mm": 0.11, "density": 0.75, "blur_px": 1.09, "shift_mm": (6.3, 1.4)},
-            "two grids of lines",
+            "between the lines that were followed",
         ),
         (
             "2/10",
@@ -211,6 +211,20 @@ def test_the_same_paper_without_a_second_grid_is_accepted():
             PenGrid(12, first=4, width_mm=0.8, colour="pencil", density=0.84),
             {"width_mm": 0.19, "density": 0.35, "blur_px": 0.75, "shift_mm": (3.3, 5.4), "tilt_deg": 2.0},
             "there are fainter ones",
+        ),
+        (
+            "1/10",
+            1.7,
+            PenGrid(11, first=5, width_mm=0.47, density=0.9),
+            {"width_mm": 0.09, "density": 0.58, "blur_px": 1.04, "noise": 1.3, "grey": True},
+            "between the lines that were followed",
+        ),
+        (
+            "1/10",
+            2.39,
+            PenGrid(10, first=9, width_mm=0.41, colour="green", density=0.96),
+            {"ink": "grey", "width_mm": 0.11, "density": 0.61, "blur_px": 0.54, "noise": 3.4},
+            "beside the lines that were followed",
         ),
     ],
 )

@@ -32,6 +32,8 @@ _DETAILS = frozenset({Move.kind, MoveDone.kind, "observation"})
 """Kinds that there are so many of that they hide the others."""
 _DECIDED = frozenset(model.kind for model in TOLD)
 _HIDDEN = frozenset({"kind", "t_s", "trial"})
+_COUNTED_FROM_ZERO = frozenset({"hole", "view"})
+"""Details of a question that count from zero on disk; people count from one, as the question did."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +121,21 @@ def _describe_question(event: Mapping[str, Any]) -> str:
         f" {letter.lower()}" if letter.isupper() else letter for letter in event["request"]
     ).strip()
     details = ", ".join(
-        str(value) for value in event["details"].values() if isinstance(value, str | int | float)
+        _describe_detail(name, value)
+        for name, value in event["details"].items()
+        if isinstance(value, str | int | float)
     )
     answer = f": {event['answer']}" if event["answer"] else ""
     told = event.get("choice") or ("confirmed" if event["confirmed"] else "refused")
     return f"operator: {_plain(told)} “{asked}{f' ({details})' if details else ''}”{answer}"
+
+
+def _describe_detail(name: str, value: str | float) -> str:
+    """Return a text as it is, and a number with its name and unit."""
+    if isinstance(value, str):
+        return value
+    words, unit = _split_unit(name)
+    return f"{words} {_format(value + 1 if name in _COUNTED_FROM_ZERO else value, unit)}"
 
 
 def _describe_position(event: Mapping[str, Any], name: str) -> str:

@@ -16,8 +16,14 @@ from labrig.report.event_words import describe_event
             "DEBUG",
         ),
         (
-            {"kind": "operator", "request": "ShiftToHole", "details": {"hole": 2}, "confirmed": False, "answer": ""},
-            "operator: refused “shift to hole (2)”",
+            {
+                "kind": "operator",
+                "request": "ShiftToHole",
+                "details": {"specimen": "A1", "hole": 2, "position_mm": 16.0},
+                "confirmed": False,
+                "answer": "",
+            },
+            "operator: refused “shift to hole (A1, hole 3, position 16 mm)”",
             "WARN",
         ),
         ({"kind": "skip", "t_s": 1.0, "trial": 3}, "Trial 3 was skipped.", "WARN"),

@@ -349,7 +349,7 @@ def _list_warnings(comparison: Comparison) -> Iterable[str]:
         yield "Simulated runs and others are compared with each other."
     for group in comparison.groups:
         if group.n < 2:
-            yield f"{group.name} has n = {group.n}: it is listed, and in no test."
+            yield f"{group.name} has n = {group.n}: it is listed, but not tested."
     flat = [group.name for group in comparison.groups if group.sd is not None and group.sd == 0.0]
     if flat:
         yield f"All values are the same in {_list_some(flat)}: without a spread there is no Welch's ANOVA."

@@ -75,7 +75,7 @@ def _count_groups(rows: pd.DataFrame) -> int:
 def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
     names = rows.loc[rows["value"].notna(), "group"].dropna().unique()
     what = (
-        f"there is one group alone: {names[0]}" if len(names) else f"no measurement names {' and '.join(by)}"
+        f"there is only one group: {names[0]}" if len(names) else f"no measurement names {' and '.join(by)}"
     )
     telling = [
         name

@@ -109,7 +109,7 @@ def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> li
 
     found = [run.summary.run for run in find_runs(runs_dir, where)]
     if not found:
-        raise InputError(f"no run in {runs_dir} fits {where!r}", "labrig runs lists them")
+        raise InputError(f"no run in {runs_dir} matches {where!r}", "labrig runs lists the runs")
     return found
 
 

@@ -101,9 +101,9 @@ def list_(
         for line in list_next_steps([run.summary for run in found]):
             say(line)
         if len(found) < len(every):
-            say(f"{len(every) - len(found)} more fit")
+            say(f"{len(every) - len(found)} more match")
     elif where is not None and list_runs(folder):
-        say("no run fits")
+        say("no run matches")
     else:
         say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
 

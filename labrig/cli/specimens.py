@@ -154,7 +154,7 @@ def show(name: NameArgument, runs_dir: RunsDirOption = None, as_json: AsJson = F
     heads = ["track", "run", "hole", "place mm", "needle", "age h", "radius mm"]
     for kind, held in tracks.items():
         if held:
-            print_line(f"\n{len(held)} of {kind} runs:")
+            print_line(f"\ntracks of {kind} runs:")
             print_table(
                 heads,
                 [

@@ -25,7 +25,9 @@ _FORM = re.compile(
     rf"(?:\s*,\s*hysteresis\s+(?P<hysteresis>{_NUMBER}))?",
     re.ASCII,
 )
-_FORMS = "NAME > 3, NAME < 3, NAME outside [26, 30] or NAME inside [26, 30], and behind it: , hysteresis 0.5"
+_FORMS = (
+    "NAME > 3, NAME < 3, NAME outside [26, 30] or NAME inside [26, 30], then optionally: , hysteresis 0.5"
+)
 
 _GUARDS: Mapping[str, str] = {
     "current": "max_current_ma",
@@ -87,7 +89,7 @@ def parse_condition(text: str, action: Action) -> Condition:
     """
     found = _FORM.fullmatch(text.strip())
     if found is None:
-        raise ValueError(f'"{text}" is no condition, expected {_FORMS}')
+        raise ValueError(f'"{text}" is not a condition, expected {_FORMS}')
     numbers = {key: float(found[key]) for key in ("limit", "low", "high", "hysteresis") if found[key]}
     if not all(math.isfinite(value) for value in numbers.values()):
         raise ValueError(f'"{text}" has a number that is not finite')

@@ -166,7 +166,7 @@ def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFa
     """Return the fault of a section whose key `path[-1]` names none of `choices`, or is missing."""
     key, listed = path[-1], ", ".join(map(show_key, choices))
     if not tree.holds(path):
-        hint = f"add a line `{key}: {choices[0]}`"
+        hint = f"add a line such as `{key}: {choices[0]}`"
         return InputFault(tree.at(path[:-1]).key, path, f"{key} is missing, expected one of {listed}", hint)
     chosen = tree.value(path)
     hint = choice_hint(chosen if isinstance(chosen, str) else str(chosen), choices)

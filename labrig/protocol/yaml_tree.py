@@ -107,4 +107,6 @@ def _hint_at_files(path: Path) -> str:
     names = sorted(file.name for file in path.parent.iterdir() if file.suffix in _SUFFIXES)
     if meant := difflib.get_close_matches(path.name, names, n=1):
         return f"did you mean {path.parent / meant[0]}?"
-    return f"YAML files there: {', '.join(names[:10])}" if names else f"{path.parent} holds no YAML file"
+    if names:
+        return f"YAML files there: {', '.join(names[:10])}"
+    return f"{'this folder' if path.parent == Path() else path.parent} holds no YAML file"

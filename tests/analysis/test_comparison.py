@@ -114,7 +114,7 @@ def test_groups_can_be_made_by_any_field(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("radii", "message"),
     [
-        ({SOFT: (28.0, 28.4)}, "nothing to compare: there is one group alone: N1, 10 % gelatin"),
+        ({SOFT: (28.0, 28.4)}, "nothing to compare: there is only one group: N1, 10 % gelatin"),
         ({SOFT: (None, None), HARD: (None,)}, "no measurement of radius_mm was accepted"),
     ],
 )
@@ -134,7 +134,7 @@ def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Pa
     assert compared.welch_anova is None
     assert [(pair.a, pair.p is None) for pair in compared.pairs] == [("N1, 13 % gelatin", False)]
     told = " ".join(compared.warnings)
-    assert "N1, 10 % gelatin has n = 1: it is listed, and in no test." in told
+    assert "N1, 10 % gelatin has n = 1: it is listed, but not tested." in told
     assert "All values are the same in N1, 19 % gelatin" in told
 
 

@@ -48,7 +48,9 @@ def test_a_malformed_protocol_is_refused_with_its_place(text: str, labrig: Labri
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_file_of_another_kind_is_told_in_one_sentence(labrig: Labrig, tmp_path: Path) -> None:
+def test_a_file_of_another_kind_is_told_in_one_sentence(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A rig file given as a protocol, or the other way round, is one error, not one for each key."""
     done = labrig("check", RIG)
     assert (done.exit_code, done.err.count("error:")) == (2, 1)
@@ -62,6 +64,8 @@ def test_a_file_of_another_kind_is_told_in_one_sentence(labrig: Labrig, tmp_path
     assert (done.exit_code, done.err) == (
         2, f"error: {text}: this is not a YAML file\nhint: {tmp_path} holds no YAML file\n",
     )  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert "hint: this folder holds no YAML file" in labrig("run", text.name).err
 
 
 def test_a_run_is_found_by_the_name_that_the_list_shows(

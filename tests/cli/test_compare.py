@@ -93,7 +93,7 @@ def test_a_run_without_result_is_left_out_and_told(labrig: Labrig, runs_dir: Pat
         (("a", "--where", "seed=7"), "name the runs to compare, or a condition, not both"),
         (("a", "bb"), "there is no run bb"),
         (("--where", "seed=8"), "no run in"),
-        (("a", "--by", "run"), "nothing to compare: there is one group alone: a"),
+        (("a", "--by", "run"), "nothing to compare: there is only one group: a"),
         (("a", "b", "--quantity", "reason"), "reason is no number in"),
     ],
 )

@@ -50,7 +50,7 @@ def test_a_condition_that_makes_no_sense_exits_with_2(condition: str, labrig: La
 def test_nothing_that_fits_is_no_error(labrig: Labrig, shelf: Path) -> None:
     """A condition that matches no run gives an empty list."""
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=11")
-    assert (done.exit_code, done.out, done.err) == (0, "", "no run fits\n")
+    assert (done.exit_code, done.out, done.err) == (0, "", "no run matches\n")
 
 
 def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Lab
     shown = labrig("specimens", "show", "A1", "--json").json()
     assert [track["hole_position_mm"] for track in shown["tracks"]["simulated"]] == [0.0, place_mm]
     assert shown["tracks"]["real"] == []
+    assert "\ntracks of simulated runs:\n" in labrig("specimens", "show", "A1").out
     assert labrig("replay", run, "--json").json()["identical"] is True
     assert labrig("reanalyze", run).exit_code == 0
     again = json.loads((run / "analysis" / "002" / "result.json").read_text(encoding="utf-8"))

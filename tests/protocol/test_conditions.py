@@ -57,8 +57,8 @@ def test_a_condition_counts_anew_after_its_value_came_back() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("radius_mm = 3", "is no condition, expected NAME > 3"),
-        ("radius_mm > nan", "is no condition"),
+        ("radius_mm = 3", "is not a condition, expected NAME > 3"),
+        ("radius_mm > nan", "is not a condition"),
         ("radius_mm > 1e999", "not finite"),
         ("radius_mm outside [30, 26]", "30 must be below 26"),
         ("radius_mm outside [26, 30], hysteresis 3", "must be at most 2, half of the interval"),
@@ -66,7 +66,7 @@ def test_a_condition_counts_anew_after_its_value_came_back() -> None:
         ("raduis_mm > 3", "did you mean radius_mm?"),
         ("max_current_ma > 300", "guarded by the rig file's limits: axes.*.max_current_ma"),
         ("insertion_mm > 30", "guarded by the rig file's limits: axes.*.limits"),
-        ("__import__('os') > 3", "is no condition"),
+        ("__import__('os') > 3", "is not a condition"),
     ],
 )
 def test_a_condition_that_cannot_be_judged_is_refused(text: str, told: str) -> None:

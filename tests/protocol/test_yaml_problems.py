@@ -225,7 +225,7 @@ def test_a_missing_experiment_is_told_with_the_choices():
         == "experiment is missing, expected one of camera-calibration, design, import, insertion, roll-zero, "
         "steerability"
     )
-    assert problem.hint == "add a line `experiment: camera-calibration`"
+    assert problem.hint == "add a line such as `experiment: camera-calibration`"
 
 
 @pytest.mark.parametrize(

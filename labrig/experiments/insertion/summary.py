@@ -127,7 +127,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     places = describe_places(
         [(trial["trial"], source) for trial in trials if (source := trial.get("target_error_interval_by"))]
     )
-    rests_on = () if places is None else (f"error: by the shaft in the last picture; in space: {places}",)
+    rests_on = () if places is None else (f"error mm: by the shaft in the last picture; in space: {places}",)
     specimens = summarise_maps(document.get("maps", ()))
     tables = (TextTable(_HEADS, rows), *_list_sources(trials))
     return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarm, *specimens), values)

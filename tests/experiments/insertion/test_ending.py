@@ -51,6 +51,7 @@ def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     assert "0 of 1 reached the target, 1 in the plane only" in said
     assert trial.target_error_interval_by == "shaft_and_estimate"
     assert math.dist(trial.target_error_interval_tip_mm, trial.tip_mm) < 0.3
+    assert "error mm: by the shaft in the last picture; " in said
     assert "in space: by the shaft in the last picture and the estimate on the way together" in said
 
 

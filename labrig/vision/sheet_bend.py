@@ -40,6 +40,8 @@ _PLAUSIBLE_FOOT = 1.5
 _PLAUSIBLE_MOVE = 1.0
 # The highest order of the polynomial for the sheet's shortening by its slope.
 _MOST_SHORTENING_ORDER = 7
+# The fit with it takes four to thirty steps; where it takes more the height is left open by the picture.
+_MOST_STEPS = 60
 _DIFFERENCE = 1e-5
 _FEET = tuple(product((-1.2, -0.4, 0.4, 1.2), repeat=2))
 
@@ -197,7 +199,7 @@ def _fit_shortened(sheet: _Sheet, first: _Surface, distance: float) -> _Surface:
         return np.vstack((slopes.reshape(-1, len(at)) / sheet.noise, np.diag(held)))
 
     start = np.concatenate((first.moves, first.coefficients))
-    found = np.asarray(least_squares(residuals, start, jacobian, method="lm").x)
+    found = least_squares(residuals, start, jacobian, method="lm", max_nfev=_MOST_STEPS).x
     return replace(first, moves=found[:count], coefficients=found[count:])
 
 

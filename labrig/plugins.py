@@ -5,13 +5,13 @@ when it is used, so a package that cannot be imported stops no other command.
 """
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from typing import TypeVar
 
+from labrig.distribution import OWN_DISTRIBUTIONS
 from labrig.errors import InputError, MachineError, PluginError
 
 EXPERIMENTS = "labrig.experiments"
@@ -24,7 +24,6 @@ INTERFACE = 1
 Kind = TypeVar("Kind")
 
 _NOUNS = {EXPERIMENTS: "experiment", DRIVES: "drive", CAMERAS: "camera"}
-_OWN = ("labrig", "labrig-core")  # the same files; the second is installed with fewer packages
 
 
 @dataclass(frozen=True)
@@ -97,20 +96,6 @@ class Plugin:
         return f"{self.title} of package {self.origin}"
 
 
-def find_own_distribution() -> Distribution:
-    """Return the distribution that this code was installed as, `labrig` or `labrig-core`.
-
-    Raises
-    ------
-    PackageNotFoundError
-        When it is not installed.
-    """
-    for name in _OWN:
-        with suppress(PackageNotFoundError):
-            return distribution(name)
-    raise PackageNotFoundError(_OWN[0])
-
-
 def _title(group: str, name: str) -> str:
     return f"{_NOUNS[group]} {name}"
 
@@ -128,7 +113,7 @@ def find_plugins(group: str) -> Mapping[str, tuple[Plugin, ...]]:
     for plugin in _read_entry_points(group):
         found[plugin.name] = (*found.get(plugin.name, ()), plugin)
     declaring = {plugin.package for plugins in found.values() for plugin in plugins}
-    own = [name for name in _OWN if name in declaring]
+    own = [name for name in OWN_DISTRIBUTIONS if name in declaring]
     if not own:
         raise MachineError(
             f"labrig's own {_NOUNS[group]}s are not registered: the installation is older than the code",

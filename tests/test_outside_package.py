@@ -184,7 +184,7 @@ def test_a_wheel_holds_what_an_sdist_holds(installed: Installed, core: Installed
     """The code, the examples and the licences are the same, and the version is that of the project."""
     described = (
         "import labrig; from hashlib import sha256; from labrig.lab.examples import read_examples;"
-        "from labrig.plugins import find_own_distribution; from labrig.record.source_digest import digest_sources;"
+        "from labrig.distribution import find_own_distribution; from labrig.record.source_digest import digest_sources;"
         "files = sorted(file.name for file in find_own_distribution().files if 'licenses' in file.parts);"
         "examples = sha256(repr(read_examples()).encode()).hexdigest();"
         "print(labrig.__file__, digest_sources(), examples, files, labrig.__version__, sep='\\n')"

@@ -4,8 +4,8 @@ from importlib.util import find_spec
 
 from packaging.requirements import Requirement
 
+from labrig.distribution import find_own_distribution
 from labrig.errors import InputError
-from labrig.plugins import find_own_distribution
 
 
 def require_package(module: str, package: str, what: str) -> None:

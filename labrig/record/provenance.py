@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from labrig import __version__
-from labrig.plugins import find_own_distribution
+from labrig.distribution import find_own_distribution
 from labrig.record.json_lines import plain_text
 from labrig.record.source_digest import digest_sources
 

@@ -171,7 +171,7 @@ def test_a_picture_of_another_camera_is_refused(
         (no_graph_paper.draw_dotted_paper, "no grid of ruled lines"),
         (no_graph_paper.draw_chessboard, "no grid of ruled lines"),
         (no_graph_paper.draw_keyboard, "grid"),
-        (no_graph_paper.draw_second_grid, "two grids of lines"),
+        (no_graph_paper.draw_second_grid, "two grids"),
     ],
     ids=["lined", "dotted", "chessboard", "keyboard", "second grid"],
 )

@@ -31,9 +31,9 @@ check-code: $(READY)
 	$(BIN)/deptry .
 
 # Tests start labrig some hundred times: it is compiled once, also where the environment forbids that. Rehearsals and
-# served drives wait in real time, so three processes keep two cores busy.
+# served drives wait in real time, so four processes keep two cores busy.
 check-tests: $(READY) $(OUTSIDE)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist worksteal $(COVERAGE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 4 --dist worksteal $(COVERAGE)
 
 coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests

@@ -255,6 +255,35 @@ def test_other_errors_brake_first_as_0x605e_says(code: int, option: int, rpm_per
         assert still.t_s == pytest.approx(0.5 + 1000 / rpm_per_s)
 
 
+class _RunningClock(SimulatedClock):
+    """A computer's clock, which goes on between two readings: each is 50 us after the one before."""
+
+    def now_s(self) -> float:
+        """Return the time."""
+        self._now_us += 50
+        return super().now_s()
+
+
+@pytest.mark.parametrize("delay_us", range(0, 400, 50))
+def test_a_drive_that_has_come_to_rest_stays_where_it_noted_that(delay_us: int) -> None:
+    """Whatever the instant at which its profile ends while it computes."""
+    clock = _RunningClock()
+    drive = SimulatedDrive(InProcessWire(), 1, clock, mechanics=Mechanics())
+    clock.sleep(delay_us / 1e6)
+    for entry, value in (
+        (co.CONTROLWORD, 0x06),
+        (co.CONTROLWORD, 0x0F),
+        (co.TARGET_POSITION, 100),
+        (co.CONTROLWORD, 0x3F),
+    ):
+        drive.objects.write(entry.index, entry.subindex, entry.pack(value))
+    while (still := drive.journal.last("still")) is None:
+        drive.tick()
+    drive.tick()
+    assert drive.shaft_counts == still.shaft_counts == 100
+    drive.unplug()
+
+
 def test_with_0x605e_at_zero_every_error_takes_power_away_at_once() -> None:
     """0: the motor turns freely."""
     with bench(Mechanics()) as b:

@@ -324,7 +324,7 @@ class SimulatedCia402Drive(CanopenNode):
         self.send_due(now_s)
 
     def _come_to_rest(self, now_s: float) -> None:
-        if not self._is_at_rest() or self._homing:
+        if not self._shaft.is_at_rest(now_s) or self._homing:
             return
         self._note_stillness(self._shaft.profile.end_s)
         if self._state is DriveState.FAULT_REACTION:
@@ -645,7 +645,7 @@ class SimulatedCia402Drive(CanopenNode):
         while self._stretches:
             if self._stretches[0].to_stop and self._shaft.stuck:
                 self._shaft.hold(now_s)
-            elif not self._is_at_rest():
+            elif not self._shaft.is_at_rest(now_s):
                 return
             start_s = min(now_s, self._shaft.profile.end_s)
             self._stretches.pop(0)

@@ -64,6 +64,10 @@ class _Sheet:
         """Return the terms (N, K) of the height at the crossings, without level and slope."""
         return _legendre(self.places, 2, order)
 
+    def pull(self, foot: _FloatArray, order: int) -> _FloatArray:
+        """Return how far (N, 2, K) each term of the height moves the crossings under a camera over `foot`."""
+        return np.asarray((foot - self.places)[:, :, None] * self.columns(order)[:, None, :])
+
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
@@ -187,7 +191,7 @@ def _fit_shortened(sheet: _Sheet, first: _Surface, distance: float) -> _Surface:
     """
     shortening = _Shortening.of(sheet, first.order, distance)
     count = len(first.moves)
-    pull = (first.foot - sheet.places)[:, :, None] * sheet.columns(first.order)[:, None, :]
+    pull = sheet.pull(first.foot, first.order)
     held = np.repeat([1.0 / _PLAUSIBLE_MOVE, 1.0 / _PLAUSIBLE_HEIGHT], (count, len(first.coefficients)))
 
     def residuals(at: _FloatArray) -> _FloatArray:
@@ -270,8 +274,9 @@ def _estimate_sigma(sheet: _Sheet, surface: _Surface, ends: tuple[int, int], lef
     Residuals along both axes count as independent, each as large as the error of crossings left out.
     """
     terms = sheet.columns(surface.order)
-    pull = (surface.foot - sheet.places)[:, :, None] * terms[:, None, :]
-    design = np.concatenate((sheet.moves, pull), axis=2).reshape(2 * len(terms), -1)
+    design = np.concatenate((sheet.moves, sheet.pull(surface.foot, surface.order)), axis=2).reshape(
+        2 * len(terms), -1
+    )
     moves = sheet.moves.shape[2]
     held = np.repeat([_PLAUSIBLE_MOVE, _PLAUSIBLE_HEIGHT], (moves, terms.shape[1])) ** -2.0
     information = 2.0 * design.T @ design / left_out**2 + np.diag(held)

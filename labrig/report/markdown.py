@@ -45,7 +45,11 @@ class Fence:
 
 def parse(text: str) -> list[Token]:
     """Return the tokens of a text; raw HTML is text."""
-    return MarkdownIt("commonmark", {"html": False}).enable("table").parse(text)
+    return _make_parser().parse(text)
+
+
+def _make_parser() -> MarkdownIt:
+    return MarkdownIt("commonmark", {"html": False}).enable("table")
 
 
 def find_headings(tokens: Sequence[Token]) -> list[Heading]:
@@ -116,7 +120,7 @@ def make_html(text: str, change: Change) -> Markup:
     change : callable
         Takes the address of each link and picture, and returns what stands in its place.
     """
-    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    parser = _make_parser()
     tokens = parser.parse(text)
     opened = (token for token in tokens if token.type == "heading_open")
     for token, heading in zip(opened, find_headings(tokens), strict=True):

@@ -4,7 +4,8 @@ An experiment's `__init__.py` is a declaration: its name, its title, and the pla
 `protocol.py` (its model), `procedure.py` (what it does on a rig), `events.py` (what it writes), `analysis.py` (run ->
 result), `result.py` (the result's model and tables) and `page.py` with its template. `tracks.py`, where there is one,
 says which tracks a run leaves in blocks of gel that have a file. `view.py` adds to the rerun view
-of a run that was measured (`view`) and of one that is being made (`follow`). The registry reads declarations from the
+of a run that was measured (`view`) and of one that is being made (`follow`). `virtual.py`, where there is one, computes
+a run without pictures (`simulate`), thousands of which make a campaign. The registry reads declarations from the
 entry-point group `labrig.experiments`, labrig's own and those of other packages alike, and imports a part when it is
 first used: neither a list of runs nor an analysis loads a procedure or a bus.
 

@@ -7,7 +7,7 @@ from labrig.errors import InputError
 from labrig.plugins import INTERFACE
 
 _PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-_OPTIONAL = ("procedure", "resume", "tracks")
+_OPTIONAL = ("procedure", "resume", "tracks", "simulate")
 PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "follow", "compare", *_OPTIONAL)
 """What a declaration names by module and attribute."""
 
@@ -41,6 +41,9 @@ class ExperimentDeclaration:
     tracks : str or None
         `list_tracks(run, protocol, result) -> TracksBySpecimen`, the tracks that a run left in specimens with a file;
         the result is None if the run was not measured. None: an experiment that leaves no tracks.
+    simulate : str or None
+        `simulate(protocol, rig, seed) -> TaskOutcome`, one virtual run without pictures; None: only whole runs on a
+        simulated rig.
     view : str
         `view(run, result) -> View`; by default only the record is shown.
     follow : str
@@ -73,6 +76,7 @@ class ExperimentDeclaration:
     summary: str
     resume: str | None = None
     tracks: str | None = None
+    simulate: str | None = None
     view: str = "labrig.report.view:show_record_alone"
     follow: str = "labrig.report.view:follow_record_alone"
     compare: str = "labrig.analysis.summary:compare_numbers_alone"

@@ -13,6 +13,9 @@ from labrig.experiments.declaration import PARTS, ExperimentDeclaration
 from labrig.plugins import EXPERIMENTS, Plugin, find_plugin, find_plugins
 from labrig.protocol.sections import ExperimentProtocol
 
+_WITHOUT_OTHERS = "it moves no rig, or ends as it is"
+_WITHOUT = {"simulate": "each run of it takes a whole simulated rig, with camera, bus and record"}
+
 
 @dataclass(frozen=True)
 class DeclaredExperiment:
@@ -36,7 +39,7 @@ class DeclaredExperiment:
         """Import a part; refuse a part that is not declared, or that does not exist."""
         where = getattr(self.declaration, name)
         if where is None:
-            raise InputError(f"the experiment {self.name} has no {name}", "it moves no rig, or ends as it is")
+            raise InputError(f"the experiment {self.name} has no {name}", _WITHOUT.get(name, _WITHOUT_OTHERS))
         module, _, attribute = where.partition(":")
         try:
             return getattr(importlib.import_module(module), attribute)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from labrig.analysis.experiment import MeasuredExperiment
+from labrig.analysis.outcome import TaskOutcome
 from labrig.analysis.result import AnyResult
 from labrig.analysis.summary import ResultComparison, Summary
 from labrig.devices.rig_file import RigDescription
@@ -122,6 +123,8 @@ class Experiment(MeasuredExperiment):
         Whether a needle may be in tissue when a run of it ends early.
     maps_tracks : bool
         Whether it says which tracks a run left in specimens with a file.
+    can_simulate : bool
+        Whether a run of it can be computed without pictures.
     counts : str
         What the progress of its analysis counts: pictures, hinges.
     require_parts : callable
@@ -134,6 +137,7 @@ class Experiment(MeasuredExperiment):
     can_resume: bool
     puts_needle_in_tissue: bool
     maps_tracks: bool
+    can_simulate: bool
     counts: str
     require_parts: Callable[[], None]
 
@@ -156,6 +160,18 @@ class Experiment(MeasuredExperiment):
         remainder = cast("Remainder", self.part("resume")(protocol, run))
         watch = ConditionWatch(protocol.conditions).add_all(run.read_events(ValueMeasured))
         return replace(remainder, decisions=run.decisions, watch=watch)
+
+    def simulate(self, protocol: ExperimentProtocol, rig: RigDescription | None, seed: int) -> TaskOutcome:
+        """Return what comes of one virtual run, without pictures; the same seed gives the same bits in any process.
+
+        The rig is None for a protocol that moves none.
+
+        Raises
+        ------
+        InputError
+            When the experiment has no such part, or it cannot simulate what the protocol asks for.
+        """
+        return cast("TaskOutcome", self.part("simulate")(protocol, rig, seed))
 
     def list_tracks(
         self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None

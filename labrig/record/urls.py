@@ -87,8 +87,8 @@ def fetch_run(url: str, into: Path) -> Path:
     MachineError
         When the store cannot be read.
     """
-    with _StoreErrors("read", url):
-        files, root = _open_filesystem(url)
+    with StoreErrors("read", url):
+        files, root = open_filesystem(url)
         names = sorted(files.find(root))
         run = into / (PurePosixPath(root).name or "run")
         for name in names:
@@ -136,7 +136,7 @@ def _resolve_place(place: str) -> str:
     if not is_url(place):
         return str(Path(place).resolve())
     url = restore_url(place).rstrip("/")
-    return str(Path(_open_filesystem(url)[1]).resolve()) if url.startswith(("file:", "local:")) else url
+    return str(Path(open_filesystem(url)[1]).resolve()) if url.startswith(("file:", "local:")) else url
 
 
 def _read_identity(run: Path) -> tuple[object, ...]:
@@ -181,8 +181,8 @@ def output_folder(out: str, *, force: bool) -> Iterator[Path]:
 
 def _require_free(out: str, force: bool) -> None:
     if is_url(out):
-        with _StoreErrors("look at", out):
-            files, root = _open_filesystem(out)
+        with StoreErrors("look at", out):
+            files, root = open_filesystem(out)
             exists = files.exists(root)
     else:
         exists = Path(out).exists()
@@ -193,8 +193,8 @@ def _require_free(out: str, force: bool) -> None:
 
 
 def _upload(folder: Path, url: str) -> None:
-    with _StoreErrors("write", url):
-        files, root = _open_filesystem(url)
+    with StoreErrors("write", url):
+        files, root = open_filesystem(url)
         for path in sorted(folder.rglob("*")):
             if path.is_file():
                 name = f"{root}/{path.relative_to(folder).as_posix()}"
@@ -220,7 +220,14 @@ def _move_files(folder: Path, target: Path) -> None:
     sync_directory(target)
 
 
-def _open_filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
+def open_filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
+    """Return the file system of a URL, and the path of the URL in it.
+
+    Raises
+    ------
+    InputError
+        When the kind of URL is unknown, or its package is not installed.
+    """
     for link in url.split("::"):
         scheme = link.partition(":")[0].lower()
         if scheme not in _SCHEMES and scheme in fsspec.available_protocols():
@@ -245,11 +252,16 @@ def _suggest_protocol(url: str) -> str:
     )
 
 
-class _StoreErrors:
-    """Turns the errors of a store into labrig's.
+class StoreErrors:
+    """Turns the errors of a store in its block into labrig's.
 
     The library of each store raises errors of its own, which labrig cannot know. So every `OSError` counts as one, and
     every error that is neither Python's nor labrig's.
+
+    Parameters
+    ----------
+    doing : str
+        What is done to the URL, as a verb: read, write.
     """
 
     def __init__(self, doing: str, url: str) -> None:

@@ -395,6 +395,11 @@ class World:
             return self._sheath_tip_mm()
         return _xyz(track.node_at(span.to_mm))
 
+    def sheath_point_mm(self, before_end_mm: float) -> tuple[float, float, float]:
+        """Return the point (x, y, z) of the sheath's axis this far before its end."""
+        origin_mm = self.description.sheath_tip_at_origin_linear_mm
+        return self._hole.sheath_point_mm(self._axes.linear_mm - origin_mm - before_end_mm)
+
     def _enter_hole(self, specimen: GelBlock, number: int | None, position_mm: float) -> None:
         place = (number, position_mm)
         if place not in specimen.holes:
@@ -409,8 +414,7 @@ class World:
             raise InputError(message, f"withdraw needle and sheath to {_STUCK_MM} mm or less first")
 
     def _sheath_tip_mm(self) -> tuple[float, float, float]:
-        origin_mm = self.description.sheath_tip_at_origin_linear_mm
-        return self._hole.sheath_point_mm(self._axes.linear_mm - origin_mm)
+        return self.sheath_point_mm(0.0)
 
     def _needle_span(self) -> PathSpan:
         """Return the part of the track between the sheath's tip and the needle's."""

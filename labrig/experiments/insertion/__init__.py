@@ -16,6 +16,7 @@ EXPERIMENT = ExperimentDeclaration(
     resume="labrig.experiments.insertion.resumption:resume",
     follow="labrig.experiments.insertion.view:follow",
     compare="labrig.experiments.insertion.summary:compare",
+    simulate="labrig.experiments.insertion.virtual:simulate",
     tracks="labrig.experiments.insertion.tracks:list_tracks",
     reanalysis_keys=("estimator", "planner", "policy", "out_of_plane", "markers"),
     puts_needle_in_tissue=True,

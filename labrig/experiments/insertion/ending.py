@@ -24,7 +24,7 @@ from labrig.steering.out_of_plane import (
     RolledStretch,
     covary_out_of_plane,
 )
-from labrig.steering.policy import SteeringSettings
+from labrig.steering.policy import Halt, SteeringSettings
 from labrig.steering.tip_search import TipView
 from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.error_budget import PlaceErrors, budget_place
@@ -70,6 +70,9 @@ _SWINGS_MM, _SWUNG = 6.0, 0.17
 # Picture and estimate that differ by more of their standard deviations contradict each other.
 _AGREES = 3.0
 
+
+UNSURE_STOPS = ("needle_lost", "needle_stuck", "sheath_astray", "marker_lost", "marker_jumped")
+"""Stops after which a person looks before the needle is withdrawn."""
 
 _LEFT_HINT = "look at needle, sheath and picture: the needle is bent, leans, or is lit otherwise at its end"
 
@@ -315,6 +318,31 @@ class TargetErrorBounds:
             f"{self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} and {high_mm:.2f} mm "
             "in space (95 %)"
         )
+
+
+def decide_ending(
+    stop: str, detail: str, bounds: TargetErrorBounds | None, tolerance_mm: float, doubt: Halt | None = None
+) -> Ending:
+    """Return how an insertion ended, by the last picture if it was steered to the target.
+
+    Parameters
+    ----------
+    stop, detail : str
+        Of the last command.
+    bounds : TargetErrorBounds or None
+        By the last picture; None where the plane alone decides.
+    tolerance_mm : float
+        How far from the target the needle may end.
+    doubt : Halt or None
+        Why the place of the target is not known in the end.
+    """
+    if stop != "target_reached":
+        return Ending("stopped" if stop in UNSURE_STOPS else "missed", stop, detail)
+    if doubt is not None:
+        return Ending("stopped", doubt.reason, doubt.detail)
+    if bounds is None:
+        return Ending("reached", stop, detail)
+    return bounds.decide(tolerance_mm)
 
 
 def missed_by_shaft(error_mm: float, tolerance_mm: float) -> Ending:

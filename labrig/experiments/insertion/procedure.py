@@ -34,12 +34,14 @@ from labrig.experiments.insertion.aim import (
 )
 from labrig.experiments.insertion.bevel import Bevel
 from labrig.experiments.insertion.ending import (
+    UNSURE_STOPS,
     Ending,
     EstimatedEnd,
     SeenEnd,
     TargetErrorBounds,
     TracedPath,
     bound_error,
+    decide_ending,
     find_depth,
     measure_end,
 )
@@ -68,7 +70,12 @@ from labrig.experiments.insertion.marker_view import (
 from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
-from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, with_start
+from labrig.experiments.insertion.settings import (
+    SAME_MM,
+    make_insertion_settings,
+    make_out_of_plane,
+    with_start,
+)
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
@@ -91,9 +98,7 @@ IN_TISSUE = "in_tissue"
 """The safe point between two steps on the way to the target, as the record names it: the axes stop, and hold."""
 
 _HOLD_S = 1.0
-_SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
-_UNSURE = ("needle_lost", "needle_stuck", "sheath_astray", "marker_lost", "marker_jumped")
 
 
 def run(protocol: InsertionProtocol, session: Session) -> None:
@@ -341,14 +346,14 @@ class _Insertion:
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
         """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
-        if abs(command.run_to_mm - self.run_to_mm) > _SAME_MM:
+        if abs(command.run_to_mm - self.run_to_mm) > SAME_MM:
             self.session.start("insertion", command.run_to_mm, self.protocol.insertion.speed_mm_s)
             self.run_to_mm = command.run_to_mm
         there = False
         while not there:
             states = self.session.record_next_states()
             self.path.append(collect_axis_positions(states))
-            passing = command.run_to_mm - command.observe_at_mm > _SAME_MM
+            passing = command.run_to_mm - command.observe_at_mm > SAME_MM
             there = states["insertion"].target_reached or (
                 passing and self.path[-1].insertion_mm >= command.observe_at_mm
             )
@@ -374,7 +379,7 @@ class _Insertion:
         session.record(event)
         withdraw_partly(session, self.path, to_mm, self._withdrawal_speeds)
         self.path.append(collect_axis_positions(session.rig.read_states()))
-        self.bevel.follow_retreat(event)
+        self.bevel.path.follow_retreat(event)
         self.run_to_mm = to_mm
         state, command = session.compute(partial(retreat_steering, state, leave_mm, self.settings))
         self._record_plan(state, None)
@@ -386,7 +391,7 @@ class _Insertion:
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         expected = state.predict(inserted_mm, self.settings)
         return self.session.compute(
-            partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel.base_rad)
+            partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel.path.base_rad)
         )
 
     def find_markers(self) -> None:
@@ -479,7 +484,7 @@ class _Insertion:
             _estimate_done_s(protocol, self.planned.repetition, state.insertion_mm),
             f"{ending.stop}: {ending.cause}",
         )
-        if command.stop in _UNSURE:
+        if command.stop in UNSURE_STOPS:
             session.ask(ConfirmStopped(command.detail))
         withdraw(session, self.path, self._withdrawal_speeds)
         error_mm = None if bounds is None else bounds.in_plane_mm
@@ -494,28 +499,26 @@ class _Insertion:
                 final_frame=final.frame,
                 depth_mm=state.insertion_mm,
                 replans=state.replans,
-                centred=self.bevel.centred,
+                centred=self.bevel.path.centred,
             )
         )
         return ending
 
     def _decide(self, bounds: TargetErrorBounds | None, command: SteeringCommand) -> Ending:
         """Return how the insertion ended, by the last picture if it was steered to the target."""
-        stop = str(command.stop)
-        if command.stop != "target_reached":
-            return Ending("stopped" if stop in _UNSURE else "missed", stop, command.detail)
-        if self.markers is not None and (doubt := self.markers.doubt) is not None:
-            return Ending("stopped", doubt.reason, doubt.detail)
-        if bounds is None:
-            return Ending("reached", stop, command.detail)
-        return bounds.decide(self.settings.problem.tolerance_mm)
+        doubt = None if self.markers is None else self.markers.doubt
+        return decide_ending(
+            str(command.stop), command.detail, bounds, self.settings.problem.tolerance_mm, doubt
+        )
 
     def _bound_error(self, final: TakenPicture, state: SteeringState) -> TargetErrorBounds | None:
         """Return the distance from the needle's end to the target, by the last picture; None without `out_of_plane`."""
         unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion)
         if unseen is None:
             return None
-        path = TracedPath(self.bevel.turns, self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred)
+        path = TracedPath(
+            self.bevel.path.turns, self.roll_zero.zero_rad, state.insertion_mm, self.bevel.path.centred
+        )
         problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
         seen = self._see_end(final.image, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
@@ -584,7 +587,7 @@ class _Insertion:
                 frame=picture.frame,
                 depth_mm=inserted_mm,
                 step_mm=inserted_mm - before.insertion_mm,
-                bevel_rad=self.bevel.base_rad,
+                bevel_rad=self.bevel.path.base_rad,
                 accepted=fix.accepted,
                 reason=fix.reason,
                 tip_px=fix.tip_px,

@@ -18,6 +18,9 @@ from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings
 from labrig.steering.torsion import LagError
 
+SAME_MM = 0.005
+"""Commanded insertion lengths that differ by less count as one."""
+
 
 class MeasuredTorsion(Protocol):
     """The measured lag of a bevel, as the rig's state or a record has it."""

@@ -26,7 +26,7 @@ from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, requi
 from labrig.runner.plan import plan_insertion_moves, plan_roll_move
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import find_speeds, withdraw
-from labrig.steering.roll_zero import fit_roll_zero
+from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
 
@@ -97,6 +97,11 @@ class RollZeroOrder:
         )
 
     @property
+    def rolls_rad(self) -> list[float]:
+        """The rolls, spread evenly over a turn."""
+        return [2 * math.pi * step / self.steps.rolls for step in range(self.steps.rolls)]
+
+    @property
     def farthest_roll_rad(self) -> float:
         """The largest turn of the bevel from its first position [rad]."""
         return 2 * math.pi * (self.steps.rolls - 1) / self.steps.rolls
@@ -121,7 +126,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     rig.reference_axes()
     before = photograph_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
-    rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
+    rolls_rad = order.rolls_rad
     strays_mm = [_measure_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
     fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
     session.record(
@@ -132,18 +137,23 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
             **asdict(fit),
         )
     )
-    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
-        raise MeasurementRefusedError(
-            f"the roll zero is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and {steps.max_sd_deg:g} is the "
-            "most that is certified",
-            "insert at more rolls or further, and look at the pictures",
-        )
+    require_sure_zero(fit, steps)
     torsion = None if order.torsion is None else measure_torsion(order.torsion, fit.zero_rad, plane, session)
     after = photograph_grid(order.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, order.sentinel, plane, session)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name, torsion)
     rig.needle.certify_roll_zero(certified)
     return certified
+
+
+def require_sure_zero(fit: RollZeroFit, steps: RollZeroSteps) -> None:
+    """Refuse a roll zero that is too uncertain. Raises `MeasurementRefusedError`."""
+    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
+        raise MeasurementRefusedError(
+            f"the roll zero is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and {steps.max_sd_deg:g} is the "
+            "most that is certified",
+            "insert at more rolls or further, and look at the pictures",
+        )
 
 
 def _measure_stray_mm(

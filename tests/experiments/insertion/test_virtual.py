@@ -1,0 +1,62 @@
+"""Virtual insertions: the steering loop against the simulated world, without pictures."""
+
+import pickle
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labrig.analysis.outcome import TaskOutcome
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.errors import InputError
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
+
+ROOT = Path(__file__).parents[3]
+
+
+def protocol(*settings: str) -> ExperimentProtocol:
+    """Return the example protocol with settings."""
+    model: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS, list(settings))
+    assert isinstance(model, ExperimentProtocol)
+    return model
+
+
+@cache
+def simulated_rig(*settings: str) -> RigDescription:
+    """Return the simulated rig with settings."""
+    return load_rig(ROOT / "calibration" / "rig-simulated.yaml", list(settings))
+
+
+def simulate(*settings: str, seed: int = 1, world: tuple[str, ...] = ()) -> TaskOutcome:
+    """Return what comes of a virtual insertion."""
+    return find_experiment("insertion").simulate(protocol(*settings), simulated_rig(*world), seed)
+
+
+def test_a_seed_gives_the_same_insertion_again_and_another_seed_another() -> None:
+    """The outcome is the same to the last bit, and survives pickling, as a pool of processes needs it."""
+    first, again, other = simulate(), simulate(), simulate(seed=2)
+    assert (first.exit_status, first.reason, first.values["reached"]) == ("success", None, True)
+    assert first == again == pickle.loads(pickle.dumps(first))
+    assert first.values != other.values
+
+
+def test_a_target_behind_a_wall_is_a_failure_with_the_reason_of_a_run() -> None:
+    """No path is no error: the outcome says so, and none of its values is a number."""
+    wall = "obstacles=[{position_mm: [0, 0, 40], radius_mm: 30}]"
+    outcome = simulate(wall, "planner.max_arcs=2")
+    assert (outcome.exit_status, outcome.reason) == ("failed", "no_path")
+    assert set(outcome.values.values()) == {None}
+    assert outcome.values.keys() == simulate().values.keys()
+
+
+def test_what_takes_pictures_is_refused_with_the_way_out() -> None:
+    """Markers, and a bench without a simulated world, are refused."""
+    marked = ("target.marker_id=7", "markers={side_mm: 6}")
+    with pytest.raises(InputError, match="markers are followed in pictures"):
+        simulate(*marked)
+    with pytest.raises(InputError, match="world of a simulated rig"):
+        find_experiment("insertion").simulate(protocol(), None, 1)

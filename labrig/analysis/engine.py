@@ -10,7 +10,7 @@ import multiprocessing
 import os
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -150,7 +150,7 @@ def run_in_order(
     tasks: Iterable[_Task],
     *,
     clock: Clock | None = None,
-) -> Iterator[_Result | LabrigError]:
+) -> Generator[_Result | LabrigError, None, None]:
     """Yield what each task came to, in the order of the tasks.
 
     A bounded number of tasks is drawn ahead of the result that is waited for, so memory does not grow with them.

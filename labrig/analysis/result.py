@@ -13,7 +13,8 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
+from types import NoneType
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,6 +216,8 @@ class AnalysisResult(Generic[Content_co]):
         return replace(self, content=self.content.model_copy(update={"provenance": provenance}))
 
 
+Quantity: TypeAlias = bool | int | float | str | None
+
 AnyResult: TypeAlias = AnalysisResult[Result]
 """A result of any experiment."""
 
@@ -278,6 +281,27 @@ def _write_parts(path: Path, findings: Findings) -> AnyResult:
     write_atomically(path / TABLES_FILE, encode_document(listed))
     write_atomically(path / RESULT_FILE, encode_document(result.document))
     return result
+
+
+def list_quantities(content: Result) -> dict[str, Quantity]:
+    """Return what a result states of the whole run: its own members that are a number, a truth value or a word.
+
+    An interval is two quantities, named as in the tables. None: not known.
+    """
+    own = [name for name in type(content).model_fields if name not in {*Result.model_fields, "kind"}]
+    found: dict[str, Quantity] = {}
+    for name in own:
+        columns, value = _name_columns(name), getattr(content, name)
+        if len(columns) > 1:
+            found.update(zip(columns, value or (None,) * len(columns), strict=True))
+        elif _is_quantity(type(content).model_fields[name].annotation):
+            found[name] = value
+    return found
+
+
+def _is_quantity(kind: Any) -> bool:
+    """Return whether a field of this type holds a number, a truth value or a word."""
+    return all(part in {bool, int, float, str, NoneType} for part in get_args(kind) or (kind,))
 
 
 def find_newest_result_folder(run: Run) -> Path | None:

@@ -51,6 +51,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "design.design",
         "Compute what to cut for a steering radius, by the paper and by our own search.",
     ),
+    "campaign": (
+        "campaign.campaign",
+        "Repeat a protocol virtually, thousands of times, over values of its keys: one table and its page.",
+    ),
     "runs": ("runs.app", "List the runs, newest first; search, check, compare and annotate them."),
     "specimens": ("specimens.app", "Blocks of gel that protocols name: their files, tracks and labels."),
     "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, tip template."),

@@ -92,7 +92,8 @@ def _find_in_lab_folder(name: Path) -> Path:
     file = folder / (name if name.suffix else f"{name}{_YAML}")
     if file.is_file() or name.suffix:
         return file if file.is_file() else name
-    known = _list_protocols()
+    wants_campaign = name.name.startswith(_CAMPAIGN)
+    known = _list_campaigns() if wants_campaign else _list_protocols()
     near = get_close_matches(name.name, known, 1)
     if near:
         hint = f"did you mean {near[0]}?"
@@ -105,6 +106,15 @@ def _find_in_lab_folder(name: Path) -> Path:
 
 def _list_protocols() -> list[str]:
     """Return the names of the protocols in the lab folder."""
+    return [name for name in _list_files() if not name.startswith(_CAMPAIGN)]
+
+
+def _list_campaigns() -> list[str]:
+    """Return the names of the campaign files in the lab folder."""
+    return [name for name in _list_files() if name.startswith(_CAMPAIGN)]
+
+
+def _list_files() -> list[str]:
     return sorted(path.stem for path in find_in_lab(PROTOCOLS).glob(f"*{_YAML}"))
 
 
@@ -123,8 +133,22 @@ ProtocolArgument = Annotated[
 ]
 
 
+CampaignArgument = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="FILE",
+        help="Campaign file (YAML), or its name in the lab folder's protocols.",
+        callback=lambda given: None if given is None else _find_protocol(given),
+        autocompletion=lambda incomplete: [name for name in _list_campaigns() if name.startswith(incomplete)],
+        show_default=False,
+    ),
+]
+
+
 _LAST = Path("last")
 _YAML = ".yaml"
+_CAMPAIGN = "campaign-"
+"""What the names of campaign files begin with, among the protocols."""
 
 
 def find_run_folder(run: Path, runs_dir: Path) -> Path:

@@ -33,14 +33,13 @@ from labrig.errors import (
     TargetMissedError,
 )
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_file import dump_yaml
-from labrig.record.opening import create_under_free_name
-from labrig.record.provenance import CodeChanges, collect_code_diff, collect_provenance, find_code_changes
+from labrig.record.provenance import CodeChanges, find_code_changes
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
+from labrig.runner.run_record import RecordOrder, open_record
 from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 
@@ -263,39 +262,14 @@ def _record_watched(
 def _open_record(
     order: RunOrder, plan: RunPlan, changes: CodeChanges, clock: Clock, devices: Mapping[str, object]
 ) -> Recorder:
-    started = clock.utc()
-    manifest = {
-        "experiment": order.protocol.experiment,
-        "title": order.protocol.title,
-        "operator": order.protocol.operator,
-        "seed": order.protocol.seed,
-        "started": started.isoformat(timespec="seconds"),
-        "trials_planned": plan.trials,
-        "sources": order.sources.document(),
-        "provenance": collect_provenance(order.command_line, changes),
-        "plugins": {
-            plugin.title: plugin.origin
-            for plugin in (order.experiment.plugin, *(() if order.rig is None else order.rig.plugins))
-        },
-        "devices": devices,
-    }
-    rig = order.rig
-    create = partial(
-        Recorder.create,
+    opened = RecordOrder(
+        order.experiment,
+        order.protocol,
+        order.rig,
         order.runs_dir,
-        manifest=manifest,
-        protocol_yaml=dump_yaml(order.protocol),
-        rig_yaml=None if rig is None else dump_yaml(rig),
-        calibration_files={} if rig is None else rig.calibration_files(),
-        code_diff=collect_code_diff(changes),
+        order.run_name,
+        order.command_line,
+        order.sources.document(),
+        plan.trials,
     )
-    if rig is not None:
-        create = partial(
-            create,
-            fsync_period_s=rig.recording.fsync_period_s,
-            least_free_bytes=int(1e6 * rig.recording.least_free_mb),
-            picture_store=rig.camera.store,
-        )
-    if order.run_name is not None:
-        return create(order.run_name)
-    return create_under_free_name(started, order.protocol.experiment, create)
+    return open_record(opened, changes, clock, devices)

@@ -10,6 +10,7 @@ CALIBRATION = Path("calibration")
 RUNS = Path("data/runs")
 SPECIMENS = Path("data/specimens")
 COMPARISONS = Path("data/comparisons")
+CAMPAIGNS = Path("data/campaigns")
 PROTOCOL_SCHEMA = PROTOCOLS / "protocol.schema.json"
 RIG_SCHEMA = CALIBRATION / "rig.schema.json"
 SPECIMEN_SCHEMA = SPECIMENS / "specimen.schema.json"

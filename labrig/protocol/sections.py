@@ -1,6 +1,6 @@
 """The keys of every protocol, and the sections that several experiments share."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -34,6 +34,14 @@ class NeedleInPicture:
 
     diameter_mm: float
     sheath_diameter_mm: float | None
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """By what virtual runs are judged: a quantity of their outcome, and its largest value that counts as reached."""
+
+    quantity: str
+    tolerance: float | None = None
 
 
 class ExperimentProtocol(Model):
@@ -73,6 +81,15 @@ class ExperimentProtocol(Model):
     @property
     def conditions(self) -> tuple[Condition, ...]:
         """The conditions on which the run asks or stops; empty for an experiment that judges no value."""
+        return ()
+
+    @property
+    def criterion(self) -> Criterion | None:
+        """By what a campaign compares virtual runs; None for an experiment that leaves it to the campaign."""
+        return None
+
+    def find_map_circles(self, horizontal: str, vertical: str) -> Sequence[tuple[float, float, float]]:  # noqa: ARG002
+        """Return what a map over two keys shows: (horizontal, vertical, radius) each; by default nothing."""
         return ()
 
 

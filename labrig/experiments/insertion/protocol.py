@@ -1,6 +1,6 @@
 """The protocol of a planned, image-guided insertion."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
@@ -20,6 +20,7 @@ from labrig.protocol.model import (
 )
 from labrig.protocol.sections import (
     Advance,
+    Criterion,
     GridSentinel,
     JudgedProtocol,
     Needle,
@@ -379,6 +380,21 @@ class InsertionProtocol(JudgedProtocol):
     def pictured_needle(self) -> NeedleInPicture:
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    @property
+    def criterion(self) -> Criterion:
+        """The tip's true distance from the target, and the tolerance."""
+        return Criterion("true_target_error_mm", self.target.tolerance_mm)
+
+    def find_map_circles(self, horizontal: str, vertical: str) -> Sequence[tuple[float, float, float]]:
+        """Return the obstacles, if the map is one of targets in the plane, z along the horizontal."""
+        if (horizontal, vertical) != ("target.position_mm.2", "target.position_mm.1"):
+            return ()
+        return [
+            (obstacle.position_mm[2], obstacle.position_mm[1], obstacle.radius_mm)
+            for obstacle in self.obstacles
+            if obstacle.position_mm is not None
+        ]
 
     @property
     def gels(self) -> Mapping[str, TrackedSpecimen]:

@@ -9,6 +9,7 @@ from pydantic import Field
 from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
+    Criterion,
     GridSentinel,
     JudgedProtocol,
     Needle,
@@ -88,6 +89,11 @@ class SteerabilityProtocol(JudgedProtocol):
     def pictured_needle(self) -> NeedleInPicture:
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    @property
+    def criterion(self) -> Criterion:
+        """The mean radius."""
+        return Criterion("mean_radius_mm")
 
     @property
     def gels(self) -> Mapping[str, TrackedSpecimen]:

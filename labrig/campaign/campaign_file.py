@@ -1,0 +1,170 @@
+"""The campaign file: a base protocol, what is varied, how often it is repeated, and when it stops."""
+
+from collections.abc import Iterable
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm, Seed
+from labrig.protocol.yaml_file import load_yaml_model
+
+FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
+Key = Annotated[str, Field(min_length=1, max_length=200)]
+FileName = Annotated[str, Field(min_length=1, max_length=200)]
+Values = Annotated[tuple[Any, ...], Field(min_length=1, max_length=1000)]
+Range = tuple[float, float]
+
+MOST_ARMS = 1000
+MOST_TASKS = 10_000_000
+_LEAST_TO_JUDGE = 30
+"""Repetitions: the interval of a mean of fewer may be narrow by chance, and a rule that looks at it stops too early."""
+
+_OTHER_KINDS = {
+    "experiment": ("this is a protocol, expected a campaign file", "labrig run THIS_FILE"),
+    "axes": ("this is a rig file, expected a campaign file", "name it in a campaign as rig: FILE"),
+}
+
+
+class Sample(Model):
+    """Points drawn in a range of each key, the same for every arm."""
+
+    method: Literal["latin-hypercube", "sobol"] = Field(
+        description="How the points fill the ranges; sobol takes a power of two."
+    )
+    n: int = Field(ge=1, le=1_000_000, description="Number of points.")
+    keys: dict[Key, Range] = Field(
+        min_length=1, description="Dotted key -> [lowest, highest]; rig.* is of the rig."
+    )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield empty ranges, and a number of points that leaves gaps in a Sobol sequence."""
+        for key, (low, high) in self.keys.items():
+            if low >= high:
+                yield Conflict(f"keys.{key}", f"the range is empty, {low:g} must be below {high:g}")
+        if self.method == "sobol" and self.n & (self.n - 1):
+            below = 1 << (self.n.bit_length() - 1)
+            yield Conflict("n", f"n is {self.n}, no power of two", f"take {below} or {2 * below}")
+
+
+class StopWhen(Model):
+    """The end of a campaign, fixed beforehand: the mean of every arm is known well enough."""
+
+    ci95_width_mm: PositiveMm = Field(description="Width of the 95 % interval of each arm's mean [mm].")
+    at_most: int = Field(ge=1, le=MOST_TASKS, description="Number of repetitions, even if it is wider.")
+
+
+class CampaignFile(Model):
+    """What a campaign repeats, and what it varies.
+
+    Each combination of an entry of `arms` and of one value for each key of `vary` is an arm. Each arm is repeated at
+    each point of `sample`. All arms have the same seeds, so that differences between arms are not those of their draws.
+    """
+
+    schema_version: Literal[1] = Field(
+        1, description="Version of this file format; a higher one needs a newer labrig."
+    )
+    campaign: FolderName = Field(description="Name of the campaign, and of the folder of its table.")
+    title: Line = Field("", description="Heading of the report.")
+    base: FileName = Field(description="Protocol that is repeated; relative to this file.")
+    rig: FileName | None = Field(
+        None, description="Rig file, relative to this file; it must be simulated. null: as for labrig run."
+    )
+    depth: Literal["world", "rig"] = Field(
+        "world",
+        description="world: the experiment against the simulated world, without pictures. rig: a whole simulated "
+        "rig, with camera, bus and record.",
+    )
+    set: dict[Key, Any] = Field(
+        default_factory=dict, description="Dotted key -> value in every arm; rig.* is of the rig."
+    )
+    arms: dict[Name, dict[Key, Any]] = Field(
+        default_factory=dict, description="Name -> dotted keys and values of an arm."
+    )
+    vary: dict[Key, Values] = Field(
+        default_factory=dict, description="Dotted key -> values, one in each arm."
+    )
+    sample: Sample | None = Field(None, description="Points that are drawn in ranges of keys; null: none.")
+    repetitions: int = Field(
+        1,
+        ge=1,
+        le=MOST_TASKS,
+        description="Repetitions of each arm, at each point; with stop_when, the least.",
+    )
+    stop_when: StopWhen | None = Field(None, description="When to stop earlier; null: after all repetitions.")
+    seed: Seed = Field(description="Seed of the points, and of the seeds of all repetitions.")
+    measure: Line | None = Field(
+        None, description="Quantity whose mean is compared; null: that by which the experiment is judged."
+    )
+    tolerance: float | None = Field(
+        None, ge=0, description="Largest value of that quantity that counts as reached; null: the protocol's."
+    )
+
+    @property
+    def most_repetitions(self) -> int:
+        """The number of repetitions if no rule ends it earlier."""
+        return self.repetitions if self.stop_when is None else self.stop_when.at_most
+
+    @property
+    def points(self) -> int:
+        """The number of points of each arm."""
+        return 1 if self.sample is None else self.sample.n
+
+    @property
+    def arm_count(self) -> int:
+        """The number of arms."""
+        count = max(1, len(self.arms))
+        for values in self.vary.values():
+            count *= len(values)
+        return count
+
+    @property
+    def varied_keys(self) -> tuple[str, ...]:
+        """The dotted keys that differ between tasks, in the order of the file."""
+        drawn = () if self.sample is None else self.sample.keys
+        return tuple(dict.fromkeys(chain(*self.arms.values(), self.vary, drawn)))
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield keys that are given twice, and campaigns that are too large."""
+        sections = {"set": self.set.keys(), "arms": set(chain(*self.arms.values())), "vary": self.vary.keys()}
+        if self.sample is not None:
+            sections["sample.keys"] = self.sample.keys.keys()
+        owners: dict[str, str] = {}
+        for section, keys in sections.items():
+            for key in keys:
+                other = owners.setdefault(key, section)
+                if other != section:
+                    yield Conflict(section, f"{key} is in {section} and in {other}", "give it in one of them")
+        if self.arm_count > MOST_ARMS:
+            yield Conflict(
+                "vary",
+                f"these are {self.arm_count} arms, at most {MOST_ARMS} are possible",
+                "draw points with sample: instead of a grid",
+            )
+        elif (tasks := self.arm_count * self.points * self.most_repetitions) > MOST_TASKS:
+            yield Conflict(
+                "repetitions",
+                f"these are {tasks} tasks, at most {MOST_TASKS} are possible",
+                "fewer arms, points or repetitions",
+            )
+        if self.stop_when is not None:
+            yield from self._judge_rule(self.stop_when)
+
+    def _judge_rule(self, rule: StopWhen) -> Iterable[Conflict]:
+        least = max(_LEAST_TO_JUDGE, self.repetitions)
+        if rule.at_most < least:
+            yield Conflict(
+                "stop_when.at_most",
+                f"at_most is {rule.at_most}, must be at least {least}",
+                "leave out stop_when to make all repetitions",
+            )
+
+    def first_look(self) -> int:
+        """Return after how many repetitions the rule is asked for the first time."""
+        return max(_LEAST_TO_JUDGE, self.repetitions)
+
+
+def load_campaign_file(path: Path) -> CampaignFile:
+    """Return the campaign in a file. Raises `FileFormatError` with every problem."""
+    return load_yaml_model(path, CampaignFile, others=_OTHER_KINDS)

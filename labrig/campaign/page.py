@@ -1,0 +1,158 @@
+"""The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import pandas as pd
+
+from labrig import __version__
+from labrig.campaign.campaign_file import CampaignFile
+from labrig.campaign.figures import (
+    MapCircle,
+    draw_arms,
+    draw_map,
+    draw_over_key,
+    draw_over_points,
+    draw_settling,
+)
+from labrig.campaign.inputs import LoadedCampaign, make_models
+from labrig.campaign.result import CampaignResult
+from labrig.campaign.tasks import find_numeric_keys
+from labrig.durable import write_atomically
+from labrig.record.json_lines import encode_document
+from labrig.report.figure_files import write_figure
+from labrig.report.figures import DrawnFigure
+from labrig.report.formatting import format_time, number, signed
+from labrig.report.writing import REPORT_FILE, render
+from labrig.text import format_count
+
+RESULT_FILE = "result.json"
+TEMPLATE = Path(__file__).parent / "page.html.jinja"
+_SIGNIFICANT = 3
+
+
+@dataclass(frozen=True)
+class MapOfArm:
+    """A map of an arm: what it is called, and the drawing."""
+
+    arm: str
+    figure: DrawnFigure
+
+
+def write_page(
+    folder: Path, loaded: LoadedCampaign, result: CampaignResult, table: pd.DataFrame, created: datetime
+) -> Path:
+    """Write report.html, result.json, and the figures as SVG and PDF; return the page.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row for each task that is done.
+
+    Raises
+    ------
+    DiskError
+        When one of them cannot be written.
+    """
+    figures = {
+        "arms_figure": draw_arms(result),
+        "key_figure": _draw_key(loaded.file, result),
+        "points_figure": _draw_points(loaded.file, result, table),
+        "settling_figure": draw_settling(result),
+    }
+    maps = _draw_maps(loaded, result, table)
+    for figure in (*figures.values(), *(drawn.figure for drawn in maps)):
+        if figure is not None:
+            write_figure(folder, figure)
+    write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
+    shown = {
+        "content": result,
+        "file": loaded.file,
+        "verdict": _summarise(result),
+        "maps": maps,
+        "commands": [shlex.join(case.command) for case in result.worst],
+        "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
+        **figures,
+    }
+    page = render(TEMPLATE, shown, _make_filters(result))
+    write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
+    return folder / REPORT_FILE
+
+
+def _draw_key(file: CampaignFile, result: CampaignResult) -> DrawnFigure | None:
+    """Draw the first varied key with two numbers or more."""
+    numeric = find_numeric_keys(file)
+    keys = [key for key, values in file.vary.items() if key in numeric and len(values) > 1]
+    known = any(arm.mean is not None for arm in result.arms)
+    return draw_over_key(result, keys[0]) if keys and known else None
+
+
+def _draw_points(file: CampaignFile, result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None:
+    if file.sample is None or result.measure not in table.columns:
+        return None
+    return draw_over_points(result, table, tuple(file.sample.keys))
+
+
+def _draw_maps(loaded: LoadedCampaign, result: CampaignResult, table: pd.DataFrame) -> Sequence[MapOfArm]:
+    """Draw a map for each arm, where two keys are sampled and there is a tolerance."""
+    sample = loaded.file.sample
+    if (
+        sample is None
+        or len(sample.keys) != 2
+        or result.tolerance is None
+        or result.measure not in table.columns
+    ):
+        return ()
+    horizontal, vertical = sample.keys
+    protocol = make_models(loaded.inputs[0], {}, loaded.file.seed)[0]
+    circles = [MapCircle(*circle) for circle in protocol.find_map_circles(horizontal, vertical)]
+    maps = []
+    for index, arm in enumerate(result.arms):
+        rows = table[(table["arm"] == arm.name) & table["error"].isna()]
+        if len(rows):
+            name = "map" if len(result.arms) == 1 else f"map-{index + 1}"
+            drawn = draw_map(rows, (horizontal, vertical), loaded.by, circles, name)
+            maps.append(MapOfArm(arm.name, drawn))
+    return maps
+
+
+def _summarise(result: CampaignResult) -> Sequence[str]:
+    """Return the result in a sentence or two."""
+    arms = format_count(len(result.arms), "arm")
+    whole = f"{format_count(result.done, 'task')} of {result.experiment} in {arms}."
+    ends = {
+        "complete": "All tasks are done.",
+        "by_rule": "The rule of the campaign ended it.",
+        "incomplete": f"{result.tasks - result.done} more are to be done.",
+    }
+    failed = f" {format_count(result.failed, 'task')} failed with an error." if result.failed else ""
+    return (f"{whole} {ends[result.ended]}{failed}", *_name_best(result))
+
+
+def _name_best(result: CampaignResult) -> Sequence[str]:
+    known = [arm for arm in result.arms if arm.mean is not None]
+    if len(known) < 2:
+        return ()
+    best = min(known, key=lambda arm: arm.mean or 0.0)
+    worst = max(known, key=lambda arm: arm.mean or 0.0)
+    return (
+        f"Mean {result.measure} from {number(best.mean)} ({best.name}) to {number(worst.mean)} ({worst.name}).",
+    )
+
+
+def _make_filters(result: CampaignResult) -> Mapping[str, object]:
+    """Return filters that write numbers with as many decimals as the narrowest interval of a mean deserves."""
+    widths = [arm.ci95[1] - arm.ci95[0] for arm in result.arms if arm.ci95 is not None]
+    sizes = [abs(arm.mean) for arm in result.arms if arm.mean is not None]
+    least = min((width for width in widths if width > 0), default=max(sizes, default=1.0))
+    decimals = min(max(_SIGNIFICANT - 1 - math.floor(math.log10(least or 1.0)), 0), 6)
+    return {
+        "digits": lambda value: number(value, decimals),
+        "plus": lambda value: signed(value, decimals),
+        "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
+        "points": lambda value: "–" if value is None else f"{100 * value:+.1f}",
+    }

@@ -1,0 +1,179 @@
+"""The result of a campaign: its arms, their differences, its worst cases, and how its means settled."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import pandas as pd
+
+from labrig.analysis.statistics import compute_spread
+from labrig.campaign.inputs import LoadedCampaign
+from labrig.campaign.sampling import Settings, find_point, list_arms, write_overrides
+from labrig.campaign.statistics import (
+    ArmResult,
+    Interval,
+    PairResult,
+    compare_arms,
+    judge_arm,
+)
+from labrig.protocol.model import Model
+
+_WORST = 5
+_LOOKS = 40
+"""Points of a curve that shows how a mean settled."""
+
+
+class WorstCase(Model):
+    """A task of the largest values, or without any, and the command that makes it again as a run with pictures."""
+
+    task: int
+    arm: str
+    value: float | None
+    end: str
+    command: tuple[str, ...]
+
+
+class SettlingPoint(Model):
+    """The mean of an arm after so many repetitions."""
+
+    repetitions: int
+    mean: float
+    ci95: Interval
+
+
+class Failure(Model):
+    """An error, and how many tasks ended with it."""
+
+    error: str
+    tasks: int
+    first: int
+
+
+class CampaignResult(Model):
+    """What a campaign found.
+
+    `ended` says whether all of its tasks are done, a rule ended it before, or it can go on.
+    """
+
+    schema_version: Literal[1] = 1
+    campaign: str
+    title: str
+    base: str
+    rig: str | None
+    experiment: str
+    depth: str
+    measure: str
+    tolerance: float | None
+    tasks: int
+    done: int
+    failed: int
+    ended: Literal["complete", "by_rule", "incomplete"]
+    arms: tuple[ArmResult, ...]
+    pairs: tuple[PairResult, ...]
+    worst: tuple[WorstCase, ...]
+    failures: tuple[Failure, ...]
+    settling: dict[str, tuple[SettlingPoint, ...]]
+
+
+def make_result(
+    loaded: LoadedCampaign, table: pd.DataFrame, *, tasks: int, by_rule: bool = False
+) -> CampaignResult:
+    """Return what the table of a campaign says.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row for each task that is done, in order.
+    tasks : int
+        The number of tasks if no rule ends it earlier.
+    by_rule : bool
+        Whether a rule ended it.
+    """
+    campaign, by = loaded.file, loaded.by
+    arms = list_arms(campaign)
+    rows = {arm.name: table[table["arm"] == arm.name] for arm in arms}
+    results = tuple(judge_arm(rows[arm.name], arm.name, arm.settings, by) for arm in arms)
+    ended: Literal["complete", "by_rule", "incomplete"] = "complete" if len(table) == tasks else "incomplete"
+    return CampaignResult(
+        campaign=campaign.campaign,
+        title=campaign.title,
+        base=str(loaded.files.base),
+        rig=None if loaded.rig is None else str(loaded.rig),
+        experiment=loaded.experiment,
+        depth=campaign.depth,
+        measure=by.measure,
+        tolerance=by.tolerance,
+        tasks=tasks,
+        done=len(table),
+        failed=sum(arm.failed for arm in results),
+        ended="by_rule" if by_rule else ended,
+        arms=results,
+        pairs=compare_arms(table, [arm.name for arm in arms], by) if len(arms) > 1 else (),
+        worst=_find_worst(loaded, table),
+        failures=_count_failures(table),
+        settling={name: _follow_mean(part, by.measure) for name, part in rows.items()},
+    )
+
+
+def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
+    """Return the tasks with the largest values, those without any first."""
+    campaign, measure = loaded.file, loaded.by.measure
+    if measure not in table.columns:
+        return ()
+    sound = table[table["error"].isna()]
+    ordered = sound.sort_values([measure, "task"], ascending=[False, True], na_position="first")
+    arms = {arm.name: arm.settings for arm in list_arms(campaign)}
+    cases = []
+    for row in ordered.head(_WORST).to_dict("records"):
+        settings = {**campaign.set, **arms[row["arm"]], **find_point(campaign, int(row["point"]))}
+        value = row[measure]
+        cases.append(
+            WorstCase(
+                task=int(row["task"]),
+                arm=str(row["arm"]),
+                value=None if pd.isna(value) else float(value),
+                end=str(row["exit_status"]) if pd.isna(row["reason"]) else str(row["reason"]),
+                command=write_command(loaded, int(row["seed"]), settings),
+            )
+        )
+    return tuple(cases)
+
+
+def write_command(loaded: LoadedCampaign, seed: int, settings: Settings) -> tuple[str, ...]:
+    """Return the command that makes a task as a whole run, on the simulated rig with pictures."""
+    of_rig = () if loaded.rig is None else ("--rig", str(loaded.rig))
+    changes = (part for override in write_overrides(settings) for part in ("--set", override))
+    return ("labrig", "run", str(loaded.files.base), *of_rig, "--seed", str(seed), *changes)
+
+
+def _count_failures(table: pd.DataFrame) -> tuple[Failure, ...]:
+    """Return the errors of tasks, the most frequent first."""
+    failed = table[table["error"].notna()]
+    found = [
+        Failure(error=str(error), tasks=len(rows), first=int(rows["task"].min()))
+        for error, rows in failed.groupby("error")
+    ]
+    return tuple(sorted(found, key=lambda failure: (-failure.tasks, failure.first)))
+
+
+def _follow_mean(rows: pd.DataFrame, measure: str) -> tuple[SettlingPoint, ...]:
+    """Return how the mean of an arm settled with the repetitions."""
+    if measure not in rows.columns:
+        return ()
+    known = rows[rows[measure].notna() & rows["error"].isna()]
+    repetitions = (known["repetition"].to_numpy() + 1).astype(int)
+    values = known[measure].to_numpy(float)
+    points = []
+    for look in _choose_looks(int(repetitions.max()) if len(known) else 0):
+        spread = compute_spread(values[repetitions <= look].tolist())
+        if spread.mean is not None and spread.ci95 is not None:
+            points.append(SettlingPoint(repetitions=look, mean=spread.mean, ci95=spread.ci95))
+    return tuple(points)
+
+
+def _choose_looks(most: int) -> Sequence[int]:
+    """Return numbers of repetitions up to the last, evenly on a logarithmic scale."""
+    if most < 2:
+        return [most] if most else []
+    step = math.log(most) / _LOOKS
+    return sorted({round(math.exp(step * index)) for index in range(_LOOKS + 1)})

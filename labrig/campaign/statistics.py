@@ -1,0 +1,239 @@
+"""What the table of a campaign says of its arms: means, shares, paired differences, and when a rule stops it.
+
+All intervals are of 95 %. That of a mean is Student's, that of a share Wilson's. Differences are between arms with the
+same seed and point (common random numbers); with several arms their intervals hold together (Bonferroni).
+"""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+from scipy.stats import binomtest
+
+from labrig.analysis.statistics import compute_spread
+from labrig.protocol.model import Model
+
+Interval = tuple[float, float]
+FloatArray = NDArray[np.float64]
+
+_LOOK_AGAIN = 1.25
+"""Ratio of the numbers of repetitions at which a rule looks: each further look is a chance to stop too early."""
+
+
+class ArmResult(Model):
+    """What came of an arm.
+
+    `tasks` are done, of which `failed` ended with an error and count for nothing else; `n` have a value of the measure.
+    `within_tolerance` are those at most as large as the tolerance; None without one. A task without a value has not
+    reached it. `ends` counts how they ended, `success` or the reason.
+    """
+
+    name: str
+    settings: dict[str, object]
+    tasks: int
+    failed: int
+    n: int
+    mean: float | None
+    ci95: Interval | None
+    sd: float | None
+    median: float | None
+    q90: float | None
+    within_tolerance: int | None
+    share: float | None
+    share_ci95: Interval | None
+    ends: dict[str, int]
+
+
+class PairResult(Model):
+    """The difference of two arms, `b` minus `a`, over tasks with the same seed and point.
+
+    `n` pairs have a value in both; `mean` is that of their differences. `share` is that of the shares within the
+    tolerance, over `pairs` without an error in either arm (Agresti and Min 2005).
+    """
+
+    a: str
+    b: str
+    n: int
+    mean: float | None
+    ci95: Interval | None
+    pairs: int
+    share: float | None
+    share_ci95: Interval | None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """By what tasks are judged: a column of the table, and its largest value that counts as reached, None without."""
+
+    measure: str
+    tolerance: float | None
+
+
+def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by: Judgement) -> ArmResult:
+    """Return what came of an arm.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The rows of the arm.
+    """
+    sound = table[table["error"].isna()]
+    values = read_values(sound, by.measure)
+    known = values[~np.isnan(values)]
+    spread = compute_spread(known.tolist())
+    reached = None if by.tolerance is None else int((known <= by.tolerance).sum())
+    return ArmResult(
+        name=name,
+        settings=dict(settings),
+        tasks=len(table),
+        failed=len(table) - len(sound),
+        n=spread.n,
+        mean=spread.mean,
+        ci95=spread.ci95,
+        sd=spread.sd,
+        median=float(np.median(known)) if len(known) else None,
+        q90=float(np.quantile(known, 0.9)) if len(known) else None,
+        within_tolerance=reached,
+        share=None if reached is None or not len(sound) else reached / len(sound),
+        share_ci95=None if reached is None else bound_share(reached, len(sound)),
+        ends=count_ends(sound),
+    )
+
+
+def count_ends(table: pd.DataFrame) -> dict[str, int]:
+    """Return how tasks ended, the most frequent first: `success`, or the reason."""
+    ends = table["reason"].where(table["exit_status"] != "success", "success").fillna(table["exit_status"])
+    return dict(Counter(ends.astype(str)).most_common())
+
+
+def bound_share(count: int, of: int) -> Interval | None:
+    """Return Wilson's interval of a share; None of nothing."""
+    if of == 0:
+        return None
+    limits = binomtest(count, of).proportion_ci(0.95, "wilson")
+    return float(limits.low), float(limits.high)
+
+
+def read_values(table: pd.DataFrame, measure: str) -> FloatArray:
+    """Return a column as numbers (N,), NaN where a task has no value, or no task has the column."""
+    if measure not in table.columns:
+        return np.full(len(table), np.nan)
+    return pd.to_numeric(table[measure], errors="coerce").to_numpy(np.float64, na_value=np.nan)
+
+
+def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Judgement) -> tuple[PairResult, ...]:
+    """Return the difference of each further arm from the first one."""
+    first, *others = names
+    return tuple(_compare(table, first, other, by, len(others)) for other in others)
+
+
+def _compare(table: pd.DataFrame, a: str, b: str, by: Judgement, pairs: int) -> PairResult:
+    same = ["repetition", "point"]
+    sound = table[table["error"].isna()].assign(value=lambda rows: read_values(rows, by.measure))
+    both = sound[sound["arm"] == a].merge(sound[sound["arm"] == b], on=same, suffixes=("_a", "_b"))
+    values = both[["value_a", "value_b"]].to_numpy(np.float64)
+    known = values[~np.isnan(values).any(axis=1)]
+    level = 1.0 - 0.025 / pairs
+    share, share_ci95 = _compare_shares(values, by.tolerance, level)
+    differences = known[:, 1] - known[:, 0]
+    return PairResult(
+        a=a,
+        b=b,
+        n=len(known),
+        mean=float(differences.mean()) if len(known) else None,
+        ci95=_bound_mean(differences, level),
+        pairs=len(values),
+        share=share,
+        share_ci95=share_ci95,
+    )
+
+
+def _bound_mean(values: FloatArray, level: float) -> Interval | None:
+    if len(values) < 2:
+        return None
+    half = float(stdtrit(len(values) - 1, level)) * float(values.std(ddof=1)) / math.sqrt(len(values))
+    mean = float(values.mean())
+    return mean - half, mean + half
+
+
+def _compare_shares(
+    values: FloatArray, tolerance: float | None, level: float
+) -> tuple[float | None, Interval | None]:
+    """Return the difference of paired shares, and its interval by Agresti and Min: half a pair added to each cell."""
+    if tolerance is None or not len(values):
+        return None, None
+    reached = values <= tolerance
+    gained = int((~reached[:, 0] & reached[:, 1]).sum())
+    lost = int((reached[:, 0] & ~reached[:, 1]).sum())
+    b, c, n = gained + 0.5, lost + 0.5, len(values) + 2.0
+    centre, half = (b - c) / n, float(ndtri(level)) * math.sqrt(b + c - (b - c) ** 2 / n) / n
+    return (gained - lost) / len(values), (max(-1.0, centre - half), min(1.0, centre + half))
+
+
+@dataclass
+class _Moments:
+    """Number, mean and sum of squared deviations of values that come one by one (Welford 1962)."""
+
+    n: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    def add(self, value: float) -> None:
+        self.n += 1
+        off = value - self.mean
+        self.mean += off / self.n
+        self.squares += off * (value - self.mean)
+
+    def width(self) -> float:
+        """Return the width of the interval of the mean; infinite below two values."""
+        if self.n < 2:
+            return math.inf
+        sd = math.sqrt(self.squares / (self.n - 1))
+        return 2.0 * float(stdtrit(self.n - 1, 0.975)) * sd / math.sqrt(self.n)
+
+
+@dataclass
+class WidthRule:
+    """Stops a campaign when the interval of every arm's mean is narrow enough (Chow and Robbins 1965).
+
+    It looks after `first_look` repetitions, and then whenever there are a quarter more, so that the same rows stop
+    it at the same place, whoever made them and however often it was interrupted.
+
+    Parameters
+    ----------
+    width : float
+        Widest interval, in the unit of the measure.
+    first_look : int
+        Repetitions.
+    measure : str
+        The column.
+    """
+
+    width: float
+    first_look: int
+    measure: str
+    _look: int = 0
+    _arms: dict[str, _Moments] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Set the first look."""
+        self._look = self.first_look
+
+    def take(self, row: Mapping[str, object]) -> None:
+        """Take a row, in the order of the tasks."""
+        moments = self._arms.setdefault(str(row["arm"]), _Moments())
+        value = row.get(self.measure)
+        if row.get("error") is None and isinstance(value, int | float) and not math.isnan(value):
+            moments.add(float(value))
+
+    def is_met(self, repetitions: int) -> bool:
+        """Return whether the campaign ends after so many repetitions, all of whose rows were taken."""
+        if repetitions < self._look:
+            return False
+        self._look = max(self._look + 1, math.ceil(_LOOK_AGAIN * self._look))
+        return max(moments.width() for moments in self._arms.values()) <= self.width

@@ -1,0 +1,146 @@
+"""The tasks of a campaign: what a worker computes of each, and the row that it becomes."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+
+from labrig.analysis.outcome import TaskOutcome
+from labrig.campaign.campaign_file import CampaignFile
+from labrig.campaign.inputs import ArmInputs, LoadedCampaign, hash_calibration, make_models
+from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms, show_value
+from labrig.errors import LabrigError
+from labrig.experiments.registry import find_experiment
+
+Cell = bool | int | float | str | None
+Row = Mapping[str, Cell]
+
+
+@dataclass(frozen=True)
+class TaskOrder:
+    """What a worker is told of a task: protocol and rig of its arm, values of its point, its seed, and the depth."""
+
+    inputs: ArmInputs
+    settings: Settings
+    seed: int
+    depth: str
+
+
+def compute_task(order: TaskOrder) -> TaskOutcome:
+    """Return what comes of a task. Raises `LabrigError` when it cannot be computed."""
+    protocol, rig = make_models(order.inputs, order.settings, order.seed)
+    experiment = find_experiment(order.inputs.experiment)
+    if order.depth == "world":
+        return experiment.simulate(protocol, rig, order.seed)
+    # Devices and the record take long to import, and the world alone needs neither.
+    from labrig.campaign.whole_run import run_whole
+
+    return run_whole(experiment, protocol, rig)
+
+
+@dataclass(frozen=True)
+class CampaignTasks:
+    """All tasks of a campaign: orders for workers, and rows of what came of them.
+
+    Parameters
+    ----------
+    loaded : LoadedCampaign
+        The campaign.
+    """
+
+    loaded: LoadedCampaign
+
+    @property
+    def campaign(self) -> CampaignFile:
+        """What the file says."""
+        return self.loaded.file
+
+    @property
+    def arms(self) -> tuple[Arm, ...]:
+        """The arms."""
+        return list_arms(self.campaign)
+
+    @property
+    def round_tasks(self) -> int:
+        """The number of tasks of one repetition of all arms at all points."""
+        return self.campaign.arm_count * self.campaign.points
+
+    @property
+    def count(self) -> int:
+        """The number of tasks if no rule ends the campaign earlier."""
+        return self.round_tasks * self.campaign.most_repetitions
+
+    def list_orders(self, begin: int) -> Iterator[TaskOrder]:
+        """Yield the orders from a task on."""
+        for number in range(begin, self.count):
+            address = find_task(self.campaign, number)
+            point = find_point(self.campaign, address.point)
+            yield TaskOrder(self.loaded.inputs[address.arm], point, address.seed, self.campaign.depth)
+
+    def make_rows(self, begin: int, outcomes: Iterable[TaskOutcome | LabrigError]) -> Iterator[Row]:
+        """Yield the rows of consecutive tasks."""
+        arms, numeric = self.arms, find_numeric_keys(self.campaign)
+        for number, outcome in enumerate(outcomes, start=begin):
+            address = find_task(self.campaign, number)
+            arm = arms[address.arm]
+            settings = {**arm.settings, **find_point(self.campaign, address.point)}
+            yield {
+                "task": number,
+                "arm": arm.name,
+                "point": address.point,
+                "repetition": address.repetition,
+                "seed": address.seed,
+                **{
+                    key: _format_setting(settings[key], numeric=key in numeric) if key in settings else None
+                    for key in self.campaign.varied_keys
+                },
+                **_describe_outcome(outcome),
+            }
+
+
+def _describe_outcome(outcome: TaskOutcome | LabrigError) -> Row:
+    if isinstance(outcome, LabrigError):
+        return {"exit_status": None, "reason": None, "error": outcome.message}
+    return {
+        "exit_status": outcome.exit_status,
+        "reason": outcome.reason,
+        "error": None,
+        **outcome.values,
+    }
+
+
+def find_numeric_keys(campaign: CampaignFile) -> frozenset[str]:
+    """Return the varied keys all of whose values are numbers, or null; the others are text in the table."""
+    values: dict[str, list[object]] = {key: list(given) for key, given in campaign.vary.items()}
+    for settings in campaign.arms.values():
+        for key, value in settings.items():
+            values.setdefault(key, []).append(value)
+    drawn = () if campaign.sample is None else campaign.sample.keys
+    return frozenset(drawn) | {key for key, given in values.items() if all(map(_is_number, given))}
+
+
+def _is_number(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+
+
+def _format_setting(value: object, *, numeric: bool) -> Cell:
+    if not numeric:
+        return show_value(value)
+    return float(value) if isinstance(value, int | float) else None
+
+
+def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:
+    """Return all that decides the rows of a campaign, as JSON; not how many there are, nor how they are judged.
+
+    So a campaign can go on with more repetitions, or another rule.
+    """
+    free = {"title", "repetitions", "stop_when", "measure", "tolerance", "base", "rig"}
+    first = loaded.inputs[0]
+    arms = sha256("\n".join(f"{arm.protocol}\n{arm.rig}" for arm in loaded.inputs).encode())
+    return {
+        "campaign": loaded.file.model_dump(mode="json", exclude=free),
+        "protocol": json.loads(first.protocol),
+        "rig": None if first.rig is None else json.loads(first.rig),
+        "calibration": hash_calibration(first),
+        "arms_sha256": arms.hexdigest(),
+    }

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -10,6 +9,7 @@ from inspect import isgeneratorfunction
 from pathlib import Path
 from typing import Any
 
+from labrig.analysis.engine import DEFAULT_WORKERS, WorkQueue, open_process_pool
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.pictures import (
     Analysis,
@@ -23,7 +23,6 @@ from labrig.analysis.pictures import (
 )
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import AnalysisSettings, start_analysis
-from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import LabrigError
 from labrig.record.pictures import count_pictures
 from labrig.record.reader import Run, open_run
@@ -69,20 +68,16 @@ def analyze_runs(
     Returns
     -------
     list
-        The result of each run in the order given, or the error.
-
-    Raises
-    ------
-    MachineError
-        When a worker process dies.
+        The result of each run in the order given, or the error; a `MachineError` where workers die of a run again.
     """
     settings = AnalysisSettings(tuple(overrides), created, dict(provenance), mask)
     meter = _ProgressMeter(runs, progress)
     outcomes: list[Outcome] = []
     started: deque[_StartedRun] = deque()
-    with worker_processes(workers, "analysed runs") as pool:
+    with open_process_pool(workers, "analysed runs") as pool:
+        queue = WorkQueue(pool)
         for run in runs:
-            started.append(_start(run, find_experiment, settings, pool))
+            started.append(_start(run, find_experiment, settings, queue))
             while sum(len(later.parts) for later in list(started)[1:]) > _PARTS_AHEAD * workers:
                 outcomes.append(_finish(started.popleft(), meter))
         outcomes += [_finish(run, meter) for run in started]
@@ -119,20 +114,20 @@ class _ProgressMeter:
 
 
 def _start(
-    run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings, pool: Executor
+    run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings, queue: WorkQueue
 ) -> _StartedRun:
-    """Submit the parts of a run to the pool: a few pictures each, or the whole run."""
+    """Submit the parts of a run: a few pictures each, or the whole run."""
     try:
         opened = open_run(run, read_pictures=True)
         experiment = find_experiment(opened)
         if not isgeneratorfunction(experiment.analyze):
-            wait = pool.submit(_analyze_whole, run, find_experiment, settings).result
-            return _StartedRun([lambda: [wait()]], lambda _: wait())
+            wait = queue.begin(partial(_analyze_whole, run, find_experiment, settings))
+            return _StartedRun([lambda: [wait()]], partial(_finish_whole, wait))
         analysis = start_analysis(opened, experiment, settings, workers=1, progress=None)
         work = next(analysis)
     except LabrigError as error:
         return _StartedRun((), partial(_return_error, error))
-    parts = submit_work(work, pool)
+    parts = submit_work(work, queue)
     return _StartedRun(parts, partial(_finish_measured, analysis, work, parts))
 
 
@@ -153,15 +148,19 @@ def _finish_measured(
         return error
 
 
+def _finish_whole(wait: Callable[[], AnyResult], _: Progress) -> Outcome:
+    try:
+        return wait()
+    except LabrigError as error:
+        return error
+
+
 def _return_error(error: LabrigError, _: Progress) -> Outcome:
     return error
 
 
-def _analyze_whole(run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings) -> Outcome:
+def _analyze_whole(run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings) -> AnyResult:
     """Analyse a run in a worker process."""
-    try:
-        opened = open_run(run, read_pictures=True)
-        analysis = start_analysis(opened, find_experiment(opened), settings, workers=1, progress=None)
-        return finish_analysis(analysis, lambda work: measure_pictures(work, 1, None))
-    except LabrigError as error:
-        return error
+    opened = open_run(run, read_pictures=True)
+    analysis = start_analysis(opened, find_experiment(opened), settings, workers=1, progress=None)
+    return finish_analysis(analysis, lambda work: measure_pictures(work, 1, None))

@@ -14,10 +14,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 from itertools import islice
-from traceback import extract_tb
+from traceback import format_exc
 from typing import Any, Generic, TypeVar
 
 import cv2
@@ -34,10 +34,11 @@ BATCH_S = 0.1
 """The least time of a batch whose tasks are timed: scheduling one takes a scheduler about a millisecond."""
 
 _LARGEST_BATCH = 1000
-# Batches submitted for each worker while the first one is waited for: enough that no worker idles behind a task that
-# takes four times as long as others, few enough that what waits takes no memory.
-_BATCHES_AHEAD = 4
+# Batches submitted for each worker while the first one is waited for: no worker idles behind a long task, or while the
+# results are written, and what waits takes little memory.
+_BATCHES_AHEAD = 16
 _MOST_LOSSES = 2
+_MEMORY_HINT = "free some memory, or use fewer processes, and try again"
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 _Task = TypeVar("_Task")
@@ -144,6 +145,155 @@ def open_process_pool(workers: int, work: str) -> Iterator[Pool]:
         cv2.setNumThreads(threads)
 
 
+@dataclass(frozen=True)
+class Answer(Generic[_Result]):
+    """What the tasks of a batch came to, and how long they took [s]; None if nobody measured."""
+
+    outcomes: list[_Result | LabrigError]
+    took_s: float | None
+
+
+@dataclass(eq=False)
+class Batch(Generic[_Result]):
+    """Tasks that are done one after the other in one worker; only `WorkQueue` makes and reads it."""
+
+    call: Callable[[Any], _Result]
+    tasks: Sequence[Any]
+    clock: Clock | None
+    future: "Future[Answer[_Result]]"
+    losses: int = 0
+    """How often its worker may have been lost by it."""
+
+
+class WorkQueue:
+    """Batches that a pool does, and does again when a worker is lost.
+
+    Parameters
+    ----------
+    pool : Pool
+        Used by nobody else meanwhile.
+    """
+
+    def __init__(self, pool: Pool) -> None:
+        self._pool = pool
+        self._pending: dict[Batch[Any], None] = {}
+
+    def submit(
+        self, call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None = None
+    ) -> Batch[_Result]:
+        """Submit tasks as a batch; with a clock its answer says how long they took."""
+        batch = Batch(call, tasks, clock, self._send(call, tasks, clock))
+        self._pending[batch] = None
+        return batch
+
+    def wait(self, batch: Batch[_Result]) -> Answer[_Result]:
+        """Wait for a batch, and return what its tasks came to.
+
+        Raises
+        ------
+        MachineError
+            When the pool can do no further task.
+        """
+        while (error := _wait_for_error(batch.future)) is not None:
+            if self._pool.is_loss(error):
+                self._recover()
+            else:
+                self._require_usable(error)
+                self._do_apart(batch)
+        del self._pending[batch]
+        return batch.future.result()
+
+    def begin(self, call: Callable[[], _Result]) -> Callable[[], _Result]:
+        """Submit a call; return a function that waits for its result, or raises the `LabrigError` that it came to."""
+        batch = self.submit(_call_without_task, [call])
+
+        def wait() -> _Result:
+            (outcome,) = self.wait(batch).outcomes
+            if isinstance(outcome, LabrigError):
+                raise outcome
+            return outcome
+
+        return wait
+
+    def map(self, call: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Iterator[_Result]:
+        """Do all tasks, as `Executor.map` does; the first one that fails raises its `LabrigError`."""
+        waits = [self.begin(partial(call, task)) for task in tasks]
+        return (wait() for wait in waits)
+
+    def drop(self) -> None:
+        """Drop the batches that have not begun."""
+        for batch in self._pending:
+            batch.future.cancel()
+        self._pending.clear()
+
+    def _send(
+        self, call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None
+    ) -> "Future[Answer[_Result]]":
+        try:
+            return self._pool.executor.submit(_do_batch, call, tasks, clock, self._pool.installation)
+        except Exception as error:  # noqa: BLE001 - as if it came a moment later; the executors' libraries differ
+            future: Future[Answer[_Result]] = Future()
+            future.set_exception(error)
+            return future
+
+    def _recover(self) -> None:
+        """Do lost batches again: together at first, and apart those whose workers were lost twice.
+
+        A process pool loses every batch with a worker. Those that were being done are among the first ones, as many as
+        there are workers.
+        """
+        self._pool.renew()
+        lost = [batch for batch in self._pending if self._is_lost(batch)]
+        for suspect in lost[: self._pool.count_workers()]:
+            suspect.losses += 1
+            if suspect.losses >= _MOST_LOSSES:
+                self._do_apart(suspect)
+        for batch in lost:
+            if batch.losses < _MOST_LOSSES:
+                batch.future = self._send(batch.call, batch.tasks, batch.clock)
+
+    def _is_lost(self, batch: Batch[Any]) -> bool:
+        error = _wait_for_error(batch.future) if batch.future.done() else None
+        return error is not None and self._pool.is_loss(error)
+
+    def _require_usable(self, error: BaseException) -> None:
+        """Raise the reason if no further task can be done; errors of tasks never come here."""
+        if isinstance(error, MachineError):
+            raise error
+        self._pool.require_usable(error)
+
+    def _do_apart(self, batch: Batch[_Result]) -> None:
+        """Do a batch while nothing else is begun, and answer it in any case."""
+        outcomes = self._find_outcomes(batch.call, batch.tasks)
+        batch.future = Future()
+        batch.future.set_result(Answer(outcomes, None))
+
+    def _find_outcomes(
+        self, call: Callable[[_Task], _Result], tasks: Sequence[_Task]
+    ) -> list[_Result | LabrigError]:
+        """Do tasks at once, else in halves, down to the one that cannot be done."""
+        for _ in range(1 if len(tasks) > 1 else _MOST_LOSSES):
+            future = self._send(call, tasks, None)
+            error = _wait_for_error(future)
+            if error is None:
+                return future.result().outcomes
+            if self._pool.is_loss(error):
+                self._pool.renew()
+            else:
+                self._require_usable(error)
+        if len(tasks) > 1:
+            half = len(tasks) // 2
+            return self._find_outcomes(call, tasks[:half]) + self._find_outcomes(call, tasks[half:])
+        return [self._describe_failure(error)]
+
+    def _describe_failure(self, error: BaseException | None) -> LabrigError:
+        if error is not None and self._pool.is_loss(error):
+            return MachineError(
+                f"a process that {self._pool.work} died {_MOST_LOSSES} times in the same task", _MEMORY_HINT
+            )
+        return BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
+
+
 def run_in_order(
     pool: Pool,
     call: Callable[[_Task], _Result],
@@ -168,145 +318,34 @@ def run_in_order(
     Yields
     ------
     result or LabrigError
-        The error if `call` raised one; a `BugError` if it raised anything else, or came to what cannot be pickled; a
-        `MachineError` if its worker was lost each time, usually because memory ran out.
+        The error if `call` raised one; a `BugError`, with the traceback as its note, if it raised anything else, or
+        came to what cannot be pickled; a `MachineError` if its worker was lost each time, usually because memory ran
+        out.
 
     Raises
     ------
     MachineError
         When the pool can do no further task.
     """
-    stream = _Stream(pool, call, iter(tasks), clock)
+    queue = WorkQueue(pool)
+    size = _BatchSize()
+    ahead: deque[Batch[_Result]] = deque()
+    left = iter(tasks)
     try:
-        while (batch := stream.take_next()) is not None:
-            yield from stream.finish(batch)
+        while True:
+            while len(ahead) < _BATCHES_AHEAD * pool.count_workers():
+                some = tuple(islice(left, size.tasks))
+                if not some:
+                    break
+                ahead.append(queue.submit(call, some, clock))
+            if not ahead:
+                return
+            batch = ahead.popleft()
+            answer = queue.wait(batch)
+            size.learn(len(batch.tasks), answer.took_s)
+            yield from answer.outcomes
     finally:
-        stream.cancel()
-
-
-@dataclass(frozen=True)
-class _Answer(Generic[_Result]):
-    """What the tasks of a batch came to, and how long they took [s]; None without a clock."""
-
-    outcomes: list[_Result | LabrigError]
-    took_s: float | None
-
-
-@dataclass(eq=False)
-class _Batch(Generic[_Task, _Result]):
-    """Consecutive tasks, and how often their worker may have been lost by them."""
-
-    tasks: Sequence[_Task]
-    future: "Future[_Answer[_Result]]" = field(default_factory=Future)
-    losses: int = 0
-
-
-class _Stream(Generic[_Task, _Result]):
-    """The batches that are submitted and not yet answered, in order."""
-
-    def __init__(
-        self, pool: Pool, call: Callable[[_Task], _Result], tasks: Iterator[_Task], clock: Clock | None
-    ) -> None:
-        self._pool = pool
-        self._call = call
-        self._tasks = tasks
-        self._clock = clock
-        self._size = _BatchSize()
-        self._pending: deque[_Batch[_Task, _Result]] = deque()
-
-    def take_next(self) -> _Batch[_Task, _Result] | None:
-        """Submit as many batches as may wait, and return the first one; None if all tasks are done."""
-        most = _BATCHES_AHEAD * self._pool.count_workers()
-        while len(self._pending) < most:
-            tasks = tuple(islice(self._tasks, self._size.tasks))
-            if not tasks:
-                break
-            self._pending.append(_Batch(tasks, self._submit(tasks)))
-        return self._pending.popleft() if self._pending else None
-
-    def finish(self, batch: _Batch[_Task, _Result]) -> Sequence[_Result | LabrigError]:
-        """Wait for a batch, and do it again if its worker is lost."""
-        while (error := _wait(batch.future)) is not None:
-            if self._pool.is_loss(error):
-                self._recover(batch)
-            else:
-                self._require_usable(error)
-                self._do_apart(batch)
-        answer = batch.future.result()
-        if answer.took_s is not None:
-            self._size.learn(len(batch.tasks), answer.took_s)
-        return answer.outcomes
-
-    def cancel(self) -> None:
-        """Drop the batches that have not begun."""
-        for batch in self._pending:
-            batch.future.cancel()
-
-    def _submit(self, tasks: Sequence[_Task]) -> "Future[_Answer[_Result]]":
-        try:
-            return self._pool.executor.submit(
-                _do_batch, self._call, tasks, self._clock, self._pool.installation
-            )
-        except Exception as error:  # noqa: BLE001 - told from a batch that fails later by nothing
-            failed: Future[_Answer[_Result]] = Future()
-            failed.set_exception(error)
-            return failed
-
-    def _recover(self, batch: _Batch[_Task, _Result]) -> None:
-        """Do lost batches again: together at first, and apart those whose workers were lost twice.
-
-        A process pool loses every batch with a worker. Those that were being done are among the first ones, as many as
-        there are workers.
-        """
-        self._pool.renew()
-        lost = [each for each in (batch, *self._pending) if self._is_lost(each)]
-        suspects = lost[: self._pool.count_workers()]
-        for suspect in suspects:
-            suspect.losses += 1
-            if suspect.losses >= _MOST_LOSSES:
-                self._do_apart(suspect)
-        for waiting in lost:
-            if waiting.losses < _MOST_LOSSES:
-                waiting.future = self._submit(waiting.tasks)
-
-    def _is_lost(self, batch: _Batch[_Task, _Result]) -> bool:
-        error = _wait(batch.future) if batch.future.done() else None
-        return error is not None and self._pool.is_loss(error)
-
-    def _require_usable(self, error: BaseException) -> None:
-        """Raise the reason if no further task can be done; errors of tasks never come here."""
-        if isinstance(error, MachineError):
-            raise error
-        self._pool.require_usable(error)
-
-    def _do_apart(self, batch: _Batch[_Task, _Result]) -> None:
-        """Do a batch while no other is submitted, and answer it in any case."""
-        batch.future = Future()
-        batch.future.set_result(_Answer(self._find_outcomes(batch.tasks), None))
-
-    def _find_outcomes(self, tasks: Sequence[_Task]) -> list[_Result | LabrigError]:
-        """Do tasks at once, else in halves, down to the one that cannot be done."""
-        for _ in range(1 if len(tasks) > 1 else _MOST_LOSSES):
-            future = self._submit(tasks)
-            error = _wait(future)
-            if error is None:
-                return future.result().outcomes
-            if self._pool.is_loss(error):
-                self._pool.renew()
-            else:
-                self._require_usable(error)
-        if len(tasks) > 1:
-            half = len(tasks) // 2
-            return self._find_outcomes(tasks[:half]) + self._find_outcomes(tasks[half:])
-        return [self._describe_failure(error)]
-
-    def _describe_failure(self, error: BaseException | None) -> LabrigError:
-        if error is not None and self._pool.is_loss(error):
-            return MachineError(
-                f"a process that {self._pool.work} died {_MOST_LOSSES} times in the same task",
-                "free some memory, or use fewer processes, and try again",
-            )
-        return BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
+        queue.drop()
 
 
 class _BatchSize:
@@ -316,8 +355,10 @@ class _BatchSize:
         self.tasks = 1
         self._cost_s: float | None = None
 
-    def learn(self, tasks: int, took_s: float) -> None:
-        """Take the time of a batch into account."""
+    def learn(self, tasks: int, took_s: float | None) -> None:
+        """Take the time of a batch into account, if it is known."""
+        if took_s is None:
+            return
         cost_s = max(took_s, 0.0) / tasks
         self._cost_s = cost_s if self._cost_s is None else 0.5 * (self._cost_s + cost_s)
         wanted = math.ceil(BATCH_S / self._cost_s) if self._cost_s > 0.0 else _LARGEST_BATCH
@@ -325,7 +366,7 @@ class _BatchSize:
         self.tasks = max(1, min(wanted, 2 * self.tasks, _LARGEST_BATCH))
 
 
-def _wait(future: "Future[Any]") -> BaseException | None:
+def _wait_for_error(future: "Future[Any]") -> BaseException | None:
     """Wait for a future and return its error, None without one; also that it was cancelled by somebody else."""
     try:
         return future.exception()
@@ -335,7 +376,7 @@ def _wait(future: "Future[Any]") -> BaseException | None:
 
 def _do_batch(
     call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None, installation: str | None
-) -> _Answer[_Result]:
+) -> Answer[_Result]:
     """Do a batch in a worker.
 
     Raises
@@ -348,7 +389,7 @@ def _do_batch(
     _use_single_threads()
     before_s = 0.0 if clock is None else clock.now_s()
     outcomes = [_do_task(call, task) for task in tasks]
-    return _Answer(outcomes, None if clock is None else clock.now_s() - before_s)
+    return Answer(outcomes, None if clock is None else clock.now_s() - before_s)
 
 
 def _do_task(call: Callable[[_Task], _Result], task: _Task) -> _Result | LabrigError:
@@ -356,12 +397,16 @@ def _do_task(call: Callable[[_Task], _Result], task: _Task) -> _Result | LabrigE
         return call(task)
     except LabrigError as error:
         return error
+    except MemoryError:
+        return MachineError("a worker has too little memory for its task", _MEMORY_HINT)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a bug in a task ends that task alone
-        place = extract_tb(error.__traceback__)[-1]
-        return BugError(
-            f"labrig itself failed: {type(error).__name__}: {error} ({place.filename}, line {place.lineno})",
-            "please report it",
-        )
+        bug = BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
+        bug.add_note(format_exc())
+        return bug
+
+
+def _call_without_task(call: Callable[[], _Result]) -> _Result:
+    return call()
 
 
 @cache

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
+from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.pictures import Analysis, Progress
 from labrig.analysis.result import Findings, Result, Stamp
-from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.vision.mask import Mask
 

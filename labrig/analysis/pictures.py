@@ -1,14 +1,13 @@
 """Measure many pictures in worker processes, in an order that does not depend on them."""
 
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
-from labrig.analysis.workers import worker_processes
+from labrig.analysis.engine import WorkQueue, open_process_pool
 from labrig.errors import PictureError, RecordError
 from labrig.record.pictures import RecordedPicture
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
@@ -105,18 +104,18 @@ def measure_pictures(work: PictureWork, workers: int, progress: Progress | None)
     Raises
     ------
     MachineError
-        When a worker process dies, usually because memory ran out.
+        When worker processes die of the same picture, usually because memory ran out.
     """
     workers = min(workers, len(work.pictures))
     if workers <= 1:
         return gather_answers(work, _split_work(work), progress)
-    with worker_processes(workers, "measured pictures") as pool:
-        return gather_answers(work, submit_work(work, pool), progress)
+    with open_process_pool(workers, "measured pictures") as pool:
+        return gather_answers(work, submit_work(work, WorkQueue(pool)), progress)
 
 
-def submit_work(work: PictureWork, pool: Executor) -> list[Part]:
-    """Submit a work to a pool; return its parts, each of which waits for its answers."""
-    return [pool.submit(part).result for part in _split_work(work)]
+def submit_work(work: PictureWork, queue: WorkQueue) -> list[Part]:
+    """Submit a work; return its parts, each of which waits for its answers."""
+    return [queue.begin(part) for part in _split_work(work)]
 
 
 def gather_answers(work: PictureWork, parts: Sequence[Part], progress: Progress | None) -> PictureAnswers:

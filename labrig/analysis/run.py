@@ -8,10 +8,10 @@ from difflib import get_close_matches
 from typing import Any
 
 from labrig.analysis.calibration import load_mask_of_run
+from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measure_pictures
 from labrig.analysis.result import AnyResult, LeftOutTrials, Stamp, load_result, write_result
-from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import AnswerIsNoError, InputError, RecordError
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
@@ -70,7 +70,7 @@ def analyze_run(
     RecordError
         When the run's lines are damaged.
     DiskError, MachineError
-        When the result cannot be written, or a worker process dies.
+        When the result cannot be written, or worker processes die of the same picture.
     """
     settings = AnalysisSettings(overrides, created, provenance, mask)
     analysis = start_analysis(run, experiment, settings, workers, progress)

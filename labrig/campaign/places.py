@@ -1,7 +1,6 @@
 """Where the files of a campaign lie: a folder of this computer, or a URL that fsspec knows."""
 
 from abc import ABC, abstractmethod
-from contextlib import suppress
 from pathlib import Path
 
 from labrig.durable import disk_errors, find_temporaries, write_atomically
@@ -110,14 +109,13 @@ class _RemoteFolder(Place):
         """Write a file by one request, which object stores carry out as a whole, and compare what has arrived."""
         path = f"{self._root}/{name}"
         with StoreErrors("write", f"{self._url}/{name}"):
-            self._files.invalidate_cache()
-            if not replace and self._files.exists(path):
-                raise _make_refusal(f"{self._url}/{name}")
-            self._files.makedirs(self._root, exist_ok=True)
-            self._files.pipe_file(path, content)
+            try:
+                self._files.makedirs(self._root, exist_ok=True)
+                self._files.pipe_file(path, content, mode="overwrite" if replace else "create")
+            except FileExistsError as error:
+                raise _make_refusal(f"{self._url}/{name}") from error
             if self._files.cat_file(path) != content:
-                with suppress(Exception):
-                    self._files.rm_file(path)
+                self._files.rm_file(path)
                 raise DiskError(f"{self._url}/{name} is not what was sent", "send it again")
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ import io
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, Self
 
 import pandas as pd
@@ -87,15 +87,14 @@ class CampaignStore:
         DiskError
             When the place cannot be read or written.
         """
-        opened = open_place(place)
-        try:
-            text = json.dumps(document, sort_keys=True, allow_nan=False)
+        text = json.dumps(document, sort_keys=True, allow_nan=False)
+        with ExitStack() as held:
+            opened = open_place(place)
+            held.callback(opened.close)
             store = cls(opened, hashlib.sha256(text.encode()).hexdigest())
             store._begin(json.loads(text))
             store._find_done()
-        except BaseException:
-            opened.close()
-            raise
+            held.pop_all()
         return store
 
     def __enter__(self) -> Self:

@@ -159,7 +159,10 @@ def run_command(arguments: Sequence[str]) -> int:
     except typer.TyperException as error:
         failure = InputError(error.format_message(), _hint_at_help(arguments))
     except LabrigError as error:
-        failure = error
+        # A bug in another process comes with its traceback as a note.
+        failure = (
+            error.reword(error.message, _keep_traceback(error).hint) if hasattr(error, "__notes__") else error
+        )
     except OSError as error:
         failure = _make_disk_error(error)
     except MemoryError:

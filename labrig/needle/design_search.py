@@ -1,7 +1,6 @@
 """Figure 3 on our own contour: rotations on a grid of clearance and inclination, the fitted plane, and a design."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -68,31 +67,34 @@ def make_hinge_grid(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) 
 
 
 def search_grid(
-    hinges: Sequence[Hinge], executor: Executor, progress: Progress | None = None, seed: int = DEFAULT_SEED
+    hinges: Sequence[Hinge],
+    do: Callable[[Callable[[Hinge], HingeRotation], Sequence[Hinge]], Iterable[HingeRotation]] = map,
+    progress: Progress | None = None,
+    seed: int = DEFAULT_SEED,
 ) -> tuple[GridPoint, ...]:
-    """Search the rotations of every hinge; the result does not depend on the executor.
+    """Search the rotations of every hinge; the result does not depend on who does it.
 
     Parameters
     ----------
     hinges : sequence of Hinge
-    executor : concurrent.futures.Executor
-        Runs the searches.
+    do : callable
+        Does the searches in any process, and gives their answers in order, as `map` does here.
     progress : callable or None
         Called with the number of finished hinges and the number of all.
     seed : int
         Of every search.
     """
-    futures = [executor.submit(partial(search_rotations, seed=seed), hinge) for hinge in hinges]
-    for done, _ in enumerate(as_completed(futures), start=1):
-        if progress is not None:
-            progress(done, len(futures))
-    found = [(hinge, future.result()) for hinge, future in zip(hinges, futures, strict=True)]
-    return tuple(
-        GridPoint(
-            hinge.clearance_mm, hinge.beta_cut_deg, both.hinge_a.rotation_deg, both.hinge_b.rotation_deg
+    cells = []
+    found = do(partial(search_rotations, seed=seed), hinges)
+    for hinge, both in zip(hinges, found, strict=True):
+        cells.append(
+            GridPoint(
+                hinge.clearance_mm, hinge.beta_cut_deg, both.hinge_a.rotation_deg, both.hinge_b.rotation_deg
+            )
         )
-        for hinge, both in found
-    )
+        if progress is not None:
+            progress(len(cells), len(hinges))
+    return tuple(cells)
 
 
 def fit_plane(cells: Sequence[GridPoint]) -> RotationPlane:

@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from labrig.analysis.engine import DEFAULT_WORKERS, WorkQueue, open_process_pool
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings
-from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.durable import write_atomically
 from labrig.errors import AnswerIsNoError, InputError
 from labrig.experiments.hinge_design.protocol import DesignProtocol
@@ -133,7 +133,7 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
     Raises
     ------
     MachineError
-        When a process that searches dies.
+        When processes that search die of the same hinge again.
     """
     stamp = request.stamp
     study = study_design(DesignOrder.of(protocol), request.workers, request.progress)
@@ -159,12 +159,12 @@ def study_design(
     AnswerIsNoError
         When by equation (3) no inclination gives the radius, or no clearance explains the measured one.
     MachineError
-        When a process that searches dies.
+        When processes that search die of the same hinge again.
     """
     document = _solve_equations(order)
     hinges = make_hinge_grid(order.tube, order.clearance_mm, order.grid_points)
-    with worker_processes(workers, "searched rotations") as pool:
-        cells = search_grid(hinges, pool, progress, order.seed)
+    with open_process_pool(workers, "searched rotations") as pool:
+        cells = search_grid(hinges, WorkQueue(pool).map, progress, order.seed)
     plane = fit_plane(cells)
     document["search"] = _search_answer(order, cells, plane)
     # Equation (3) always has an answer for a tube of the paper's section; any other tube has only our contour.

@@ -229,12 +229,12 @@ class WorkQueue:
     def _send(
         self, call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None
     ) -> "Future[Answer[_Result]]":
+        future: Future[Answer[_Result]] = Future()
         try:
-            return self._pool.executor.submit(_do_batch, call, tasks, clock, self._pool.installation)
-        except Exception as error:  # noqa: BLE001 - as if it came a moment later; the executors' libraries differ
-            future: Future[Answer[_Result]] = Future()
+            future = self._pool.executor.submit(_do_batch, call, tasks, clock, self._pool.installation)
+        except Exception as error:  # noqa: BLE001 - as if it came a moment later, whatever the executor
             future.set_exception(error)
-            return future
+        return future
 
     def _recover(self) -> None:
         """Do lost batches again: together at first, and apart those whose workers were lost twice.
@@ -303,7 +303,8 @@ def run_in_order(
 ) -> Generator[_Result | LabrigError, None, None]:
     """Yield what each task came to, in the order of the tasks.
 
-    A bounded number of tasks is drawn ahead of the result that is waited for, so memory does not grow with them.
+    A bounded number of tasks is drawn ahead of the result that is waited for, so memory does not grow with them. When
+    the generator is closed, what has not begun is dropped.
 
     Parameters
     ----------

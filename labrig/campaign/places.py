@@ -14,7 +14,15 @@ _ANOTHER = "let that one end, or name another folder with --out"
 
 
 class Place(ABC):
-    """A flat folder of files that are written once and whole. Its text is what the user named it."""
+    """A flat folder of files that are written once and whole. Its text is what the user named it.
+
+    Attributes
+    ----------
+    folder : Path or None
+        The folder, if it is one of this computer.
+    """
+
+    folder: Path | None = None
 
     @abstractmethod
     def list_names(self) -> list[str]:
@@ -50,7 +58,7 @@ class _Folder(Place):
     """A folder of this computer, locked for this process."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.folder = self._path = path
         with disk_errors(path):
             path.mkdir(parents=True, exist_ok=True)
         self._lock = FileLock(path / LOCK).acquire("labrig campaign")

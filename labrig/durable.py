@@ -7,7 +7,6 @@ name that is renamed when they are complete (the view, exports). `tests/test_tid
 
 import errno
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -65,7 +64,7 @@ def write_and_rename(path: Path, content: bytes, *, sync: bool = True) -> None:
 @contextmanager
 def temporary_file(path: Path) -> Iterator[Path]:
     """Give an unused hidden name beside `path`; what stands there when the block ends is removed. Raises `OSError`."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    temporary = path.with_name(f".{path.name}.{os.urandom(8).hex()}.tmp")
     try:
         yield temporary
     finally:

@@ -8,8 +8,7 @@ import pandas as pd
 from labrig.analysis.comparison_result import Unit
 from labrig.analysis.measurements import MeasuredRun
 from labrig.errors import InputError
-from labrig.record.condition import find_paths
-from labrig.record.fields import BLOCK_NAME
+from labrig.record.condition import BLOCK_NAME, find_paths
 from labrig.text import format_count
 
 DEFAULT_FIELDS = ("needle_id", "gelatin_percent")

@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from types import NoneType
 from typing import Annotated, Any
 
 import typer
@@ -67,6 +68,7 @@ _UNLIMITED = 1_000_000
 _LEAST_COLUMNS = 20
 _WIDEST_TEXT = 100  # longer lines of prose are hard to read
 _INDENT = "  "
+_NUMBER = (int, float, NoneType)
 
 
 class SafeStandardError(io.TextIOBase):
@@ -221,14 +223,14 @@ def print_table(
         for row, line in zip(cells, below, strict=True):
             _print_block(heads, row, line)
         return
-    pads = [
-        str.rjust if rows and all(isinstance(row[i], int | float | None) for row in rows) else str.ljust
-        for i in range(len(heads))
-    ]
+    numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
+    padded = "  ".join(
+        f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True)
+    )
     lines: list[str] = []
     for cells_of_row, line in zip((heads, *cells), ("", *below), strict=True):
-        padded = [pad(cell, width) for pad, cell, width in zip(pads, cells_of_row, widths, strict=True)]
-        lines += ["  ".join(padded).rstrip(), *_wrap_remark(line)]
+        lines.append(padded.format(*cells_of_row).rstrip())
+        lines += _wrap_remark(line)
     print_line("\n".join(lines))  # one call: there may be thousands of rows
 
 
@@ -280,8 +282,9 @@ def _terminal_columns() -> int:
 def _format_cell(value: object) -> str:
     if value is None:
         return _UNKNOWN
-    return (
-        f"{value:.3f}"
-        if isinstance(value, float)
-        else escape_controls(str(value)).replace("\n", " ").replace("\t", " ")
-    )
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    text = str(value)
+    if text.isprintable():
+        return text
+    return escape_controls(text).replace("\n", " ").replace("\t", " ")

@@ -88,24 +88,27 @@ def list_(
         return
 
     folder = find_runs_dir(runs_dir)
-    with (
-        _no_collections(),
-        progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress,
-    ):
-        every = _find(folder, where, sort, show or (), reverse, progress)
+    with _no_collections():
+        with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
+            every = _find(folder, where, sort, show or (), reverse, progress)
+        if as_json:
+            print_json([_make_row(run) for run in every[:limit]])
+        elif every:
+            _print_list(every, limit)
+        elif where is not None and list_runs(folder):
+            say("no run matches")
+        else:
+            say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
+
+
+def _print_list(every: Sequence[FoundRun], limit: int | None) -> None:
+    """Print the first runs, what to do about those that were never closed, and how many more match."""
     found = every[:limit]
-    if as_json:
-        print_json([_make_row(run) for run in found])
-    elif found:
-        _print_runs(found)
-        for line in list_next_steps([run.summary for run in found]):
-            say(line)
-        if len(found) < len(every):
-            say(f"{len(every) - len(found)} more match")
-    elif where is not None and list_runs(folder):
-        say("no run matches")
-    else:
-        say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
+    _print_runs(found)
+    for line in list_next_steps([run.summary for run in found]):
+        say(line)
+    if len(found) < len(every):
+        say(f"{len(every) - len(found)} more match")
 
 
 @contextmanager

@@ -96,12 +96,13 @@ def list_runs(
 def sign_runs(runs_dir: Path) -> dict[str, str]:
     """Return the signature of the files that each run's summary is read from, by the name of the run's folder."""
     root = os.fspath(runs_dir)
-    signatures = {name: _sign_run(f"{root}/{name}") for name in _folders(runs_dir)}
-    return {
-        name: signature
-        for name, signature in signatures.items()
-        if not signature.startswith(NO_FILE) and not _is_export(f"{root}/{name}", signature)
-    }
+    signatures = {}
+    for name in _folders(runs_dir):
+        folder = f"{root}/{name}"
+        signature = _sign_run(folder)
+        if not signature.startswith(NO_FILE) and not _is_export(folder, signature):
+            signatures[name] = signature
+    return signatures
 
 
 def _is_export(folder: str, signature: str) -> bool:
@@ -114,8 +115,8 @@ def _sign_run(run: str) -> str:
     try:
         results = sorted(os.listdir(f"{run}/{ANALYSIS}"))  # noqa: PTH208 - of thousands of runs
     except OSError:
-        results = []
-    return signature_of(run, (*_SUMMARY_FILES, *(f"{ANALYSIS}/{number}/result.json" for number in results)))
+        return signature_of(run, _SUMMARY_FILES)
+    return signature_of(run, [*_SUMMARY_FILES, *[f"{ANALYSIS}/{number}/result.json" for number in results]])
 
 
 def read_summaries(

@@ -24,6 +24,12 @@ from difflib import get_close_matches
 from labrig.errors import InputError
 from labrig.record.json_lines import plain_text
 
+BLOCK_NAME = "block.name"
+"""The field with the name of a specimen that has a file."""
+
+ALWAYS_KNOWN = frozenset({"tag", "verdict", "verdict_reason", "note", BLOCK_NAME})
+"""Fields that may be searched for even if no run has them."""
+
 _MAX_DEPTH = 50
 _MAX_COMPARISONS = 1000
 # The usual fields; a hint names these out of the two hundred that a run has.
@@ -50,7 +56,7 @@ _TOKEN = re.compile(
 _JOINTS = frozenset({"and", "or", "not"})
 _SIGNS = frozenset({"=", "!=", "<", "<=", ">", ">=", "~"})
 _HAS = "run IN (SELECT run FROM held, json_each(held.leaf) AS each WHERE held.name = ?{})"
-_SHOWN = "shown(each.value, each.type)"
+_SHOWN = "iif(each.type = 'text', each.value, shown(each.value, each.type))"
 
 
 @dataclass(frozen=True)

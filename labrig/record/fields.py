@@ -11,17 +11,16 @@ from pathlib import Path
 from labrig.errors import FileFormatError, RecordError
 from labrig.input_file import read_file
 from labrig.protocol.yaml_tree import MAX_BYTES, load_yaml_values, parse_yaml_values
-from labrig.record.annotations import Annotations
+from labrig.record.annotations import Annotations, read_annotations
+from labrig.record.catalogue import RunSummary
 from labrig.record.json_lines import plain_text
 from labrig.record.layout import PROTOCOL, inside
+from labrig.record.manifest import is_newer, read_document
 from labrig.record.results import latest_result
-from labrig.record.run_index import Value
-from labrig.record.seal import Seal
+from labrig.record.run_index import Fields, Value
+from labrig.record.seal import Seal, read_seal
 
 _SECTION = re.compile(r"^(?=[A-Za-z_]\w*:\s)", re.MULTILINE)
-
-BLOCK_NAME = "block.name"
-"""The field with the name of a specimen that has a file; it may be searched for even if no run has one."""
 
 Leaves = dict[str, list[Value]]
 
@@ -44,6 +43,27 @@ _LONG_LISTS = ("measurements", "cells", "corners", "maps")
 _LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", *_LONG_LISTS})
 
 
+def read_fields(summary: RunSummary) -> Fields:
+    """Return all fields of a run; of a damaged run, or of a newer labrig's, those that a list shows."""
+    shown: Fields = {
+        "run": [summary.run.name],
+        "protocol": [summary.protocol],
+        "exit_status": [summary.exit_status],
+        "started": [summary.started],
+        "trials_done": [summary.trials_done],
+    }
+    try:
+        document = read_document(summary.run)
+        if is_newer(document):
+            return shown
+        seal = read_seal(summary.run, document)
+        annotations = _annotation_fields(read_annotations(summary.run, seal))
+        fields = {**shown, **manifest_fields(document), **_file_fields(summary.run, seal), **annotations}
+    except RecordError:
+        return shown
+    return {**fields, "exit_status": shown["exit_status"]}
+
+
 def manifest_fields(manifest: Mapping[str, object]) -> Leaves:
     """Return the values of a manifest by dotted path, and `duration_s`."""
     fields = _leaves(manifest, "", _LEFT_OUT)
@@ -51,11 +71,7 @@ def manifest_fields(manifest: Mapping[str, object]) -> Leaves:
     return fields if duration_s is None else {**fields, "duration_s": [duration_s]}
 
 
-ANNOTATION_FIELDS = frozenset({"tag", "verdict", "verdict_reason", "note"})
-"""Fields that may be searched for even if no run has an annotation."""
-
-
-def annotation_fields(annotations: Annotations) -> Leaves:
+def _annotation_fields(annotations: Annotations) -> Leaves:
     """Return tags, verdict and notes; an absent one has no value, so that no other field matches its name."""
     return {
         "tag": list(annotations.tags),
@@ -65,7 +81,7 @@ def annotation_fields(annotations: Annotations) -> Leaves:
     }
 
 
-def file_fields(run: Path, seal: Seal) -> Leaves:
+def _file_fields(run: Path, seal: Seal) -> Leaves:
     """Return the values of protocol.yaml and of the newest result; a file that cannot be read gives none."""
     fields: Leaves = {}
     with suppress(FileFormatError, RecordError):

@@ -11,7 +11,7 @@ import os
 import sqlite3
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
@@ -33,12 +33,15 @@ CREATE TABLE leaves (path INTEGER, run INTEGER, leaf TEXT, PRIMARY KEY (path, ru
 PRAGMA user_version = {_FORMAT:d};
 """
 _KNOWN = "SELECT text, path FROM paths WHERE EXISTS (SELECT 1 FROM leaves WHERE leaves.path = paths.path)"
+_ASKED = """
+CREATE TEMP TABLE asked (name TEXT, parts INTEGER, path INTEGER, PRIMARY KEY (name, parts, path)) WITHOUT ROWID
+"""
 # Of the paths that a name matches, those with the fewest parts in the run count.
 _HELD = """
-CREATE TEMP TABLE held AS SELECT run, name, leaf FROM (
-    SELECT run, path, name, leaf, rank() OVER (PARTITION BY run, name ORDER BY parts) AS place
-    FROM asked JOIN leaves USING (path)
-) WHERE place = 1 ORDER BY run, path
+CREATE TEMP TABLE held AS SELECT run, name, leaf FROM asked JOIN leaves USING (path) WHERE NOT EXISTS (
+    SELECT 1 FROM asked AS other JOIN leaves AS nearer USING (path)
+    WHERE other.name = asked.name AND other.parts < asked.parts AND nearer.run = leaves.run
+) ORDER BY run, path
 """
 
 Value: TypeAlias = str | int | float | bool | None
@@ -146,25 +149,25 @@ class RunIndex:
     ) -> dict[str, dict[str, tuple[Value, ...]]]:
         """Return the runs that fit a condition with their values under each name; call it once for an index."""
         known = self.known_paths()
-        self._index.execute("CREATE TEMP TABLE asked (name TEXT, path INTEGER, parts INTEGER)")
+        self._index.execute(_ASKED)
         self._index.executemany(
             "INSERT INTO asked VALUES (?, ?, ?)",
             [
-                (name, known[path], 0 if path == name else path.count("."))
-                for name in names
+                (name, 0 if path == name else path.count("."), known[path])
+                for name in dict.fromkeys(names)
                 for path in find_paths(name, known)
             ],
         )
         self._index.execute(_HELD)
-        held: dict[int, dict[str, dict[Value, None]]] = {}
-        values = cache(json.loads)
+        held: dict[tuple[int, str], tuple[Value, ...]] = {}
         for run, name, leaf in self._index.execute("SELECT run, name, leaf FROM held"):
-            held.setdefault(run, {}).setdefault(name, {}).update(dict.fromkeys(values(leaf)))
+            values, others = _decode_leaf(leaf), held.get((run, name))
+            held[run, name] = values if others is None else tuple(dict.fromkeys(others + values))
         sql, parameters = ("TRUE", ()) if condition is None else (condition.sql, condition.parameters)
         # Typed text is only in the parameters; the expression consists of this package's own words.
         fitting = self._index.execute(f"SELECT run, name FROM runs WHERE {sql}", parameters)  # noqa: S608
         return {
-            os.fsdecode(folder): {name: tuple(held.get(run, {}).get(name, ())) for name in names}
+            os.fsdecode(folder): {name: held.get((run, name), ()) for name in names}
             for run, folder in fitting
         }
 
@@ -223,6 +226,12 @@ def _open_index(place: str, source: Path | None = None) -> sqlite3.Connection:
 @lru_cache(maxsize=100_000, typed=True)  # most values occur in other runs too
 def _encode_leaf(*values: Value) -> str:
     return json.dumps(values, ensure_ascii=False)
+
+
+@lru_cache(maxsize=100_000)
+def _decode_leaf(text: str) -> tuple[Value, ...]:
+    """Return the values of a leaf, each once."""
+    return tuple(dict.fromkeys(json.loads(text)))
 
 
 def _format_value(value: Value, kind: str) -> str:

@@ -1,24 +1,14 @@
 """Finds the runs of a folder that fit a condition. It reads their protocols, which a plain list does not."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 
-from labrig.errors import RecordError
-from labrig.record.annotations import read_annotations
 from labrig.record.catalogue import FoundRun, RunSummary, read_summaries, sign_runs
-from labrig.record.condition import parse_condition, require_field
-from labrig.record.fields import (
-    ANNOTATION_FIELDS,
-    BLOCK_NAME,
-    annotation_fields,
-    file_fields,
-    manifest_fields,
-)
+from labrig.record.condition import ALWAYS_KNOWN, parse_condition, require_field
 from labrig.record.layout import PROTOCOL
-from labrig.record.manifest import is_newer, read_document
 from labrig.record.run_index import Fields, RunIndex, ShareDone, Value, ask_index, signature_of
-from labrig.record.seal import read_seal
 
 _SUMMARIES_SHARE = 0.25
 """Of the time that a search takes without an index."""
@@ -70,10 +60,10 @@ def find_runs(
         }
         index.refresh_leaves(
             whole,
-            lambda name: _fields(summaries[name]),
+            lambda name: _read_fields(summaries[name]),
             lambda share: progress(_SUMMARIES_SHARE + (1.0 - _SUMMARIES_SHARE) * share),
         )
-        known = index.known_paths().keys() | ANNOTATION_FIELDS | {BLOCK_NAME}
+        known = index.known_paths().keys() | ALWAYS_KNOWN
         if condition is not None:
             condition.require_known(known)
         if sort is not None:
@@ -100,22 +90,11 @@ def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
     return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")
 
 
-def _fields(summary: RunSummary) -> Fields:
-    """Return all fields of a run; of a damaged run, or of a newer labrig's, those that a list shows."""
-    shown: Fields = {
-        "run": [summary.run.name],
-        "protocol": [summary.protocol],
-        "exit_status": [summary.exit_status],
-        "started": [summary.started],
-        "trials_done": [summary.trials_done],
-    }
-    try:
-        document = read_document(summary.run)
-        if is_newer(document):
-            return shown
-        seal = read_seal(summary.run, document)
-        annotations = annotation_fields(read_annotations(summary.run, seal))
-        fields = {**shown, **manifest_fields(document), **file_fields(summary.run, seal), **annotations}
-    except RecordError:
-        return shown
-    return {**fields, "exit_status": shown["exit_status"]}
+def _read_fields(summary: RunSummary) -> Fields:
+    """Return all fields of a run that the index does not have.
+
+    What reads them, with the reader of YAML, is loaded for the first of them: that takes as long as a search for which
+    the index has everything.
+    """
+    read: Callable[[RunSummary], Fields] = import_module("labrig.record.fields").read_fields
+    return read(summary)

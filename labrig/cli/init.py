@@ -8,6 +8,7 @@ import typer
 
 from labrig import __version__
 from labrig.cli.output import AsJson, print_json, print_line, say, say_wrapped
+from labrig.cli.schemas import FileKind, make_schema
 
 
 def init(
@@ -54,20 +55,16 @@ def init(
 
 
 def _make_schemas() -> dict[str, bytes]:
-    """Return the schemas, which also know the experiments, drives and cameras of other packages."""
-    from labrig.devices.rig_file import rig_schema
-    from labrig.experiments.declared import list_usable_models
+    """Return the files with the schemas, by their place in a lab folder."""
     from labrig.lab.folder import PROTOCOL_SCHEMA, RIG_SCHEMA, SPECIMEN_SCHEMA
-    from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
-    from labrig.protocol.specimen_file import specimen_schema
 
-    schemas = {
-        PROTOCOL_SCHEMA: protocol_schema(list_usable_models()),
-        RIG_SCHEMA: rig_schema(),
-        SPECIMEN_SCHEMA: specimen_schema(),
+    kinds: dict[Path, FileKind] = {
+        PROTOCOL_SCHEMA: "protocol",
+        RIG_SCHEMA: "rig",
+        SPECIMEN_SCHEMA: "specimen",
     }
-    return {place.as_posix(): schema_text(schema).encode("utf-8") for place, schema in schemas.items()}
+    return {place.as_posix(): schema_text(make_schema(of)).encode("utf-8") for place, of in kinds.items()}
 
 
 def _print(

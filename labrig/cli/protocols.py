@@ -1,7 +1,7 @@
 """`labrig check` and `labrig schema`: what protocol and rig file hold, before anything moves."""
 
 from dataclasses import asdict
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -24,9 +24,17 @@ from labrig.cli.output import (
     say,
 )
 from labrig.cli.plugin_faults import find_plugin_faults
+from labrig.cli.schemas import FileKind, make_schema
 from labrig.devices.clocks import SystemClock
 from labrig.errors import FileFormatError, Problem
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
+
+_PLUGINS: dict[FileKind, tuple[str, ...]] = {
+    "protocol": (EXPERIMENTS,),
+    "rig": (DRIVES, CAMERAS),
+    "specimen": (),
+}
+"""The plugins that the schema of each kind of file knows."""
 
 
 def check(
@@ -121,26 +129,13 @@ def _print_check(
 
 def schema(
     of: Annotated[
-        Literal["protocol", "rig", "specimen"],
+        FileKind,
         typer.Argument(metavar="[protocol|rig|specimen]", help="Kind of file."),
     ] = "protocol",
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema, with which editors complete and check the YAML files."""
-    from labrig.experiments.declared import list_usable_models
-    from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 
-    if of == "protocol":
-        _report_plugin_faults(EXPERIMENTS)
-        print_line(schema_text(protocol_schema(list_usable_models())).rstrip())
-        return
-    if of == "specimen":
-        from labrig.protocol.specimen_file import specimen_schema
-
-        print_line(schema_text(specimen_schema()).rstrip())
-        return
-    from labrig.devices.rig_file import rig_schema
-
-    _report_plugin_faults(DRIVES, CAMERAS)
-    print_line(schema_text(rig_schema()).rstrip())
+    _report_plugin_faults(*_PLUGINS[of])
+    print_line(schema_text(make_schema(of)).rstrip())

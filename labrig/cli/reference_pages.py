@@ -1,5 +1,6 @@
 """The pages of the manual that are generated when they are read: protocol and rig files, and the commands."""
 
+from labrig.cli.schemas import make_schema
 from labrig.report.manual import ManualPage
 
 _FOOT = (
@@ -8,20 +9,17 @@ _FOOT = (
 
 
 def _write_protocol_reference() -> str:
-    from labrig.experiments.declared import list_usable_models
-    from labrig.protocol.load import protocol_schema
     from labrig.protocol.reference import write_reference
 
     said = "A protocol names its experiment; the other keys follow from that. " + _FOOT.format("")
-    return write_reference(protocol_schema(list_usable_models()), _PROTOCOL, said)
+    return write_reference(make_schema("protocol"), _PROTOCOL, said)
 
 
 def _write_rig_reference() -> str:
-    from labrig.devices.rig_file import rig_schema
     from labrig.protocol.reference import write_reference
 
     said = "A rig file says how the bench is built. " + _FOOT.format(" rig")
-    return write_reference(rig_schema(), _RIG, said)
+    return write_reference(make_schema("rig"), _RIG, said)
 
 
 def _write_commands_reference() -> str:

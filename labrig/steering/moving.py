@@ -44,10 +44,13 @@ class Displacement:
 
 @dataclass(frozen=True)
 class Displacements:
-    """The measured displacements of target and obstacles; None for what is not followed."""
+    """The measured displacements of target and obstacles; None for what is not followed.
 
-    target: Displacement | None
-    obstacles: tuple[Displacement | None, ...]
+    No obstacle is followed if `obstacles` is empty.
+    """
+
+    target: Displacement | None = None
+    obstacles: tuple[Displacement | None, ...] = ()
 
     @classmethod
     def by_marker(cls, marker_ids: Sequence[int | None], moved: Mapping[int, Displacement]) -> Self:
@@ -56,10 +59,13 @@ class Displacements:
         Parameters
         ----------
         marker_ids : sequence of int or None
-            The markers of the target and of each obstacle, the target's first; None for what is bound to none.
+            The markers of the target and of each obstacle, the target's first; None for what is bound to none, and
+            empty if nothing is bound.
         moved : mapping
             The displacement of each marker that is known.
         """
+        if not marker_ids:
+            return cls()
         target, *obstacles = (None if marker_id is None else moved.get(marker_id) for marker_id in marker_ids)
         return cls(target, tuple(obstacles))
 
@@ -71,7 +77,7 @@ class Displacements:
         """Return obstacles where they are now."""
         return tuple(
             obstacle if moved is None else replace(obstacle, position_mm=moved.move(obstacle.position_mm))
-            for obstacle, moved in zip(obstacles, self.obstacles, strict=True)
+            for obstacle, moved in zip(obstacles, self.obstacles or (None,) * len(obstacles), strict=True)
         )
 
 
@@ -99,6 +105,20 @@ def move_obstacles(
     return tuple(
         replace(obstacle, position_mm=_move(obstacle.position_mm, rate, inserted_mm))
         for obstacle, rate in zip(obstacles, motion.obstacles, strict=True)
+    )
+
+
+def locate_places(
+    target_mm: Point,
+    obstacles: tuple[Obstacle, ...],
+    motion: Motion | None,
+    inserted_mm: float,
+    displacements: Displacements,
+) -> tuple[Point, tuple[Obstacle, ...]]:
+    """Return where target and obstacles are at an insertion length, told or measured."""
+    return (
+        displacements.move_target(move_target(target_mm, motion, inserted_mm)),
+        displacements.move_obstacles(move_obstacles(obstacles, motion, inserted_mm)),
     )
 
 

@@ -50,10 +50,10 @@ def _find_plan(trial: InsertionTrial, t_s: float) -> Sequence[Point]:
 
 
 def _draw_scene(trial: InsertionTrial, depth_mm: float, frame: int, plane: PlaneMap) -> Iterator[Stroke]:
-    for ball in trial.locate_obstacles(depth_mm, frame):
+    target_mm, obstacles = trial.locate_places(depth_mm, frame)
+    for ball in obstacles:
         yield Stroke(circle(ball.position_mm[1:], ball.radius_mm, plane), OBSTACLE, name="obstacle")
-    target_mm = trial.locate_target(depth_mm, frame)[1:]
-    yield Stroke(circle(target_mm, trial.tolerance_mm, plane), TARGET, name="target")
+    yield Stroke(circle(target_mm[1:], trial.tolerance_mm, plane), TARGET, name="target")
 
 
 def _draw_tip(step: InsertionStep, plane: PlaneMap) -> Iterator[Stroke]:
@@ -70,8 +70,8 @@ def _draw_line(points_mm: Sequence[Point], colour: Colour, name: str, plane: Pla
 
 
 def _write_caption(trial: InsertionTrial, step: InsertionStep) -> str:
-    target_mm = trial.locate_target(step.depth_mm, step.frame)[1:]
-    left_mm = math.dist(step.estimate_mm, target_mm)
+    target_mm, _ = trial.locate_places(step.depth_mm, step.frame)
+    left_mm = math.dist(step.estimate_mm, target_mm[1:])
     time_s = step.t_s - trial.start_t_s
     return f"{step.depth_mm:.1f} mm inserted, {time_s:.0f} s, {left_mm:.1f} mm to the target"
 

@@ -286,8 +286,7 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         return None
     width, height = size_of(image)
     taken = [step.estimate_mm for step in trial.steps if step.depth_mm <= moment.depth_mm + 1e-6]
-    target_mm = trial.locate_target(moment.depth_mm, moment.frame)[1:]
-    obstacles = trial.locate_obstacles(moment.depth_mm, moment.frame)
+    (_, *target_mm), obstacles = trial.locate_places(moment.depth_mm, moment.frame)
     last = moment.frame == trial.final_frame
     scale_mm, scale = scale_bar((width, height), plane)
     return Panel(

@@ -7,7 +7,7 @@ from typing import Literal, Self
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
 from labrig.protocol.model import Model
-from labrig.steering.moving import Displacement, Displacements, Motion, move_obstacles, move_target
+from labrig.steering.moving import Displacement, Displacements, Motion, locate_places
 from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as Point3
 from labrig.steering.sighting_noise import NisVerdict
@@ -220,23 +220,15 @@ class InsertionTrial(Model):
     marker_steps: tuple[MarkerStep, ...] = ()
     commands: tuple[InsertionCommand, ...] = ()
 
-    def locate_target(self, depth_mm: float, frame: int) -> Point3:
-        """Return where the target (x, y, z) was at an insertion length, in a picture."""
-        return self._find_displacements(frame).move_target(move_target(self.target_mm, self.motion, depth_mm))
-
-    def locate_obstacles(self, depth_mm: float, frame: int) -> tuple[Obstacle, ...]:
-        """Return the obstacles where they were at an insertion length, in a picture."""
-        return self._find_displacements(frame).move_obstacles(
-            move_obstacles(self.obstacles, self.motion, depth_mm)
-        )
-
-    def _find_displacements(self, frame: int) -> Displacements:
+    def locate_places(self, depth_mm: float, frame: int) -> tuple[Point3, tuple[Obstacle, ...]]:
+        """Return where the target (x, y, z) and the obstacles were at an insertion length, in a picture."""
         moved = {
             step.marker_id: Displacement(step.displacement_mm, step.sd_mm)
             for step in self.marker_steps
             if step.frame <= frame
         }
-        return Displacements.by_marker(self.marker_ids or (None,) * (1 + len(self.obstacles)), moved)
+        displacements = Displacements.by_marker(self.marker_ids, moved)
+        return locate_places(self.target_mm, self.obstacles, self.motion, depth_mm, displacements)
 
 
 class InsertionRow(Model):

@@ -26,7 +26,7 @@ from labrig.record.reader import Run
 from labrig.report.pictures import circle
 from labrig.report.record_drawing import CAMERA, EVENTS, set_time
 from labrig.report.view import View, Words
-from labrig.steering.moving import Displacement, Displacements, move_obstacles, move_target
+from labrig.steering.moving import Displacement, Displacements, locate_places
 from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as SpacePoint
 from labrig.vision.plane import PlaneMap
@@ -64,11 +64,10 @@ class _LiveScene:
     def at(self, inserted_mm: float) -> _Scene:
         """Return the scene at an insertion length."""
         start = self.start
-        target_mm = move_target(start.target_mm, start.motion, inserted_mm)
-        obstacles = move_obstacles(start.obstacles, start.motion, inserted_mm)
-        if start.marker_ids:
-            moved = Displacements.by_marker(start.marker_ids, self.moved)
-            target_mm, obstacles = moved.move_target(target_mm), moved.move_obstacles(obstacles)
+        displacements = Displacements.by_marker(start.marker_ids, self.moved)
+        target_mm, obstacles = locate_places(
+            start.target_mm, start.obstacles, start.motion, inserted_mm, displacements
+        )
         moves = start.motion is not None or bool(start.marker_ids)
         return _Scene(target_mm, start.tolerance_mm, obstacles, moves)
 
@@ -188,12 +187,9 @@ def _send(content: InsertionResult, drawing: _Drawing, stream: rr.RecordingStrea
 
 
 def _find_scene(trial: InsertionTrial, step: InsertionStep) -> _Scene:
-    return _Scene(
-        trial.locate_target(step.depth_mm, step.frame),
-        trial.tolerance_mm,
-        trial.locate_obstacles(step.depth_mm, step.frame),
-        moves=trial.motion is not None or bool(trial.marker_ids),
-    )
+    target_mm, obstacles = trial.locate_places(step.depth_mm, step.frame)
+    moves = trial.motion is not None or bool(trial.marker_ids)
+    return _Scene(target_mm, trial.tolerance_mm, obstacles, moves)
 
 
 def _follow(

@@ -20,12 +20,17 @@ _COLUMNS = "typer.rich_utils"
 _NEVER_SHOWN = {"rich.markdown": "Markdown", "rich.traceback": "Traceback"}
 
 
-class HelpfulCommand(TyperCommand):
-    """A command whose help cuts no names: where columns would, each text stands below its name."""
+class _PlainParams:
+    """A command or a group, mixed in: plain values need no validators."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, with those of typer's own."""
-        return spare_validators(super().get_params(ctx))
+        params = super().get_params(ctx)  # type: ignore[misc]  # the class that it is mixed into has it
+        return spare_validators(params)
+
+
+class HelpfulCommand(_PlainParams, TyperCommand):
+    """A command whose help cuts no names: where columns would, each text stands below its name."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
@@ -36,12 +41,8 @@ class HelpfulCommand(TyperCommand):
             formatter.write(_stack(self, ctx))
 
 
-class ColumnsGroup(TyperGroup):
+class ColumnsGroup(_PlainParams, TyperGroup):
     """A group of commands whose help stands in columns."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, with those of typer's own."""
-        return spare_validators(super().get_params(ctx))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, with the texts of the group's commands."""

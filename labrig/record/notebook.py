@@ -10,6 +10,6 @@ def make_html_table(caption: str, rows: Iterable[tuple[str, object]]) -> str:
         f'<tr><th style="text-align:left">{escape(name)}</th>'
         f'<td style="text-align:left">{escape(str(value))}</td></tr>'
         for name, value in rows
-        if value not in {None, ""}
+        if value is not None and value != ""
     )
     return f"<table><caption>{escape(caption)}</caption>{cells}</table>"

@@ -1,12 +1,12 @@
 """The pages of the manual: Markdown in the package, and what a reference is generated from."""
 
 import posixpath
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 
-from labrig.report.markdown import find_headings, find_links, parse
+from labrig.report.markdown import find_headings, parse
 
 INDEX = "index"
 KINDS = {
@@ -83,7 +83,6 @@ def is_elsewhere(address: str) -> bool:
     return ":" in address.partition("/")[0]
 
 
-def find_linked_files(page: ManualPage) -> set[str]:
-    """Return the files that a page links to, from the manual's folder; pages and pictures among them."""
-    links = find_links(parse(page.read()))
-    return {find_target(page.place, link) for link in links if not is_elsewhere(link)}
+def find_linked_files(place: str, links: Iterable[str]) -> set[str]:
+    """Return the files that the links of a page lead to, from the manual's folder; pages and pictures among them."""
+    return {find_target(place, link) for link in links if not is_elsewhere(link)}

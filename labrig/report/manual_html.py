@@ -6,6 +6,8 @@ import posixpath
 from collections.abc import Sequence
 from pathlib import Path
 
+from markdown_it.token import Token
+
 from labrig.durable import disk_errors, write_and_rename
 from labrig.report.manual import (
     KINDS,
@@ -15,7 +17,7 @@ from labrig.report.manual import (
     find_target,
     is_elsewhere,
 )
-from labrig.report.markdown import find_headings, make_html, parse
+from labrig.report.markdown import find_headings, find_links, make_html, parse
 from labrig.report.writing import TEMPLATES, render
 
 
@@ -27,9 +29,11 @@ def write_html(pages: Sequence[ManualPage], folder: Path, version: str) -> None:
     DiskError
         When a file cannot be written.
     """
+    linked: set[str] = set()
     for page in pages:
-        _write(folder / f"{page.place}.html", render_page(page, pages, version).encode("utf-8"))
-    linked = {name for page in pages for name in find_linked_files(page)}
+        tokens = parse(page.read())
+        linked |= find_linked_files(page.place, find_links(tokens))
+        _write(folder / f"{page.place}.html", render_page(page, tokens, pages, version).encode("utf-8"))
     for name in sorted(linked - {f"{page.place}.md" for page in pages}):
         if not _guess_picture(name) and (find_manual() / name).is_file():
             _write(folder / name, (find_manual() / name).read_bytes())
@@ -41,13 +45,12 @@ def _write(path: Path, content: bytes) -> None:
     write_and_rename(path, content, sync=False)
 
 
-def render_page(page: ManualPage, pages: Sequence[ManualPage], version: str) -> str:
-    """Return a page as HTML, with links to all pages."""
-    text = page.read()
+def render_page(page: ManualPage, tokens: Sequence[Token], pages: Sequence[ManualPage], version: str) -> str:
+    """Return a page as HTML, with links to all pages; `tokens` is its text, parsed."""
     shown = {
         "title": page.title,
-        "body": make_html(text, lambda address: _change_address(page, pages, address)),
-        "headings": [heading for heading in find_headings(parse(text)) if heading.level == 2],
+        "body": make_html(tokens, lambda address: _change_address(page, pages, address)),
+        "headings": [heading for heading in find_headings(tokens) if heading.level == 2],
         "contents": [(kind, [other for other in pages if other.kind == kind]) for kind in ("", *KINDS)],
         "names": KINDS,
         "here": page.place,

@@ -15,6 +15,10 @@ Change: TypeAlias = Callable[[str], str]
 """Returns the address that takes the place of an address in the text."""
 
 
+_ADDRESSES = {"link_open": "href", "image": "src"}
+"""The attribute with the address of each kind of token that has one."""
+
+
 @dataclass(frozen=True)
 class Heading:
     """A heading of a page.
@@ -73,8 +77,10 @@ def make_anchor(heading: str) -> str:
 
 def find_links(tokens: Sequence[Token]) -> Iterator[str]:
     """Yield the address of each link and picture."""
-    for _, _, address in _find_addresses(tokens):
-        yield address
+    for token in tokens:
+        for child in token.children or ():
+            if child.type in _ADDRESSES:
+                yield str(child.attrs[_ADDRESSES[child.type]])
 
 
 def find_fences(tokens: Sequence[Token]) -> list[Fence]:
@@ -101,30 +107,31 @@ def _read_text(inline: Token) -> str:
     )
 
 
-def _find_addresses(tokens: Sequence[Token]) -> Iterator[tuple[Token, str, str]]:
-    """Yield each link and picture with the attribute that holds its address."""
-    for token in tokens:
-        for child in token.children or ():
-            attribute = {"link_open": "href", "image": "src"}.get(child.type)
-            if attribute is not None:
-                yield child, attribute, str(child.attrs[attribute])
-
-
-def make_html(text: str, change: Change) -> Markup:
-    """Return a text as HTML, with an anchor at each heading.
+def make_html(tokens: Sequence[Token], change: Change) -> Markup:
+    """Return a parsed text as HTML, with an anchor at each heading.
 
     Parameters
     ----------
-    text : str
-        Markdown.
+    tokens : sequence of Token
+        The text, from `parse`; it stays as it is.
     change : callable
         Takes the address of each link and picture, and returns what stands in its place.
     """
+    headings = iter(find_headings(tokens))
+    shown = [
+        token.copy(attrs={**token.attrs, "id": next(headings).anchor})
+        if token.type == "heading_open"
+        else _change_addresses(token, change)
+        for token in tokens
+    ]
     parser = _make_parser()
-    tokens = parser.parse(text)
-    opened = (token for token in tokens if token.type == "heading_open")
-    for token, heading in zip(opened, find_headings(tokens), strict=True):
-        token.attrs["id"] = heading.anchor
-    for token, attribute, address in _find_addresses(tokens):
-        token.attrs[attribute] = change(address)
-    return Markup(parser.renderer.render(tokens, parser.options, {}))  # noqa: S704 - its renderer escapes all text
+    return Markup(parser.renderer.render(shown, parser.options, {}))  # noqa: S704 - its renderer escapes all text
+
+
+def _change_addresses(token: Token, change: Change) -> Token:
+    attribute = _ADDRESSES.get(token.type)
+    if attribute is not None:
+        return token.copy(attrs={**token.attrs, attribute: change(str(token.attrs[attribute]))})
+    if token.children:
+        return token.copy(children=[_change_addresses(child, change) for child in token.children])
+    return token

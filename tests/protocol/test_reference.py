@@ -53,7 +53,7 @@ def test_a_section_stands_once_with_the_keys_that_lead_to_it() -> None:
 
 def test_a_description_stays_text() -> None:
     """Markup in a description or a default shows as it was written."""
-    html = make_html(write_reference(model_schema(_File, "file"), "Files", "Hello."), str)
+    html = make_html(parse(write_reference(model_schema(_File, "file"), "Files", "Hello.")), str)
     assert "| &lt;b&gt;x&lt;/b&gt;." in html
     assert "<code>name|word</code>" in html
     assert "a|b" in html

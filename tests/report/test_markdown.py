@@ -27,7 +27,7 @@ labrig check
 def test_html_in_markdown_stays_text() -> None:
     """Neither a tag, nor an attribute, nor an address that runs a script gets through."""
     text = "<script>alert(1)</script>\n\n[x](javascript:alert(1)) <b onclick=x>\n\n![x](data:text/html,y)"
-    html = make_html(text, lambda address: address)
+    html = make_html(parse(text), lambda address: address)
     assert "&lt;script&gt;" in html
     assert not {"<script", "<b ", "href=", "src="} & {
         word for word in ("<script", "<b ", "href=", "src=") if word in html
@@ -38,7 +38,7 @@ def test_headings_have_anchors_of_their_own() -> None:
     """As GitHub and MyST make them, numbered where two headings are the same."""
     headings = find_headings(parse(PAGE))
     assert [heading.anchor for heading in headings] == ["camera--lens", "options---px", "options---px-1"]
-    html = make_html(PAGE, lambda address: address)
+    html = make_html(parse(PAGE), lambda address: address)
     assert all(f'id="{heading.anchor}"' in html for heading in headings)
 
 
@@ -52,6 +52,6 @@ def test_links_pictures_fences_and_prose_are_found() -> None:
 
 def test_addresses_are_changed() -> None:
     """Those of links and of pictures."""
-    html = make_html("[a](b.md) ![c](d.svg)", lambda address: f"new/{address}")
+    html = make_html(parse("[a](b.md) ![c](d.svg)"), lambda address: f"new/{address}")
     assert 'href="new/b.md"' in html
     assert 'src="new/d.svg"' in html

@@ -171,6 +171,9 @@ class Guards:
         )
 
 
+MIXED_LOOKS = 3
+"""The level of which the first records read targets every 0.05 s, and the later ones every 0.15 s."""
+
 GUARDED = Guards()
 """Every guard, as a new run has them."""
 

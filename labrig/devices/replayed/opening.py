@@ -10,7 +10,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.recording import Recording
-from labrig.devices.rig import WHOLE, Guards, Opening, Rig
+from labrig.devices.rig import MIXED_LOOKS, WHOLE, Guards, Opening, Rig
 from labrig.devices.rig_file import RigDescription, kept_name, load_rig
 from labrig.errors import InputError
 from labrig.plugins import require_devices_installed
@@ -68,9 +68,9 @@ def open_replayed(
         When connecting differs already, or the record ends while connecting.
     """
     hardware = ReplayedHardware(description, recording, comparison)
-    guards = Guards.recorded(
-        recording.guards, exact=recording.exact, sparing=not _asks_targets_often(recording)
-    )
+    # To find out takes a look at every frame.
+    sparing = recording.guards != MIXED_LOOKS or not _asks_targets_often(recording)
+    guards = Guards.recorded(recording.guards, exact=recording.exact, sparing=sparing)
     with closing(hardware.open_link()) as link:
         rig = Rig(
             description,

@@ -13,7 +13,8 @@ from labrig.clock import Clock
 from labrig.errors import LabrigError
 
 _KEEP_S = 2.0
-"""At most so long a row waits to be kept; what a killed labrig has not kept is computed again."""
+_KEEP_SHARE = 0.01
+"""A row waits to be kept for at most so long, or this share of the time so far; a killed labrig computes it again."""
 _KEEP_ROWS = 5000
 
 Compute = Callable[[Iterable[TaskOrder]], Generator[TaskOutcome | LabrigError, None, None]]
@@ -90,11 +91,13 @@ class _RowBuffer:
         self._store = store
         self._clock = clock
         self._rows: list[Row] = []
-        self._kept_s = clock.now_s()
+        self._begin_s = self._kept_s = clock.now_s()
 
     def add(self, row: Row) -> None:
         self._rows.append(row)
-        if len(self._rows) >= _KEEP_ROWS or self._clock.now_s() - self._kept_s >= _KEEP_S:
+        now_s = self._clock.now_s()
+        patience_s = max(_KEEP_S, _KEEP_SHARE * (now_s - self._begin_s))
+        if len(self._rows) >= _KEEP_ROWS or now_s - self._kept_s >= patience_s:
             self.close()
 
     def close(self) -> None:

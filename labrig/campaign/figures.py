@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
@@ -121,7 +122,12 @@ def _draw_line(axes: Axes, arms: Sequence[ArmResult], key: str, look: Mark, labe
         label=_shorten(label),
     )
     axes.plot(
-        x, [arm.median or 0.0 for arm in ordered], look.marker, color=look.colour, fillstyle="none", markersize=6
+        x,
+        [arm.median or 0.0 for arm in ordered],
+        look.marker,
+        color=look.colour,
+        fillstyle="none",
+        markersize=6,
     )
 
 
@@ -226,12 +232,20 @@ def draw_settling(result: CampaignResult) -> DrawnFigure | None:
                 label=_shorten(name),
             )
         axes.set_xscale("log")
+        for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+            axis(FuncFormatter(_format_repetitions))
         axes.set_xlabel("repetitions")
         axes.set_ylabel(f"mean {result.measure}")
         axes.grid(visible=True)
         if len(known) > 1:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return svg(figure, "settling")
+
+
+def _format_repetitions(value: float, _place: int) -> str:
+    """Return the label of a tick: 1, 2 or 5 times a power of ten; nothing between."""
+    digits = f"{value:.0f}"
+    return digits if digits.rstrip("0") in {"1", "2", "5"} else ""
 
 
 def _shorten(name: str) -> str:

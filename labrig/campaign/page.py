@@ -32,7 +32,7 @@ from labrig.text import format_count
 
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
-_SIGNIFICANT = 3
+_SIGNIFICANT = 2
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ from labrig.protocol.model import Model
 _WORST = 5
 _LOOKS = 40
 """Points of a curve that shows how a mean settled."""
+_FIRST_LOOK = 5
+"""Repetitions; the interval of fewer is so wide that nothing else would be seen beside it."""
 
 
 class WorstCase(Model):
@@ -173,7 +175,7 @@ def _follow_mean(rows: pd.DataFrame, measure: str) -> tuple[SettlingPoint, ...]:
 
 def _choose_looks(most: int) -> Sequence[int]:
     """Return numbers of repetitions up to the last, evenly on a logarithmic scale."""
-    if most < 2:
+    if most <= _FIRST_LOOK:
         return [most] if most else []
-    step = math.log(most) / _LOOKS
-    return sorted({round(math.exp(step * index)) for index in range(_LOOKS + 1)})
+    step = math.log(most / _FIRST_LOOK) / _LOOKS
+    return sorted({round(_FIRST_LOOK * math.exp(step * index)) for index in range(_LOOKS + 1)})

@@ -1,5 +1,6 @@
 """`labrig campaign`: repeats a protocol virtually, thousands of times, and writes one table and its page."""
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -87,11 +88,16 @@ def _load(file: Path, rig: Path | None) -> "LoadedCampaign":
     from labrig.campaign.inputs import CampaignFiles, load_campaign
 
     content = load_campaign_file(file)
-    base = file.parent / content.base
-    named = rig if content.rig is None or rig is not None else file.parent / content.rig
+    base = _resolve(file, content.base)
+    named = rig if content.rig is None or rig is not None else _resolve(file, content.rig)
     files = CampaignFiles(file, base, lambda: find_rig_file(named, base))
     with progress_if_slow("reading the arms", SystemClock(), shown=True) as report:
         return load_campaign(files, content, report)
+
+
+def _resolve(file: Path, name: str) -> Path:
+    """Return a file that a campaign file names, relative to the working folder as that is."""
+    return Path(os.path.normpath(file.parent / name))
 
 
 def _conduct(

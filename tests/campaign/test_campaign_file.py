@@ -1,0 +1,108 @@
+"""The campaign file: what it refuses before anything is computed."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.campaign.campaign_file import MOST_ARMS, load_campaign_file
+from labrig.errors import FileFormatError, InputError
+from tests.campaign.campaigns import PROTOCOLS, RIGS, load, write_campaign
+
+GRID = {f"policy.{name}": list(range(1000)) for name in ("near_mm", "final_mm", "backlash_mm")}
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"vary": GRID}, "1000000000 arms"),
+        ({"sample": {"method": "sobol", "n": 100, "keys": {"target.sd_mm": [0, 1]}}}, "no power of two"),
+        ({"sample": {"method": "sobol", "n": 64, "keys": {"target.sd_mm": [1, 1]}}}, "the range is empty"),
+        ({"vary": {"target.sd_mm": [0, 1]}, "set": {"target.sd_mm": 1}}, "in vary and in set"),
+        ({"repetitions": 9_000_000, "vary": {"target.sd_mm": [0, 1]}}, "18000000 tasks"),
+        ({"repetitions": 40, "stop_when": {"ci95_width_mm": 0.1, "at_most": 39}}, "must be at least 40"),
+        ({"stop_when": {"ci95_width_mm": 0.1, "at_most": 20}}, "must be at least 30"),
+        ({"campaign": "../elsewhere"}, "campaign"),
+        ({"depth": "picture"}, "depth"),
+    ],
+)
+def test_a_campaign_that_cannot_be_meant_is_refused(
+    tmp_path: Path, keys: dict[str, object], message: str
+) -> None:
+    """Too many arms or tasks, empty ranges, a key given twice, a rule that looks too early, a name that is a path."""
+    with pytest.raises(FileFormatError) as caught:
+        load_campaign_file(write_campaign(tmp_path, **keys))
+    assert message in str(caught.value.problems)
+
+
+def test_a_protocol_or_a_rig_file_is_named_as_such() -> None:
+    """Instead of a list of missing keys."""
+    for file, word in (
+        (PROTOCOLS / "insertion.yaml", "a protocol"),
+        (RIGS / "rig-simulated.yaml", "a rig file"),
+    ):
+        with pytest.raises(FileFormatError, match=f"this is {word}, expected a campaign file"):
+            load_campaign_file(file)
+
+
+def test_the_largest_grid_is_taken(tmp_path: Path) -> None:
+    """Up to the limit."""
+    path = write_campaign(tmp_path, vary={"policy.near_mm": list(range(MOST_ARMS))})
+    assert load_campaign_file(path).arm_count == MOST_ARMS
+
+
+@pytest.mark.parametrize(
+    ("keys", "where", "message"),
+    [
+        ({"vary": {"policy.replan_evry_mm": [5]}}, "replan_evry_mm", "unknown key"),
+        ({"vary": {"policy.replan_every_mm": [5, -1]}}, "arm replan_every_mm=-1", "replan_every_mm"),
+        ({"set": {"rig.world.noise": 1}}, "world.noise", "unknown key"),
+        ({"sample": {"method": "sobol", "n": 8, "keys": {"target.sd_mm": [-1, 1]}}}, "target.sd_mm", "-1"),
+        (
+            {"sample": {"method": "sobol", "n": 8, "keys": {"rig.world.noise": [0, 1]}}},
+            "world.noise",
+            "unknown key",
+        ),
+    ],
+)
+def test_a_key_or_value_that_the_base_protocol_does_not_take_is_refused_with_its_arm(
+    tmp_path: Path, keys: dict[str, object], where: str, message: str
+) -> None:
+    """Before the first task, those at the ends of sampled ranges too."""
+    path = write_campaign(tmp_path, **keys)
+    with pytest.raises(FileFormatError) as caught:
+        load(path)
+    problem = caught.value.problems[0]
+    assert str(path) in problem.where
+    assert where in problem.where
+    assert message in problem.message
+
+
+def test_only_simulated_rigs_take_part(tmp_path: Path) -> None:
+    """A campaign moves nothing real."""
+    with pytest.raises(InputError, match="simulated rigs only"):
+        load(write_campaign(tmp_path), RIGS / "rig-bench.yaml")
+
+
+def test_an_experiment_without_a_virtual_form_needs_whole_runs(tmp_path: Path) -> None:
+    """The hint names the depth."""
+    path = write_campaign(tmp_path, base=str(PROTOCOLS / "roll-zero.yaml"), measure="sd_deg")
+    with pytest.raises(InputError) as caught:
+        load(path)
+    assert "depth: rig" in caught.value.hint
+
+
+def test_arms_of_two_experiments_are_two_campaigns(tmp_path: Path) -> None:
+    """One table has the rows of one experiment."""
+    arms = {"a": {}, "b": {"experiment": "steerability"}}
+    with pytest.raises((InputError, FileFormatError)):
+        load(write_campaign(tmp_path, arms=arms))
+
+
+def test_the_measure_is_that_of_the_experiment_unless_the_campaign_names_another(tmp_path: Path) -> None:
+    """With the tolerance of the protocol, which the campaign may replace; another measure has none by itself."""
+    own = load(write_campaign(tmp_path)).by
+    assert (own.measure, own.tolerance) == ("true_target_error_mm", 2.0)
+    stricter = load(write_campaign(tmp_path, tolerance=0.5)).by
+    assert (stricter.measure, stricter.tolerance) == ("true_target_error_mm", 0.5)
+    other = load(write_campaign(tmp_path, measure="replans")).by
+    assert (other.measure, other.tolerance) == ("replans", None)

@@ -1,0 +1,95 @@
+"""The result of a campaign and its page: what they state, and that what a user wrote stays text."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from labrig.campaign.inputs import LoadedCampaign
+from labrig.campaign.page import write_page
+from labrig.campaign.result import CampaignResult, make_result
+from labrig.campaign.tasks import CampaignTasks
+from tests.campaign.campaigns import Law, computing, load, write_campaign
+from tests.report.conftest import HOSTILE
+
+NOW = datetime(2026, 11, 23, tzinfo=UTC)
+INFINITE = float("inf")
+
+
+def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFrame]:
+    """Return the result and the table of a campaign whose tasks follow a law."""
+    tasks = CampaignTasks(loaded)
+    table = pd.DataFrame(list(tasks.make_rows(0, computing(law)(tasks.list_orders(0)))))
+    return make_result(loaded, table, tasks=tasks.count), table
+
+
+def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
+    """Those without a value first, then the largest; with every changed key, quoted for a shell, and the seed."""
+    keys = {"vary": {"policy.replan_every_mm": [5, 10]}, "set": {"policy.near_mm": 0}, "repetitions": 20}
+    loaded = load(write_campaign(tmp_path, **keys))
+    without = next(CampaignTasks(loaded).list_orders(6)).seed
+    result, _ = found(loaded, lambda order: None if order.seed == without else order.seed % 100 / 50.0)
+    first, second, third, *_ = result.worst
+    assert (first.value, first.task, second.value, second.task) == (None, 6, None, 7)
+    assert (
+        third.value == max(float(value) for value in (arm.q90 or 0.0 for arm in result.arms)) or third.value
+    )
+    assert first.command[:3] == ("labrig", "run", str(loaded.files.base))
+    assert first.command[-6:] == (
+        "--seed", str(without), "--set", "policy.near_mm=0", "--set", "policy.replan_every_mm=5"
+    )  # fmt: skip
+
+
+def test_a_curve_of_means_ends_at_the_mean_of_all(tmp_path: Path) -> None:
+    """After all repetitions."""
+    result, table = found(
+        load(write_campaign(tmp_path, repetitions=50)), lambda order: order.seed % 100 / 50.0
+    )
+    assert result.settling["base"][-1].repetitions == 50
+    assert result.settling["base"][-1].mean == pytest.approx(table["true_target_error_mm"].mean())
+
+
+def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> None:
+    """A sample of two keys with a tolerance has a map with the obstacles; failed tasks are counted with their error."""
+    keys = {
+        "vary": {"policy.replan_every_mm": [5, 10]},
+        "sample": {
+            "method": "sobol",
+            "n": 16,
+            "keys": {"target.position_mm.2": [80, 105], "target.position_mm.1": [-4, 8]},
+        },
+    }
+    loaded = load(write_campaign(tmp_path, **keys))
+    failing = next(CampaignTasks(loaded).list_orders(3)).seed
+    result, table = found(
+        loaded, lambda order: INFINITE if order.seed == failing else order.seed % 100 / 30.0
+    )
+    page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
+    assert result.failed == 2
+    for text in (
+        "a process died",
+        "Differences from replan_every_mm=5",
+        "Map of replan_every_mm=10",
+        "16 by sobol",
+    ):
+        assert text in page
+    assert (tmp_path / "map-1.pdf").is_file()
+    assert "mathdefault" not in page
+
+
+def test_a_page_without_a_single_value_is_written_too(tmp_path: Path) -> None:
+    """Every task failed."""
+    loaded = load(write_campaign(tmp_path, vary={"policy.replan_every_mm": [5, 10]}))
+    result, table = found(loaded, lambda _: INFINITE)
+    assert "2 tasks failed" in write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
+
+
+def test_what_a_user_wrote_stays_text_on_the_page(tmp_path: Path) -> None:
+    """Title, names of arms, and values."""
+    arms = {HOSTILE[:60]: {}, "b": {}}
+    loaded = load(write_campaign(tmp_path, title=HOSTILE, arms=arms))
+    result, table = found(loaded, lambda _: 1.0)
+    page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
+    assert HOSTILE not in page
+    assert "<script>alert" not in page

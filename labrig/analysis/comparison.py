@@ -30,8 +30,9 @@ from labrig.analysis.group_tests import (
     fit_slope,
     has_spread,
 )
+from labrig.analysis.measured_campaign import MeasuredCampaign
 from labrig.analysis.measurement_groups import ALIASES, choose_unit, find_blocks, group_rows, order_groups
-from labrig.analysis.measurements import LeftOut, MeasuredRun, join_measurements
+from labrig.analysis.measurements import LeftOut, Measured, join_measurements
 from labrig.analysis.shared_errors import ErrorsByOrigin, sum_by_origin, total_errors, widen
 from labrig.analysis.statistics import compute_spread
 from labrig.errors import InputError
@@ -58,7 +59,7 @@ class ComparedRuns:
 
 
 def compare_runs(
-    runs: Sequence[MeasuredRun],
+    runs: Sequence[Measured],
     left_out: Sequence[LeftOut] = (),
     *,
     quantity: str | None = None,
@@ -69,7 +70,7 @@ def compare_runs(
 
     Parameters
     ----------
-    runs : sequence of MeasuredRun
+    runs : sequence of Measured
         Runs with their results.
     left_out : sequence of LeftOut
         Runs that could not be opened, to be listed.
@@ -99,12 +100,28 @@ def compare_runs(
     grouped = grouped.assign(block=pd.Series(find_blocks(grouped, used), dtype=object))
     unit_of_analysis, unit_notes = choose_unit(grouped, unit)
     comparison = _compare(used, grouped, wanted, chosen, unit_of_analysis)
-    told = (*unit_notes, *notes, *_note_shared_blocks(grouped), *_list_warnings(comparison))
+    told = (
+        *unit_notes,
+        *notes,
+        *_note_shared_blocks(grouped),
+        *_note_shared_seeds(used),
+        *_list_warnings(comparison),
+    )
     final = comparison.model_copy(update={"warnings": told, "left_out": omitted})
     return ComparedRuns(final, grouped)
 
 
-def _choose_quantity(runs: Sequence[MeasuredRun]) -> str:
+def _note_shared_seeds(runs: Sequence[Measured]) -> Iterable[str]:
+    """Yield what has to be read with the groups of a campaign."""
+    shared = [run.name for run in runs if isinstance(run, MeasuredCampaign)]
+    if shared:
+        yield (
+            f"The arms of {_list_some(shared)} share their seeds. Here they count as independent; the campaign's own "
+            "page has the differences of pairs, whose intervals are narrower."
+        )
+
+
+def _choose_quantity(runs: Sequence[Measured]) -> str:
     measuring = [run for run in runs if run.quantities]
     for name in DEFAULT_QUANTITIES:
         if measuring and all(run.find_table(name) is not None for run in measuring):
@@ -114,7 +131,7 @@ def _choose_quantity(runs: Sequence[MeasuredRun]) -> str:
     )
 
 
-def _hint_at_quantities(runs: Sequence[MeasuredRun]) -> str:
+def _hint_at_quantities(runs: Sequence[Measured]) -> str:
     known = list(dict.fromkeys(name for run in runs for name in run.quantities if not _is_error_bar(name)))
     if not known:
         return "none of them has measurements of trials"
@@ -128,9 +145,7 @@ def _is_error_bar(name: str) -> bool:
     return any(part in name for part in _INTERVALS)
 
 
-def _split_by_quantity(
-    runs: Sequence[MeasuredRun], quantity: str
-) -> tuple[list[MeasuredRun], list[MeasuredRun]]:
+def _split_by_quantity(runs: Sequence[Measured], quantity: str) -> tuple[list[Measured], list[Measured]]:
     used = [run for run in runs if quantity.rpartition(".")[2] and run.find_table(quantity) is not None]
     if runs and not used:
         known = [name for run in runs for name in run.quantities]
@@ -140,7 +155,7 @@ def _split_by_quantity(
     return used, [run for run in runs if run not in used]
 
 
-def _read_rows(runs: Sequence[MeasuredRun], quantity: str) -> pd.DataFrame:
+def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
     """Return the measurements with the column `value`, empty where it was refused, and those of shared errors."""
     column = quantity.rpartition(".")[2]
     tables = []
@@ -172,7 +187,7 @@ def _note_shared_blocks(rows: pd.DataFrame) -> list[str]:
 
 
 def _compare(
-    runs: Sequence[MeasuredRun], rows: pd.DataFrame, quantity: str, by: tuple[str, ...], unit: Unit
+    runs: Sequence[Measured], rows: pd.DataFrame, quantity: str, by: tuple[str, ...], unit: Unit
 ) -> Comparison:
     names = order_groups(rows, by)
     parts = {name: rows[(rows["group"] == name) & rows["value"].notna()] for name in names}
@@ -311,7 +326,7 @@ def _check_assumptions(names: Sequence[str], samples: Samples) -> Iterable[Assum
         )
 
 
-def _find_differing_settings(runs: Sequence[MeasuredRun]) -> dict[str, dict[str, tuple[str, ...]]]:
+def _find_differing_settings(runs: Sequence[Measured]) -> dict[str, dict[str, tuple[str, ...]]]:
     keys = dict.fromkeys(key for run in runs for key in run.settings)
     found: dict[str, dict[str, tuple[str, ...]]] = {}
     for key in keys:
@@ -325,15 +340,14 @@ def _find_differing_settings(runs: Sequence[MeasuredRun]) -> dict[str, dict[str,
     return found
 
 
-def _describe_run(run: MeasuredRun) -> UsedRun:
-    manifest = run.run.manifest
+def _describe_run(run: Measured) -> UsedRun:
     return UsedRun(
         run=run.name,
-        experiment=str(manifest.get("experiment")),
+        experiment=run.experiment,
         result=run.number,
         overrides=run.overrides,
-        exit_status=str(manifest.get("exit_status")),
-        verdict=run.run.annotations.verdict,
+        exit_status=run.exit_status,
+        verdict=run.verdict,
         simulated=run.is_simulated,
     )
 

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 import pandas as pd
 
 from labrig.analysis.comparison_result import Unit
-from labrig.analysis.measurements import MeasuredRun
+from labrig.analysis.measurements import Measured
 from labrig.errors import InputError
 from labrig.record.condition import BLOCK_NAME, find_paths
 from labrig.text import format_count
@@ -14,15 +14,17 @@ from labrig.text import format_count
 DEFAULT_FIELDS = ("needle_id", "gelatin_percent")
 ALIASES: Mapping[str, str] = {"needle": "needle_id", "gel": "gelatin_percent", "gel ratio": "gelatin_percent"}
 _FALLBACK = "run"
+_ARM = "arm"
+"""Of a campaign's task."""
 
 
 def group_rows(
-    rows: pd.DataFrame, runs: Sequence[MeasuredRun], by: tuple[str, ...]
+    rows: pd.DataFrame, runs: Sequence[Measured], by: tuple[str, ...]
 ) -> tuple[pd.DataFrame, tuple[str, ...], list[str]]:
     """Put measurements into groups by the values of some fields.
 
-    Without fields these are needle and gel; a measurement that names neither, as an imported one, is in the group of
-    its run, and so are all where needle and gel are the same in all runs.
+    Without fields these are needle and gel, or the arm of a campaign. A measurement that names neither, as an imported
+    one, is in the group of its run, and so are all where needle and gel are the same in all runs.
 
     Returns
     -------
@@ -38,7 +40,9 @@ def group_rows(
     InputError
         When a field is not known, or there is only one group.
     """
-    fields = by or tuple(name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any())
+    fields = by or tuple(
+        name for name in (*DEFAULT_FIELDS, _ARM) if name in rows and rows[name].notna().any()
+    )
     grouped = _label_rows(rows, runs, fields, fill=not by)
     notes = []
     if not by and len(runs) > 1 and _count_groups(grouped) < 2:
@@ -56,7 +60,7 @@ def group_rows(
 
 
 def _label_rows(
-    rows: pd.DataFrame, runs: Sequence[MeasuredRun], fields: Sequence[str], *, fill: bool
+    rows: pd.DataFrame, runs: Sequence[Measured], fields: Sequence[str], *, fill: bool
 ) -> pd.DataFrame:
     """Return the rows with group and fields; `fill` puts rows of unknown fields into the group of their run."""
     columns = {name: _find_values(rows, runs, name) for name in fields}
@@ -85,7 +89,7 @@ def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
     return InputError(f"nothing to compare: {what}", f"{others}name more runs")
 
 
-def _find_values(rows: pd.DataFrame, runs: Sequence[MeasuredRun], name: str) -> list[str | None]:
+def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> list[str | None]:
     """Return the value of a field for each row, as text; a field of the run has that of its run."""
     if name in rows:
         return [None if pd.isna(value) else _to_text(value) for value in rows[name]]
@@ -102,11 +106,11 @@ def _find_values(rows: pd.DataFrame, runs: Sequence[MeasuredRun], name: str) -> 
     return [by_run[run] for run in rows["run"]]
 
 
-def _find_run_value(run: MeasuredRun, name: str) -> str | None:
+def _find_run_value(run: Measured, name: str) -> str | None:
     return ", ".join(_list_run_values(run, name)) or None
 
 
-def _list_run_values(run: MeasuredRun, name: str) -> tuple[str, ...]:
+def _list_run_values(run: Measured, name: str) -> tuple[str, ...]:
     """Return the values of a field of manifest or protocol, each once."""
     values = [
         _to_text(value)
@@ -134,7 +138,7 @@ def _name_group(by: Sequence[str], values: Sequence[str | None]) -> str | None:
     return ", ".join(parts)
 
 
-def find_blocks(rows: pd.DataFrame, runs: Sequence[MeasuredRun]) -> list[str | None]:
+def find_blocks(rows: pd.DataFrame, runs: Sequence[Measured]) -> list[str | None]:
     """Return the block of gel of each row: a specimen of a run; None where none is named.
 
     A specimen with a file is one block in all runs. Others are different blocks in different runs, whatever their

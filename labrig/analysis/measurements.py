@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from labrig.analysis.measured_campaign import MeasuredCampaign, is_campaign, open_measured_campaign
 from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
@@ -82,6 +83,26 @@ class MeasuredRun:
     columns: Mapping[str, tuple[str, ...]]
 
     @property
+    def path(self) -> Path:
+        """The folder of the run."""
+        return self.run.path
+
+    @property
+    def experiment(self) -> str:
+        """The experiment of the run."""
+        return str(self.run.manifest.get("experiment"))
+
+    @property
+    def exit_status(self) -> str:
+        """How the run ended."""
+        return str(self.run.manifest.get("exit_status"))
+
+    @property
+    def verdict(self) -> str | None:
+        """What a person judged of it; None if nobody did."""
+        return self.run.annotations.verdict
+
+    @property
     def calibration(self) -> Mapping[str, str]:
         """The SHA-256 of each calibration file of the run."""
         return {name: str(sha) for name, sha in calibration_sha256(self.run.manifest).items()}
@@ -144,7 +165,7 @@ class MeasuredRun:
             rows = rows.merge(trials[added], on="trial", how="left")
         about = {
             "run": self.name,
-            "experiment": str(self.run.manifest.get("experiment")),
+            "experiment": self.experiment,
             "result": self.number,
             "started": [_find_time(self.run, t_s) for t_s in rows.get("start_t_s", [None] * len(rows))],
             "left_out": _explain_left_out(self.run, rows["trial"]),
@@ -167,6 +188,10 @@ class MeasuredRun:
         for name in texts:
             rows[name] = rows[name].map(unescape_formula, na_action="ignore")
         return rows
+
+
+Measured: TypeAlias = MeasuredRun | MeasuredCampaign
+"""What comparisons take: a run with a result, or a campaign."""
 
 
 def open_measured_run(path: Path, *, own_settings: bool = False) -> MeasuredRun:
@@ -202,19 +227,25 @@ def open_measured_run(path: Path, *, own_settings: bool = False) -> MeasuredRun:
 
 def open_measured_runs(
     paths: Sequence[Path], *, own_settings: bool = False, progress: Callable[[float], None] = lambda _: None
-) -> tuple[list[MeasuredRun], list[LeftOut]]:
-    """Open runs, each once; those that cannot be used are returned with the reason. Raises nothing for them."""
-    measured, left_out = [], []
+) -> tuple[list[Measured], list[LeftOut]]:
+    """Open runs and campaigns, each once; those that cannot be used are returned with the reason, not raised."""
+    measured: list[Measured] = []
+    left_out = []
     once = list({path.resolve(): path for path in paths}.values())
     for done, path in enumerate(once, start=1):
         try:
-            measured.append(open_measured_run(path, own_settings=own_settings))
+            measured.append(_open_measured(path, own_settings=own_settings))
         except LabrigError as error:
             left_out.append(LeftOut(path, error))
         progress(done / len(once))
     names = Counter(run.name for run in measured)
-    unique = [run if names[run.name] == 1 else replace(run, name=str(run.run.path)) for run in measured]
-    return unique, left_out
+    return [run if names[run.name] == 1 else replace(run, name=str(run.path)) for run in measured], left_out
+
+
+def _open_measured(path: Path, *, own_settings: bool) -> Measured:
+    if is_campaign(path):
+        return open_measured_campaign(path)
+    return open_measured_run(path, own_settings=own_settings)
 
 
 class Measurements(pd.DataFrame):
@@ -239,7 +270,7 @@ def load_runs(
     where : str or None
         The condition that a run has to fit, as for `labrig runs --where`; None: every run.
     runs_dir : Path, str or None
-        Folder of the runs; None: the one that `labrig runs` lists.
+        Folder of the runs, or of one campaign; None: the runs that `labrig runs` lists.
     table : str or None
         The table of the results; None: the first one that each lists, as `measurements` or `insertions`.
 
@@ -255,14 +286,13 @@ def load_runs(
     InputError
         When the condition cannot be read.
     """
-    found = find_runs(choose_runs_dir().path if runs_dir is None else Path(runs_dir), where)
-    measured, left_out = open_measured_runs([run.summary.run for run in found])
+    measured, left_out = open_measured_runs(_find_runs(where, runs_dir))
     reasons = {str(run.run): run.error.message for run in left_out}
     tables = []
     for run in measured:
         wanted = next(iter(run.columns), None) if table is None else table
         if wanted is None or wanted not in run.columns:
-            reasons[str(run.run.path)] = "its result has no such table of measurements"
+            reasons[str(run.path)] = "its result has no such table of measurements"
         else:
             tables.append(run.read_measurements(wanted))
     if reasons:
@@ -270,6 +300,18 @@ def load_runs(
     joined = Measurements(join_measurements(tables))
     joined.attrs["left_out"] = reasons
     return joined
+
+
+def _find_runs(where: str | None, runs_dir: Path | str | None) -> list[Path]:
+    folder = choose_runs_dir().path if runs_dir is None else Path(runs_dir)
+    if not is_campaign(folder):
+        return [found.summary.run for found in find_runs(folder, where)]
+    if where is not None:
+        raise InputError(
+            f"{folder} is a campaign, which has no runs to choose from",
+            "leave out the condition, and choose among the rows of the table",
+        )
+    return [folder]
 
 
 def join_measurements(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:

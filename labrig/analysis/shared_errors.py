@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from labrig.analysis.calibration import INTRINSICS_FILE, PLANE_FILE
-from labrig.analysis.measurements import MeasuredRun
+from labrig.analysis.measurements import Measured
 from labrig.protocol.model import Model
 
 Interval = tuple[float, float]
@@ -36,7 +36,7 @@ ErrorsByOrigin: TypeAlias = Mapping[str, Mapping[tuple[str, ...], float] | None]
 
 
 def sum_by_origin(
-    part: pd.DataFrame, units: "pd.Series[float]", stem: str, runs: Sequence[MeasuredRun]
+    part: pd.DataFrame, units: "pd.Series[float]", stem: str, runs: Sequence[Measured]
 ) -> ErrorsByOrigin:
     """Return what each calibration, mounting of the needle and lamp contributes to the mean of a group.
 

@@ -7,7 +7,6 @@ after a kill, a full disk or a lost connection is the beginning of the table, an
 import hashlib
 import io
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any, Self
@@ -17,13 +16,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from labrig.analysis.installation import describe_installation
+from labrig.analysis.measured_campaign import DOCUMENT, PART
 from labrig.campaign.places import Place, open_place
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import parse_json
 from labrig.record.json_lines import encode_document
 
-DOCUMENT = "campaign.json"
-_PART = re.compile(r"part-(\d{6})\.parquet")
 _OWNER, _FIRST = b"labrig.campaign", b"labrig.first_task"
 _ELSEWHERE = "name another folder with --out"
 _GO_ON = "the rows of {done} tasks are kept, and the same command goes on behind them"
@@ -195,7 +193,7 @@ class CampaignStore:
 
     def _find_done(self) -> None:
         """Count the tasks that parts hold; of the last part, if its writing was cut short, none."""
-        names = [name for name in self._place.list_names() if _PART.fullmatch(name)]
+        names = [name for name in self._place.list_names() if PART.fullmatch(name)]
         for number, name in enumerate(names):
             if name != f"part-{number:06d}.parquet":
                 raise RecordError(

@@ -12,14 +12,16 @@ from labrig.cli.output import AsJson, print_json, print_line, print_table, say, 
 from labrig.cli.progress import progress_if_slow, show_working
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
-from labrig.lab.folder import COMPARISONS, find_in_lab
+from labrig.lab.folder import CAMPAIGNS, COMPARISONS, find_in_lab
 from labrig.text import interval, number
 
 
 def compare(
     run_paths: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="RUN...", help="Folders of runs, their names in the runs folder, or last."),
+        typer.Argument(
+            metavar="RUN...", help="Folders of runs or campaigns, their names in the lab folder, or last."
+        ),
     ] = None,
     where: Annotated[
         str | None,
@@ -104,13 +106,21 @@ def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> li
             'for example labrig compare A B, or labrig compare --where "tag=pilot"',
         )
     if where is None:
-        return [require_run_folder(run, runs_dir) for run in named]
+        return [_find_campaign(run) or require_run_folder(run, runs_dir) for run in named]
     from labrig.record.search import find_runs
 
     found = [run.summary.run for run in find_runs(runs_dir, where)]
     if not found:
         raise InputError(f"no run in {runs_dir} matches {where!r}", "labrig runs lists the runs")
     return found
+
+
+def _find_campaign(named: Path) -> Path | None:
+    """Return the folder of a campaign that is given by its folder, or by its name in the lab folder."""
+    from labrig.analysis.measured_campaign import is_campaign
+
+    in_lab = find_in_lab(CAMPAIGNS) / named
+    return next((folder for folder in (named, in_lab) if is_campaign(folder)), None)
 
 
 def _write(compared: Any, out: Path | None, *, force: bool) -> Path:

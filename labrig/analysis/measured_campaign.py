@@ -1,0 +1,147 @@
+"""A campaign among measured runs: each task is a measurement, and each simulated block of gel its own.
+
+`DOCUMENT` and `PART` are what a campaign's folder consists of; who writes them is `labrig.campaign.store`.
+"""
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from labrig.errors import RecordError
+from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
+from labrig.record.fields import manifest_fields
+
+DOCUMENT = "campaign.json"
+PART = re.compile(r"part-(\d{6})\.parquet")
+TABLE = "tasks"
+_NOT_MEASURED = frozenset(
+    {"task", "arm", "point", "repetition", "seed", "exit_status", "reason", "error", "trial", "specimen"}
+)
+_AGAIN = "restore it from a copy, or make the campaign again"
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCampaign:
+    """A campaign and its table, as comparisons and `load_runs` take it.
+
+    Attributes
+    ----------
+    path : Path
+        Its folder.
+    name : str
+        Its name; its path, where several have that name.
+    document : Mapping
+        What decided its rows.
+    tasks : DataFrame
+        A row for each task.
+    """
+
+    path: Path
+    name: str
+    document: Mapping[str, object]
+    tasks: pd.DataFrame
+    number: int = 0
+    settings: Mapping[str, object] = field(default_factory=dict)
+    overrides: tuple[str, ...] = ()
+    not_in_interval: tuple[str, ...] | None = None
+    is_simulated: bool = True
+    verdict: str | None = None
+
+    @property
+    def experiment(self) -> str:
+        """The experiment whose protocol it repeats."""
+        protocol = self.document.get("protocol")
+        return str(protocol.get("experiment")) if isinstance(protocol, Mapping) else "unknown"
+
+    @property
+    def exit_status(self) -> str:
+        """Always success: a campaign can be read at any time."""
+        return "success"
+
+    @property
+    def calibration(self) -> Mapping[str, str]:
+        """The SHA-256 of each calibration file of its rig."""
+        kept = self.document.get("calibration")
+        return {str(name): str(sha) for name, sha in kept.items()} if isinstance(kept, Mapping) else {}
+
+    @cached_property
+    def fields(self) -> Mapping[str, Sequence[object]]:
+        """The values of its base protocol and its rig by dotted path."""
+        return manifest_fields({name: self.document.get(name) for name in ("protocol", "rig")})
+
+    @property
+    def columns(self) -> Mapping[str, tuple[str, ...]]:
+        """The columns of its one table."""
+        return {TABLE: tuple(map(str, self.tasks.columns))}
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The columns that may hold a quantity."""
+        return tuple(name for name in self.columns[TABLE] if name not in _NOT_MEASURED)
+
+    def find_table(self, column: str) -> str | None:
+        """Return the name of its table if that has the column, or the column of `TABLE.COLUMN`; else None."""
+        known = self.columns[TABLE]
+        return TABLE if column in known or column.removeprefix(f"{TABLE}.") in known else None
+
+    def read_measurements(self, table: str) -> pd.DataFrame:  # noqa: ARG002 - it has one
+        """Return a row for each task, with the columns of `MeasuredRun.read_measurements`; failed ones are left out."""
+        about = {
+            "run": self.name,
+            "experiment": self.experiment,
+            "result": self.number,
+            "started": None,
+            "left_out": self.tasks["error"].map(lambda error: None if pd.isna(error) else str(error)),
+            "trial": self.tasks["task"],
+            "specimen": self.tasks["task"].map("task {}".format),
+        }
+        return pd.concat([pd.DataFrame(about, index=self.tasks.index), self.tasks], axis=1)
+
+
+def is_campaign(folder: Path) -> bool:
+    """Return whether a folder is that of a campaign."""
+    return (folder / DOCUMENT).is_file()
+
+
+def open_measured_campaign(folder: Path) -> MeasuredCampaign:
+    """Read a campaign: its document, and the rows that are there.
+
+    Raises
+    ------
+    RecordError
+        When the document or a part is damaged or missing.
+    """
+    names = sorted(path.name for path in folder.iterdir() if PART.fullmatch(path.name))
+    for number, name in enumerate(names):
+        if name != f"part-{number:06d}.parquet":
+            raise RecordError(f"{folder}/part-{number:06d}.parquet is missing", _AGAIN)
+    parts = [_read_part(folder / name) for name in names]
+    empty = pa.table(
+        {"task": pa.array([], pa.int64()), "arm": pa.array([], pa.string()), "error": pa.nulls(0)}
+    )
+    tasks = pa.concat_tables(parts, promote_options="permissive") if parts else empty
+    return MeasuredCampaign(folder, folder.resolve().name, _read_document(folder), tasks.to_pandas())
+
+
+def _read_document(folder: Path) -> Mapping[str, object]:
+    try:
+        kept: Any = parse_json(read_file(folder / DOCUMENT, MAX_RESULT_BYTES))
+        return {**kept["document"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordError(f"{folder / DOCUMENT} is damaged: {error}", _AGAIN) from error
+
+
+def _read_part(path: Path) -> pa.Table:
+    try:
+        content = io.BytesIO(read_file(path, MAX_RESULT_BYTES))
+        return pq.read_table(content, page_checksum_verification=True)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordError(f"{path} is damaged: {error}", _AGAIN) from error

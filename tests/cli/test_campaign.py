@@ -1,0 +1,125 @@
+"""`labrig campaign`: what it prints, writes, goes on with and refuses."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from labrig.analysis import load_runs
+from tests.campaign.campaigns import PROTOCOLS, write_campaign
+from tests.cli.conftest import RIG, Labrig
+
+ARMS = {"vary": {"policy.replan_every_mm": [10, 40]}}
+FAST = {
+    "policy.deviation_mm": None,
+    "policy.near_mm": 0,
+    "policy.final_mm": 0,
+    "obstacles": [],
+    "target.position_mm": [0, 2, 60],
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a campaign file with two arms."""
+    folder = tmp_path_factory.mktemp("campaign")
+    write_campaign(folder, **ARMS, set=FAST, repetitions=2)
+    return folder
+
+
+def test_a_campaign_prints_the_keys_that_others_rely_on_and_goes_on(labrig: Labrig, made: Path) -> None:
+    """Arms with their means and shares; a second start with more repetitions keeps the rows that are there."""
+    command = (
+        "campaign",
+        made / "campaign-tried.yaml",
+        "--rig",
+        RIG,
+        "--out",
+        made / "out",
+        "--workers",
+        2,
+        "--json",
+    )
+    done = labrig(*command)
+    assert done.exit_code == 0, done.err
+    document = done.json()
+    assert (document["tasks"], document["done"], document["failed"]) == (4, 4, 0)
+    assert document["campaign"] == document["table"] == str(made / "out")
+    first = document["arms"][0]
+    assert first["name"] == "replan_every_mm=10"
+    assert first["n"] == 2
+    assert 0 < first["mean_error_mm"] < 30
+    assert first["ci95_mm"][0] < first["mean_error_mm"] < first["ci95_mm"][1]
+    assert first["within_tolerance"] in {0, 1, 2}
+    assert Path(document["report"]).read_text(encoding="utf-8").startswith("<!doctype html>")
+    before = pd.read_parquet(made / "out" / "part-000000.parquet")
+    write_campaign(made, **ARMS, set=FAST, repetitions=3)
+    again = labrig(*command)
+    assert "4 of 6 tasks are done" in again.err
+    assert again.json()["done"] == 6
+    pd.testing.assert_frame_equal(before, pd.read_parquet(made / "out" / "part-000000.parquet"))
+
+
+def test_the_order_of_workers_changes_nothing(labrig: Labrig, made: Path) -> None:
+    """One process and three give the same rows."""
+    tables = []
+    for workers in (1, 3):
+        out = made / f"by-{workers}"
+        file = made / "campaign-tried.yaml"
+        assert labrig("campaign", file, "--rig", RIG, "--out", out, "--workers", workers).exit_code == 0
+        tables.append(load_runs(runs_dir=out).drop(columns=["run"]))
+    pd.testing.assert_frame_equal(*tables)
+
+
+def test_a_campaign_is_compared_as_runs_are(labrig: Labrig, made: Path, tmp_path: Path) -> None:
+    """Its arms are the groups, and it is said that they share their seeds."""
+    labrig("campaign", made / "campaign-tried.yaml", "--rig", RIG, "--out", made / "out")
+    quantity = ("--quantity", "true_target_error_mm", "--out", tmp_path / "compared", "--json")
+    done = labrig("compare", made / "out", *quantity)
+    assert done.exit_code == 0, done.err
+    document = done.json()
+    assert [group["name"] for group in document["groups"]] == [
+        "arm replan_every_mm=10",
+        "arm replan_every_mm=40",
+    ]
+    assert any("share their seeds" in sentence for sentence in document["warnings"])
+
+
+def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_path: Path) -> None:
+    """Of any experiment: here a sweep with one insertion; its quantities are those of its result."""
+    sweep = {
+        "specimens": [{"name": "gel", "gelatin_percent": 13}],
+        "insertions_per_specimen": 1,
+        "insertion.length_mm": 22,
+        "insertion.speed_mm_s": 5,
+        "insertion.frame_every_mm": 20,
+    }
+    file = write_campaign(tmp_path, base=str(PROTOCOLS / "steerability.yaml"), depth="rig", set=sweep)
+    done = labrig("campaign", file, "--rig", RIG, "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.err
+    document = done.json()
+    assert document["measure"] == "mean_radius_mm"
+    assert 25 < document["arms"][0]["mean"] < 32
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--workers", 2, "--cluster", "tcp://127.0.0.1:1"), "exclude each other"),
+        (("--rig", "calibration/rig-bench.yaml"), "simulated rigs only"),
+    ],
+)
+def test_what_cannot_be_computed_is_refused(
+    labrig: Labrig, made: Path, options: tuple[object, ...], message: str
+) -> None:
+    """Before a folder is made."""
+    done = labrig("campaign", made / "campaign-tried.yaml", *options, "--out", made / "none")
+    assert done.exit_code == 2
+    assert message in done.err
+    assert not (made / "none").exists()
+
+
+def test_a_campaign_needs_a_name(labrig: Labrig) -> None:
+    """And says how one is named; an unknown name lists the campaigns."""
+    assert "labrig campaign campaign-" in labrig("campaign").err
+    assert "there is no protocol campaign-x" in labrig("campaign", "campaign-x").err

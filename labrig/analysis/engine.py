@@ -11,7 +11,7 @@ import os
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ _LARGEST_BATCH = 1000
 # Batches submitted for each worker while the first one is waited for: no worker idles behind a long task, or while the
 # results are written, and what waits takes little memory.
 _BATCHES_AHEAD = 16
-_MOST_LOSSES = 2
+_MOST_DEATHS = 2
 _MEMORY_HINT = "free some memory, or use fewer processes, and try again"
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -72,12 +72,18 @@ class Pool(ABC):
         """Return how many batches are done at a time, at least 1."""
 
     @abstractmethod
-    def is_loss(self, error: BaseException) -> bool:
-        """Return whether a batch that ended so has lost its worker, and may be done again."""
+    def count_deaths(self, error: BaseException) -> int | None:
+        """Return how many workers may have died of a batch that ended so; None if it was not lost with a worker."""
 
     @abstractmethod
     def renew(self) -> None:
-        """Replace what a lost worker broke. When this returns, the future of every batch that was lost is done."""
+        """Replace what a lost worker broke; afterwards the future of every batch that was lost is done.
+
+        Raises
+        ------
+        MachineError
+            When no worker can be had.
+        """
 
     @abstractmethod
     def require_usable(self, error: BaseException) -> None:
@@ -109,8 +115,8 @@ class _ProcessPool(Pool):
     def count_workers(self) -> int:
         return self._workers
 
-    def is_loss(self, error: BaseException) -> bool:
-        return isinstance(error, BrokenProcessPool)
+    def count_deaths(self, error: BaseException) -> int | None:
+        return 1 if isinstance(error, BrokenProcessPool) else None
 
     def renew(self) -> None:
         self.close()
@@ -161,8 +167,8 @@ class Batch(Generic[_Result]):
     tasks: Sequence[Any]
     clock: Clock | None
     future: "Future[Answer[_Result]]"
-    losses: int = 0
-    """How often its worker may have been lost by it."""
+    deaths: int = 0
+    """How many workers may have died of it."""
 
 
 class WorkQueue:
@@ -195,7 +201,7 @@ class WorkQueue:
             When the pool can do no further task.
         """
         while (error := _wait_for_error(batch.future)) is not None:
-            if self._pool.is_loss(error):
+            if self._pool.count_deaths(error) is not None:
                 self._recover()
             else:
                 self._require_usable(error)
@@ -207,13 +213,13 @@ class WorkQueue:
         """Submit a call; return a function that waits for its result, or raises the `LabrigError` that it came to."""
         batch = self.submit(_call_without_task, [call])
 
-        def wait() -> _Result:
+        def wait_for_result() -> _Result:
             (outcome,) = self.wait(batch).outcomes
             if isinstance(outcome, LabrigError):
                 raise outcome
             return outcome
 
-        return wait
+        return wait_for_result
 
     def map(self, call: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Iterator[_Result]:
         """Do all tasks, as `Executor.map` does; the first one that fails raises its `LabrigError`."""
@@ -237,24 +243,25 @@ class WorkQueue:
         return future
 
     def _recover(self) -> None:
-        """Do lost batches again: together at first, and apart those whose workers were lost twice.
+        """Do lost batches again: together at first, and apart those of which workers may have died twice.
 
         A process pool loses every batch with a worker. Those that were being done are among the first ones, as many as
         there are workers.
         """
         self._pool.renew()
-        lost = [batch for batch in self._pending if self._is_lost(batch)]
-        for suspect in lost[: self._pool.count_workers()]:
-            suspect.losses += 1
-            if suspect.losses >= _MOST_LOSSES:
+        lost = {batch: deaths for batch in self._pending if (deaths := self._count_deaths(batch)) is not None}
+        for suspect in list(lost)[: self._pool.count_workers()]:
+            suspect.deaths += lost[suspect]
+            if suspect.deaths >= _MOST_DEATHS:
                 self._do_apart(suspect)
+                del lost[suspect]
         for batch in lost:
-            if batch.losses < _MOST_LOSSES:
-                batch.future = self._send(batch.call, batch.tasks, batch.clock)
+            batch.future = self._send(batch.call, batch.tasks, batch.clock)
 
-    def _is_lost(self, batch: Batch[Any]) -> bool:
+    def _count_deaths(self, batch: Batch[Any]) -> int | None:
+        """Return how many workers may have died of a batch that was lost; None if it was not lost, or is not done."""
         error = _wait_for_error(batch.future) if batch.future.done() else None
-        return error is not None and self._pool.is_loss(error)
+        return None if error is None else self._pool.count_deaths(error)
 
     def _require_usable(self, error: BaseException) -> None:
         """Raise the reason if no further task can be done; errors of tasks never come here."""
@@ -263,7 +270,9 @@ class WorkQueue:
         self._pool.require_usable(error)
 
     def _do_apart(self, batch: Batch[_Result]) -> None:
-        """Do a batch while nothing else is begun, and answer it in any case."""
+        """Do a batch when nothing else is being done, so that no other can be blamed, and answer it in any case."""
+        wait([other.future for other in self._pending if other is not batch])
+        self._pool.renew()
         outcomes = self._find_outcomes(batch.call, batch.tasks)
         batch.future = Future()
         batch.future.set_result(Answer(outcomes, None))
@@ -272,26 +281,29 @@ class WorkQueue:
         self, call: Callable[[_Task], _Result], tasks: Sequence[_Task]
     ) -> list[_Result | LabrigError]:
         """Do tasks at once, else in halves, down to the one that cannot be done."""
-        for _ in range(1 if len(tasks) > 1 else _MOST_LOSSES):
+        deaths = 0
+        while True:
             future = self._send(call, tasks, None)
             error = _wait_for_error(future)
             if error is None:
                 return future.result().outcomes
-            if self._pool.is_loss(error):
-                self._pool.renew()
-            else:
+            died = self._pool.count_deaths(error)
+            if died is None:
                 self._require_usable(error)
-        if len(tasks) > 1:
-            half = len(tasks) // 2
-            return self._find_outcomes(call, tasks[:half]) + self._find_outcomes(call, tasks[half:])
-        return [self._describe_failure(error)]
-
-    def _describe_failure(self, error: BaseException | None) -> LabrigError:
-        if error is not None and self._pool.is_loss(error):
-            return MachineError(
-                f"a process that {self._pool.work} died {_MOST_LOSSES} times in the same task", _MEMORY_HINT
-            )
-        return BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
+            else:
+                self._pool.renew()
+                deaths += died
+            if len(tasks) > 1:
+                half = len(tasks) // 2
+                return self._find_outcomes(call, tasks[:half]) + self._find_outcomes(call, tasks[half:])
+            if died is None:
+                bug = f"labrig itself failed: {type(error).__name__}: {error}"
+                return [BugError(bug, "please report it")]
+            if deaths >= _MOST_DEATHS:
+                died_of_it = (
+                    f"a process that {self._pool.work} died of its task, {_MOST_DEATHS} times or more"
+                )
+                return [MachineError(died_of_it, _MEMORY_HINT)]
 
 
 def run_in_order(

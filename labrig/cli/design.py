@@ -63,7 +63,7 @@ def design(
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Print both answers; the search takes ten to thirty seconds.
+    """Print both answers; the search takes about half a minute on two cores.
 
     Exit with 0 when equation (3) has an answer, even if our contour cannot give the radius, and says why; with 1 when
     neither gives it, or when the tube is one for which only our contour is valid and it cannot.

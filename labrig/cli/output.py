@@ -216,7 +216,7 @@ def print_table(
     under : sequence of str or None
         A line to put below each row; empty lines are left out.
     """
-    cells = [[_format_cell(value) for value in row] for row in rows]
+    cells = [[format_cell(value) for value in row] for row in rows]
     below = under or [""] * len(rows)
     widths = _measure_columns(heads, cells)
     if _measure_table(widths) > _terminal_columns():
@@ -238,7 +238,7 @@ def fits_terminal(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> boo
     """Return whether a table is no wider than the terminal; without a terminal every table fits."""
     if not sys.stdout.isatty():
         return True
-    cells = [[_format_cell(value) for value in row] for row in rows]
+    cells = [[format_cell(value) for value in row] for row in rows]
     return _measure_table(_measure_columns(heads, cells)) <= _terminal_columns()
 
 
@@ -279,7 +279,8 @@ def _terminal_columns() -> int:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
 
 
-def _format_cell(value: object) -> str:
+def format_cell(value: object) -> str:
+    """Return a value as it stands in a table, on one line; a float has three decimals."""
     if value is None:
         return _UNKNOWN
     if isinstance(value, float):

@@ -21,7 +21,7 @@ from labrig.cli.options import (
     RunUrlArgument,
     find_runs_dir,
 )
-from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
+from labrig.cli.output import AsJson, fits_terminal, format_cell, print_json, print_line, print_table, say
 from labrig.cli.progress import ShareReporter, progress_if_slow
 from labrig.cli.runs_check import check
 from labrig.cli.runs_log import log
@@ -191,7 +191,7 @@ def _join_remarks(cells: tuple[str | None, int | None, str | None]) -> str:
 
 
 def _join(values: Sequence[object]) -> object:
-    return values[0] if len(values) == 1 else ", ".join(str(value) for value in values) or None
+    return values[0] if len(values) == 1 else ", ".join(map(format_cell, values)) or None
 
 
 @app.command("tag", help="Add a tag to runs, or remove it with --remove.")

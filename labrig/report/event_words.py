@@ -109,11 +109,11 @@ def _describe_stop(event: Mapping[str, Any]) -> str:
 def _describe_trial_start(event: Mapping[str, Any]) -> str:
     hole = f", hole {event['hole'] + 1}" if "hole" in event else ""
     gel = f" in {event['specimen']}" if "specimen" in event else ""
-    return f"insertion {event['trial'] + 1} begins{gel}{hole}"
+    return f"trial {event['trial']} begins{gel}{hole}"
 
 
 def _describe_trial_stop(event: Mapping[str, Any]) -> str:
-    return f"insertion {event['trial'] + 1}: {event['exit_status']}"
+    return f"trial {event['trial']}: {event['exit_status']}"
 
 
 def _describe_question(event: Mapping[str, Any]) -> str:

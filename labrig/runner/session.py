@@ -182,7 +182,7 @@ class Session:
         if any(condition.action == "stop_when" for condition in met):
             raise ConditionMetError(
                 f"the protocol ends the run: {because}",
-                "look at the needle and the gel; labrig resume continues the run",
+                "look at the needle and the gel; labrig resume continues the run; trials are numbered from 0",
             )
         by = "ask_when" if met else self.dialogue.requests.find(point)
         if by is None:

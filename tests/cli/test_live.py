@@ -38,7 +38,7 @@ def test_a_run_shown_live_is_the_same_run(
         monkeypatch.delenv(name, raising=False)
     watched, told = _run(labrig, tmp_path / "a", "--live", "--verbose")
     alone, told_alone = _run(labrig, tmp_path / "b")
-    for sentence in ("run starts: steerability", "insertion 2 begins in gel, hole 2", "run succeeded"):
+    for sentence in ("run starts: steerability", "trial 1 begins in gel, hole 2", "run succeeded"):
         assert told.count(sentence) == 1
         assert sentence not in told_alone
     for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "protocol.yaml"):

@@ -13,7 +13,7 @@ _HEADS = (
     "insertion", "outcome", "error mm", "in space mm", "true error mm", "true clearance mm", "length mm", "replans",
 )  # fmt: skip
 _SOURCE_HEADS = (
-    "out of plane by", "roll zero mm", "bevel's lag mm", "wandering mm", "start mm", "and in plane mm",
+    "sources of uncertainty", "roll zero mm", "bevel's lag mm", "wandering mm", "start mm", "in the plane mm",
     "target mm", "seen behind the plane mm",
 )  # fmt: skip
 _SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane", "target")

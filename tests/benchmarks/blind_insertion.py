@@ -1,54 +1,46 @@
-"""One insertion in a drawn world without pictures: the step's commands move the world, and it sees what a camera would.
+"""One insertion in a drawn world without pictures: the product's loop, with a camera that sees with drawn noise.
 
-A sighting is where the tip appears in the steering plane, with its parallax, and noise. While a sighting is computed
-the needle advances. The target is tracked if it moves: its place is told with noise, as that of the tip. A needle that
-recovers is withdrawn as the rig does it. In the end the shaft is measured as in a last picture (`seen_shaft`), and the
-functions of the insertion decide.
+A sighting is where the tip appears in the steering plane, with its parallax, and noise. The target is tracked if it
+moves: its place is told with noise, as that of the tip.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
 
-from labrig.experiments.insertion.ending import (
-    EstimatedEnd,
-    SeenEnd,
-    TargetErrorBounds,
-    TracedPath,
-    bound_error,
-    find_depth,
-)
-from labrig.experiments.insertion.events import BevelTurn
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.experiments.insertion.bevel_path import BevelPath
 from labrig.experiments.insertion.settings import make_insertion_settings
+from labrig.experiments.insertion.virtual_axis import VirtualAxis
+from labrig.experiments.insertion.virtual_insertion import VirtualInsertion, end_insertion
+from labrig.experiments.insertion.virtual_shaft import SeenPath, draw_shaft
 from labrig.needle.kinematics import FloatArray
 from labrig.simulation.parallax import see_points
-from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
+from labrig.simulation.world import World
+from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.parameters import SteeringPolicy
-from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.parameters import Turning as PlannedTurning
+from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.state import SteeringState
-from labrig.steering.step import retreat_steering, start_steering, step_steering
+from labrig.steering.step import start_steering
 from labrig.steering.tip import EstimatorSettings
-from labrig.steering.torsion import (
-    BaseLimits,
-    BaseTurn,
-    TorsionalLag,
-    plan_turn,
-)
-from tests.benchmarks.seen_shaft import draw_shaft, load_plane
+from labrig.steering.torsion import BaseLimits, BaseTurn
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import ShaftTip
+from tests.benchmarks.seen_shaft import RIG, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
 Turning = Literal["compensated", "same_way", "back_and_forth"]
 
-COMPUTED_MM = 0.03  # the needle advances at 1 mm/s, and a picture takes 30 ms to be computed
+SPEED_MM_S = 1.0
 TARGET_SD_MM = 0.2  # of a tracked target
 AXIS = BaseLimits(-13.0, 13.0)
-MOST_STEPS = 1000
 
 
 @dataclass(frozen=True)
@@ -86,51 +78,30 @@ class InsertionEnd:
 
 
 @dataclass
-class _Bevel:
-    """The base of the needle as the rotation axis turns it [rad from the roll zero], and its turns."""
+class _DrawnCamera:
+    """Sees the tip of a drawn world where perspective puts it, with its noise."""
 
-    lag: TorsionalLag
-    turning: Turning
-    base_rad: float = 0.0
-    turns: list[BevelTurn] = field(default_factory=list)
+    drawn: DrawnWorld
+    plane: PlaneMap
 
-    def turn(self, at_mm: float, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
-        """Return how the base turns at an insertion length, and take note of it."""
-        turn = self._choose(roll_rad, state, radius_mm)
-        self.turns.append(
-            BevelTurn(
-                trial=0,
-                depth_mm=at_mm,
-                from_rad=self.base_rad,
-                to_rad=turn.to_rad,
-                overshoot_rad=turn.overshoot_rad,
-            )
-        )
-        self.base_rad = turn.to_rad
-        return turn
+    def see_tip(self, world: World, base_rad: float) -> FloatArray:
+        """Return where the tip is seen, (3,)."""
+        del base_rad
+        return _see(self.drawn, world.tip_mm(), self.drawn.sighting_sd_mm)
 
-    def undo_last(self) -> float:
-        """Take back the last turn, and return at which insertion length it was made."""
-        turn = self.turns.pop()
-        self.base_rad = turn.from_rad
-        return turn.depth_mm
+    def see_shaft(self, path_mm: FloatArray, diameter_mm: float, since_turn_mm: float) -> ShaftTip:
+        """Return the shaft of a needle with this path (N, 3)."""
+        seen = SeenPath.of(*see_points(path_mm, self.drawn.world.description.lens))
+        return draw_shaft(seen, self.plane, diameter_mm, since_turn_mm, self.drawn.noise)
 
-    def _choose(self, roll_rad: float, state: SteeringState, radius_mm: float) -> BaseTurn:
-        if self.turning == "same_way":
-            return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
-        rolled, turns = self._list_rolled(state.insertion_mm), state.list_turns(roll_rad)
-        return plan_turn(
-            rolled, self.base_rad, turns, self.lag, AXIS, turning=self.turning, radius_mm=radius_mm
-        )
 
-    def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
-        """Return the stretches between turns, the present one included."""
-        at_mm = (0.0, *(turn.depth_mm for turn in self.turns), to_mm)
-        rolls = [(0.0, 0), *((t.to_rad, 1 if t.to_rad > t.from_rad else -1) for t in self.turns)]
-        return [
-            RolledStretch(max(0.0, end - start), *roll)
-            for roll, (start, end) in zip(rolls, pairwise(at_mm), strict=True)
-        ]
+class _SameWayBevel(BevelPath):
+    """A bevel that is always turned in the same direction, which is compared with those of the product."""
+
+    def choose(self, roll_rad: float, state: SteeringState, rolled: list[RolledStretch]) -> BaseTurn:
+        """Return the turn of the base."""
+        del state, rolled
+        return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
 
 
 def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
@@ -161,43 +132,56 @@ def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) ->
 
 def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> InsertionEnd:
     """Carry out an insertion with these settings."""
-    bevel = _Bevel(drawn.measured_lag, turning)
-    _move(drawn, 0.0, bevel.base_rad)
-    state, command = start_steering(settings)
-    at_mm = 0.0
-    for _ in range(MOST_STEPS):
-        if command.stop is not None:
-            break
-        if command.withdraw_to_mm is not None and command.leave_mm is not None:
-            at_mm = _withdraw(drawn, bevel, command.withdraw_to_mm)
-            state, command = retreat_steering(state, command.leave_mm, settings)
-            continue
-        if command.roll_rad != 0.0:
-            turn = bevel.turn(at_mm, command.roll_rad, state, settings.problem.radius_mm)
-            _move(drawn, at_mm, turn.farthest_rad)
-            _move(drawn, at_mm, turn.to_rad)
-        seen_at_mm, run_to_mm = max(command.observe_at_mm, at_mm), command.run_to_mm
-        _move(drawn, seen_at_mm, bevel.base_rad)
-        sighting = TipSighting(seen_at_mm, _see(drawn, drawn.world.tip_mm(), drawn.sighting_sd_mm))
-        settings = _follow_target(drawn, settings)
-        state, command = step_steering(state, sighting, settings)
-        at_mm = max(seen_at_mm, min(run_to_mm, seen_at_mm + COMPUTED_MM))
-        _move(drawn, at_mm, bevel.base_rad)
-    path = TracedPath(tuple(bevel.turns), 0.0, at_mm)
-    return _describe_end(drawn, settings, state, command.stop or "never", path)
+    made = _make_insertion(drawn, settings, turning)
+    made.move_world(0.0, made.bevel.base_rad)
+    state, command = made.steer(*start_steering(settings))
+    target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
+    end = end_insertion(made, state, command, drawn.told, target_sd_mm)
+    truth, bounds = drawn.world.truth(), end.bounds
+    assert bounds is not None
+    return InsertionEnd(
+        stop=str(command.stop),
+        off_mm=_find_off(truth),
+        clearance_mm=_find_clearance(truth),
+        replans=state.replans,
+        turns=len(made.bevel.turns),
+        outcome=end.ending.outcome,
+        interval_mm=bounds.interval_mm,
+        left_plane=bounds.depth is not None and bounds.depth.contradicts,
+        retreats=state.retreats,
+    )
 
 
-def _withdraw(drawn: DrawnWorld, bevel: _Bevel, to_mm: float) -> float:
-    """Withdraw the needle along its path, turning back where it was turned, and return the insertion length there."""
-    while bevel.turns and bevel.turns[-1].depth_mm > to_mm:
-        _move(drawn, bevel.turns[-1].depth_mm, bevel.base_rad)
-        _move(drawn, bevel.undo_last(), bevel.base_rad)
-    _move(drawn, to_mm, bevel.base_rad)
-    return to_mm
+def _find_off(truth: Any) -> tuple[float, float, float]:
+    x, y, z = (np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()
+    return x, y, z
 
 
-def _move(drawn: DrawnWorld, insertion_mm: float, base_rad: float) -> None:
-    drawn.world.advance(insertion_mm, drawn.roll_zero_rad + base_rad, drawn.linear_mm)
+def _find_clearance(truth: Any) -> float:
+    return float(truth["true_min_clearance_mm"])
+
+
+def _make_insertion(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> VirtualInsertion:
+    """Return the insertion before it begins, with the axis of the simulated rig."""
+    rig = _read_rig()
+    planned: PlannedTurning = "back_and_forth" if turning == "back_and_forth" else "compensated"
+    kind = _SameWayBevel if turning == "same_way" else BevelPath
+    bevel = kind(0, drawn.roll_zero_rad, drawn.measured_lag, AXIS, planned, settings.problem.radius_mm)
+    return VirtualInsertion(
+        world=drawn.world,
+        camera=_DrawnCamera(drawn, load_plane()),
+        axis=VirtualAxis(rig.axes.insertion, 1.0 / rig.recording.state_rate_hz),
+        bevel=bevel,
+        settings=settings,
+        speed_mm_s=SPEED_MM_S,
+        linear_mm=drawn.linear_mm,
+        follow=partial(_follow_target, drawn),
+    )
+
+
+@cache
+def _read_rig() -> RigDescription:
+    return load_rig(RIG)
 
 
 def _see(drawn: DrawnWorld, place_mm: Sequence[float], sd_mm: float) -> FloatArray:
@@ -213,44 +197,3 @@ def _follow_target(drawn: DrawnWorld, settings: SteeringSettings) -> SteeringSet
         return settings
     x, y, z = _see(drawn, target_mm, TARGET_SD_MM).tolist()
     return replace(settings, problem=replace(settings.problem, target_mm=(x, y, z)))
-
-
-def _describe_end(
-    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, stop: str, path: TracedPath
-) -> InsertionEnd:
-    truth: Any = drawn.world.truth()
-    bounds = _bound_error(drawn, settings, state, path)
-    steered = stop == "target_reached"
-    return InsertionEnd(
-        stop=stop,
-        off_mm=tuple((np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()),
-        clearance_mm=truth["true_min_clearance_mm"],
-        replans=state.replans,
-        turns=len(path.turns),
-        outcome=bounds.decide(settings.problem.tolerance_mm).outcome if steered else "missed",
-        interval_mm=bounds.interval_mm,
-        left_plane=bounds.depth is not None and bounds.depth.contradicts,
-        retreats=state.retreats,
-    )
-
-
-def _bound_error(
-    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, path: TracedPath
-) -> TargetErrorBounds:
-    """Return the distance from the target as the policy knows it at the end."""
-    seen = _see_end(drawn, settings, state, path)
-    budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, drawn.told)
-    target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
-    return bound_error(seen, budget, settings.problem.target_mm, target_sd_mm)
-
-
-def _see_end(
-    drawn: DrawnWorld, settings: SteeringSettings, state: SteeringState, path: TracedPath
-) -> SeenEnd:
-    """Return the end as a last picture shows it."""
-    truth: Any = drawn.world.truth()
-    description, plane = drawn.world.description, load_plane()
-    end = draw_shaft(truth["path_mm"], description.lens, description.needle.diameter_mm, drawn.noise)
-    estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
-    depth = find_depth(end, plane, path, settings, drawn.told)
-    return SeenEnd.of_shaft(end, estimate, path, plane, depth=depth)

@@ -4,7 +4,7 @@
 needles are those of the simulated rig, 60 to 112 mm long with up to six arcs, and wander out of the plane as the row
 says; the map of the plane is the rig's own, as calibrated. What is told is the wandering that the interval is made
 with. The constants of `labrig.vision.depth` were found with the seeds 100 to 339. Each row stands twice: with shafts
-measured in rendered pictures, and with those of `seen_shaft`, which the loop without pictures sees. The errors of the
+measured in rendered pictures, and with those that an insertion without pictures sees. The errors of the
 latter are fitted to further pictures, as many as in a row.
 """
 
@@ -22,21 +22,14 @@ import numpy as np
 
 from labrig.devices.rig_file import load_rig
 from labrig.errors import MeasurementRefusedError
+from labrig.experiments.insertion.virtual_camera import CalibratedCamera
+from labrig.experiments.insertion.virtual_shaft import SHAFT_ERRORS
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, covary_out_of_plane
 from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.perspective import Perspective
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
-from tests.benchmarks.seen_shaft import (
-    ERRORS,
-    FITTED,
-    RIG,
-    ShaftResiduals,
-    compare_shaft,
-    draw_shaft,
-    fit_errors,
-    load_plane,
-)
+from tests.benchmarks.seen_shaft import FITTED, RIG, ShaftResiduals, compare_shaft, fit_errors, load_plane
 from tests.benchmarks.table import print_rows
 
 PICTURES = int(os.environ.get("LABRIG_BENCHMARK_DEPTHS", "20"))
@@ -87,8 +80,8 @@ def print_table() -> None:
 
 
 def _print_errors(residuals: Sequence[ShaftResiduals]) -> None:
-    fitted, used = vars(fit_errors(residuals)), vars(ERRORS)
-    rows = [[name, f"{fitted[name]:.4f}", f"{used[name]:g}"] for name in used]
+    used = vars(SHAFT_ERRORS)
+    rows = [[name, f"{value:.4f}", f"{used[name]:g}"] for name, value in fit_errors(residuals).items()]
     print_rows(("errors of shafts", f"in {len(residuals)} pictures", "drawn with"), rows)
 
 
@@ -119,9 +112,8 @@ def _measure(row: tuple[float, float, float], drawn: bool, seed: int) -> Outcome
 
 def _draw_shaft(world: World, seed: int) -> ShaftTip:
     truth: Any = world.truth()
-    return draw_shaft(
-        truth["path_mm"], world.description.lens, DIAMETER_MM, np.random.default_rng([seed, 10])
-    )
+    camera = CalibratedCamera(world.description.lens, load_plane(), np.random.default_rng([seed, 10]))
+    return camera.see_shaft(np.array(truth["path_mm"]), DIAMETER_MM, math.inf)
 
 
 def _measure_shaft(world: World) -> ShaftTip | None:

@@ -78,7 +78,9 @@ class VirtualInsertion:
                 self._turn(command.roll_rad, state)
             at_mm = self.axis.pass_depth(command.observe_at_mm, command.run_to_mm, self.speed_mm_s)
             self.move_world(at_mm, self.bevel.base_rad)
-            sighting = TipSighting(max(at_mm, state.insertion_mm), self.camera.see_tip(self.world))
+            sighting = TipSighting(
+                max(at_mm, state.insertion_mm), self.camera.see_tip(self.world, self.bevel.base_rad)
+            )
             self.settings = self.follow(self.settings)
             state, command = step_steering(state, sighting, self.settings)
         return state, command
@@ -169,7 +171,7 @@ def _see_end(
     plane = made.camera.plane
     estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
     diameter_mm = made.world.description.needle.diameter_mm
-    end = made.camera.see_shaft(np.array(truth["path_mm"]), diameter_mm)
+    end = made.camera.see_shaft(np.array(truth["path_mm"]), diameter_mm, path.since_turn_mm)
     if end is None:
         return SeenEnd.of_estimate(estimate, plane)
     depth = find_depth(end, plane, path, made.settings, unseen)

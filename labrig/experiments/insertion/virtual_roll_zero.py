@@ -45,10 +45,10 @@ def _find_stray_mm(order: RollZeroOrder, step: int, world: World, camera: Calibr
     if origin is not None and not origin.accepted:
         raise MeasurementRefusedError((origin.reason or "").rstrip("."), "look at sheath, clamp and camera")
     world.advance(steps.length_mm, roll_rad, sheath.depth_mm)
-    _, y, z = camera.see_tip(world).tolist()
+    end_mm = camera.see_bend(world, pose)
     world.advance(0.0, roll_rad, sheath.depth_mm)
     world.advance(0.0, roll_rad, 0.0)
-    return lateral_offset_mm((y, z), origin)
+    return lateral_offset_mm(end_mm, origin)
 
 
 def find_last_roll_rad(order: RollZeroOrder | None) -> float:

@@ -6,6 +6,7 @@ shifted the gel to that position.
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -116,17 +117,38 @@ class Ball:
     radius_mm: float
 
 
+@dataclass(frozen=True)
+class GelLook:
+    """How a block of gel looks, drawn when a picture first shows it: most virtual insertions take none.
+
+    seed, name : what it is drawn by; bubble_count : how many air bubbles are cast.
+    """
+
+    seed: int
+    name: str
+    bubble_count: int
+
+    @cached_property
+    def bubbles(self) -> tuple[Bubble, ...]:
+        """Its air bubbles."""
+        return _cast_bubbles(self.bubble_count, stream(self.seed, "bubbles", self.name))
+
+    @cached_property
+    def clouds(self) -> Field32:
+        """Its relative brightness on a grid; the mean is 0."""
+        return _cast_clouds(stream(self.seed, "clouds", self.name))
+
+
 @dataclass
 class GelBlock:
-    """A block of gel with its bubbles, clouds and obstacles, and its holes by the operator's number and position.
+    """A block of gel with its look and obstacles, and its holes by the operator's number and position.
 
     A phantom is a block for one insertion, in which obstacles may be cast.
     """
 
     name: str
     gelatin_percent: float
-    bubbles: tuple[Bubble, ...]
-    clouds: Field32
+    look: GelLook
     obstacles: tuple[Ball, ...] = ()
     is_phantom: bool = False
     holes: dict[tuple[int | None, float], Hole] = field(default_factory=dict)
@@ -135,7 +157,7 @@ class GelBlock:
         """Return the gel's relative brightness at gel coordinates (H, W); its mean is 0."""
         columns = (z_mm - np.float32(_Z_MM[0])) / np.float32(_CLOUD_GRID_MM)
         rows = (lateral_mm - np.float32(_LATERAL_MM[0])) / np.float32(_CLOUD_GRID_MM)
-        clouds = cv2.remap(self.clouds, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        clouds = cv2.remap(self.look.clouds, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
         return np.asarray(clouds, np.float32)
 
 
@@ -148,12 +170,7 @@ def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent
         For a gelatin that the world does not describe.
     """
     interpolate_radius_mm(world.gels, gelatin_percent)
-    return GelBlock(
-        name,
-        gelatin_percent,
-        _cast_bubbles(world.bubbles_per_specimen, stream(seed, "bubbles", name)),
-        _cast_clouds(stream(seed, "clouds", name)),
-    )
+    return GelBlock(name, gelatin_percent, GelLook(seed, name, world.bubbles_per_specimen))
 
 
 def make_hole(

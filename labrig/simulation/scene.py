@@ -39,7 +39,7 @@ def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: 
     sharp = _draw_clear_gel(world, specimen, shift_mm, white)
     for ball in specimen.obstacles:
         draw_ball(sharp, ball, world)
-    for bubble in specimen.bubbles:
+    for bubble in specimen.look.bubbles:
         draw_bubble(sharp, bubble, shift_mm, world)
     for hole in specimen.holes.values():
         if hole is not present:

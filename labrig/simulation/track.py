@@ -9,7 +9,8 @@ in `backlash_mm`.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,11 +41,13 @@ class Bending:
 
     def scale_radius_at(self, z_mm: float) -> float:
         """Return the scale of the radius at a depth."""
-        return next((layer.radius_scale for layer in self.layers if z_mm < layer.until_mm), 1.0)
+        for layer in self.layers:
+            if z_mm < layer.until_mm:
+                return layer.radius_scale
+        return 1.0
 
 
-@dataclass(frozen=True)
-class PathNode:
+class PathNode(NamedTuple):
     """A point of the path: arc length, position, heading, and curvature (d heading / d arc).
 
     x_mm, lean_rad, bend_1_mm : the same out of the plane: place, angle towards +x, and its change with the arc.
@@ -116,7 +119,7 @@ class Track:
         self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
         self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
         self._hinge_closing_mm = bending.hinge_closing_mm
-        self._unevenness = no_unevenness() if unevenness is None else unevenness
+        self._stretches = (no_unevenness() if unevenness is None else unevenness).stretches
         self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
         self._end = self._nodes[0]
         self._rolls_rad: list[float] = []
@@ -134,11 +137,12 @@ class Track:
         if arc_mm <= self.length_mm:
             return
         self._tip_mm = arc_mm
-        while arc_mm >= len(self._nodes) * NODE_MM:
-            grown = self._step(self._nodes[-1], NODE_MM, roll_rad)
+        nodes, bevel = self._nodes, (-math.cos(roll_rad), math.sin(roll_rad))
+        while arc_mm >= len(nodes) * NODE_MM:
+            grown = self._step(nodes[-1], NODE_MM, bevel)
             self._rolls_rad.append(roll_rad)
-            self._nodes.append(replace(grown, arc_mm=len(self._nodes) * NODE_MM))
-        self._end = self._step(self._nodes[-1], arc_mm - self._nodes[-1].arc_mm, roll_rad)
+            nodes.append(PathNode(len(nodes) * NODE_MM, *grown[1:]))
+        self._end = self._step(nodes[-1], arc_mm - nodes[-1].arc_mm, bevel)
 
     def _follow(self, arc_mm: float, roll_rad: float) -> None:
         """Move the tip within the cut; it leaves the cut once it was pushed far enough with its bevel turned."""
@@ -162,23 +166,24 @@ class Track:
         self._nodes, self._rolls_rad = self._nodes[:kept], self._rolls_rad[: kept - 1]
         self._end, self._turned_mm = self._nodes[-1], 0.0
 
-    def _step(self, node: PathNode, length_mm: float, roll_rad: float) -> PathNode:
+    def _step(self, node: PathNode, length_mm: float, bevel: tuple[float, float]) -> PathNode:
+        """Return the node a length further on; `bevel` are the shares of the curvature in the plane and out of it."""
         closing = node.arc_mm < self._hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
-        share = float(self._unevenness.curvature_share[stretch]) / self._bending.scale_radius_at(node.z_mm)
+        share = self._stretches[stretch][0] / self._bending.scale_radius_at(node.z_mm)
         sought = self._curvature_1_mm * share
         return node.advance(
             length_mm,
-            _approach(node.curvature_1_mm, -math.cos(roll_rad) * sought, limit),
-            _approach(node.bend_1_mm, math.sin(roll_rad) * sought, limit),
+            _approach(node.curvature_1_mm, bevel[0] * sought, limit),
+            _approach(node.bend_1_mm, bevel[1] * sought, limit),
             self._wander(stretch, length_mm),
         )
 
     def _wander(self, stretch: int, length_mm: float) -> Wander:
         """Return how the tip turns by itself in the first `length_mm` of a stretch."""
-        part, uneven = length_mm / NODE_MM, self._unevenness
-        return part * float(uneven.turn_rad[stretch]), part * float(uneven.lean_rad[stretch])
+        part, (_, turn_rad, lean_rad) = length_mm / NODE_MM, self._stretches[stretch]
+        return part * turn_rad, part * lean_rad
 
     def node_at(self, arc_mm: float) -> PathNode:
         """Return the path at an arc length; it is straight before its start and stays at its end."""

@@ -6,7 +6,8 @@ extended.
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
+from itertools import accumulate
 
 import numpy as np
 
@@ -29,6 +30,12 @@ class Unevenness:
     curvature_share: Floats
     turn_rad: Floats
     lean_rad: Floats
+
+    @cached_property
+    def stretches(self) -> list[tuple[float, float, float]]:
+        """The three of each stretch, as a path takes them one after another."""
+        columns = (self.curvature_share, self.turn_rad, self.lean_rad)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 @cache
@@ -59,11 +66,9 @@ def _draw_wander(steps: Floats, length_mm: float) -> Floats:
     """Return noise of unit standard deviation with this correlation length, (N,)."""
     kept = math.exp(-NODE_MM / length_mm)
     fresh = math.sqrt(1.0 - kept**2)
-    value, values = float(steps[0]), np.empty_like(steps)
-    for index, step in enumerate(steps.tolist()):
-        value = kept * value + fresh * step if index else value
-        values[index] = value
-    return values
+    drawn = (fresh * steps).tolist()
+    drawn[0] = float(steps[0])
+    return np.array(list(accumulate(drawn, lambda value, step: kept * value + step)))
 
 
 def _draw_cavities(

@@ -10,7 +10,7 @@ from labrig.simulation.description import (
     NeedleDescription,
     WorldDescription,
 )
-from labrig.simulation.gel import GelBlock, draw_needle_scale, interpolate_radius_mm, make_hole
+from labrig.simulation.gel import GelBlock, GelLook, draw_needle_scale, interpolate_radius_mm, make_hole
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench
 
@@ -21,7 +21,7 @@ PAPER = {10.0: (28.34, 0.247), 13.0: (27.71, 0.237), 16.0: (27.36, 0.459), 19.0:
 def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float) -> None:
     """Over 2000 seeds mean and SD agree with section V-B within four standard errors."""
     mean, sd = PAPER[gelatin_percent]
-    block = GelBlock("A", gelatin_percent, (), np.zeros((1, 1), np.float32))
+    block = GelBlock("A", gelatin_percent, GelLook(0, "A", 0))
     drawn = np.array([make_hole(QUIET, seed, block, (3, 65.0), "N1").radius_mm for seed in range(2000)])
     assert abs(drawn.mean() - mean) < 4 * sd / np.sqrt(2000)
     assert abs(drawn.std(ddof=1) - sd) < 4 * sd / np.sqrt(2 * 2000)

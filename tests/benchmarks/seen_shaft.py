@@ -17,6 +17,7 @@ from labrig.experiments.insertion.virtual_camera import locate_points
 from labrig.experiments.insertion.virtual_shaft import SHAFT_ERRORS, SeenPath, square_distances
 from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.simulation.description import LensDescription
+from labrig.vision.perspective import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import ShaftTip
 
@@ -57,7 +58,7 @@ def compare_shaft(end: ShaftTip, path_mm: Sequence[Sequence[float]], lens: LensD
     arcs_mm = end.arc_mm[counts]
     scales = np.interp(arcs_mm * (seen.length_mm / end.length_mm), seen.arcs_mm, seen.scales)
     ratios = end.widths_mm[counts] / scales
-    squares = square_distances(end.centre_line_mm[counts], plane)
+    squares = square_distances(end.centre_line_mm[counts], Perspective.of(plane))
     rim, level = np.polyfit(squares, ratios, 1)
     straight = ratios / (1.0 + SHAFT_ERRORS.rim * squares)
     rough = straight / straight.mean() - 1.0

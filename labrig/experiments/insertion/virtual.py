@@ -8,6 +8,7 @@ seed is the same. Axes, calibration, roll zero and torsion are those of the rig 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.simulation.gel import Ball
 from labrig.simulation.seeds import stream
 from labrig.simulation.world import World
-from labrig.steering.policy import SteeringCommand
+from labrig.steering.policy import SteeringCommand, SteeringSettings
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering
 from labrig.steering.torsion import BaseLimits
@@ -146,8 +147,7 @@ def _insert(protocol: InsertionProtocol, scene: _Scene) -> _Made:
     """Place the block, plan, insert, and look at the end."""
     world, camera, roll_zero = scene.world, scene.camera, scene.roll_zero
     aim = _find_aim(protocol, scene)
-    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
-    state, command = start_steering(settings)
+    settings, state, command = _plan_from_origin(protocol, aim)
     if command.stop is not None:
         raise TargetMissedError(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
@@ -178,6 +178,15 @@ def _insert(protocol: InsertionProtocol, scene: _Scene) -> _Made:
     unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
     target_sd_mm = find_target_sd_mm(protocol, None)
     return _Made(made, aim, end_insertion(made, state, command, unseen, target_sd_mm))
+
+
+@lru_cache(maxsize=256)
+def _plan_from_origin(
+    protocol: InsertionProtocol, aim: Aim
+) -> tuple[SteeringSettings, SteeringState, SteeringCommand]:
+    """Return the settings and the first plan from the plane's origin; a campaign asks for the same one again."""
+    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    return settings, *start_steering(settings)
 
 
 def _find_aim(protocol: InsertionProtocol, scene: _Scene) -> Aim:

@@ -16,6 +16,7 @@ from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.parallax import see_points
 from labrig.simulation.world import World
+from labrig.vision.perspective import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
@@ -146,6 +147,7 @@ class CalibratedCamera:
 
     def __post_init__(self) -> None:
         self._scatter, self._arc_mm = self.noise.standard_normal(2), 0.0
+        self._perspective = Perspective.of(self.plane)
 
     def see_tip(self, world: World, base_rad: float) -> FloatArray | None:
         """Return where the tip is seen (x, y, z), with x 0; None where it is not found."""
@@ -159,7 +161,7 @@ class CalibratedCamera:
         seen_mm = self._locate(np.array([(tip.x_mm, tip.y_mm, tip.z_mm)]))[0]
         turn_rad, side = tip.heading_rad - before.heading_rad, -math.cos(base_rad)
         along_mm = errors.along_mm + errors.along_sd_mm * self._scatter[0]
-        along_mm += errors.rim_mm * float(square_distances(seen_mm, self.plane)[0])
+        along_mm += errors.rim_mm * float(square_distances(seen_mm, self._perspective)[0])
         across_mm = errors.across_mm + errors.across_sd_mm * self._scatter[1]
         across_mm += errors.side_mm * side - errors.turn_mm * turn_rad
         sine, cosine = math.sin(tip.heading_rad), math.cos(tip.heading_rad)

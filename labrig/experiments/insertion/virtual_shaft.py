@@ -124,7 +124,7 @@ def draw_shaft(
     at_mm = np.arange(0.0, seen.length_mm, _ROW_MM)
     places_mm = np.column_stack([np.interp(at_mm, seen.arcs_mm, line) for line in seen.places_mm.T])
     wider = (
-        errors.rim * square_distances(places_mm, plane)
+        errors.rim * square_distances(places_mm, Perspective.of(plane))
         + noise.normal(0.0, errors.taper_sd) * (at_mm / seen.length_mm - 0.5)
         + _draw_rough(len(at_mm), noise, errors)
     )
@@ -162,9 +162,8 @@ def _draw_end(
     return float(y + along_mm * sine + across_mm * cosine), float(z + along_mm * cosine - across_mm * sine)
 
 
-def square_distances(places_mm: FloatArray, plane: PlaneMap) -> FloatArray:
+def square_distances(places_mm: FloatArray, perspective: Perspective | None) -> FloatArray:
     """Return the squares of the distances of places (N, 2) from the camera's foot over that of `RIM_MM`, (N,)."""
-    perspective = Perspective.of(plane)
     if perspective is None:
         return np.zeros(len(places_mm))
     return np.asarray(np.sum((places_mm - perspective.foot_mm) ** 2, axis=1) / RIM_MM**2)

@@ -3,6 +3,7 @@
 Rooms, top to bottom; each may import only what stands below it (`lint-imports` holds that):
 
 - `cli` parses, chooses the rig, calls, prints; alone prints, prompts and exits
+- `campaign` repeats a protocol virtually, thousands of times, and makes one table of it
 - `testing` holds the tests that every driver passes, ours and a lab's own
 - `experiments` has a folder for each experiment, and the registry that finds them
 - `runner` is what every run needs: the interface of an experiment, the session, plan, resume, replay, withdrawal

@@ -1,6 +1,6 @@
 """A campaign among measured runs: each task is a measurement, and each simulated block of gel its own.
 
-`DOCUMENT` and `PART` are what a campaign's folder consists of; who writes them is `labrig.campaign.store`.
+A campaign's folder has its document and its parts, which `labrig.campaign.store` writes.
 """
 
 import io
@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.fields import manifest_fields
+from labrig.record.layout import CAMPAIGN
 
-DOCUMENT = "campaign.json"
 PART = re.compile(r"part-(\d{6})\.parquet")
 TABLE = "tasks"
 _NOT_MEASURED = frozenset(
@@ -108,7 +108,7 @@ class MeasuredCampaign:
 
 def is_campaign(folder: Path) -> bool:
     """Return whether a folder is that of a campaign."""
-    return (folder / DOCUMENT).is_file()
+    return (folder / CAMPAIGN).is_file()
 
 
 def open_measured_campaign(folder: Path) -> MeasuredCampaign:
@@ -133,10 +133,10 @@ def open_measured_campaign(folder: Path) -> MeasuredCampaign:
 
 def _read_document(folder: Path) -> Mapping[str, object]:
     try:
-        kept: Any = parse_json(read_file(folder / DOCUMENT, MAX_RESULT_BYTES))
+        kept: Any = parse_json(read_file(folder / CAMPAIGN, MAX_RESULT_BYTES))
         return {**kept["document"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordError(f"{folder / DOCUMENT} is damaged: {error}", _AGAIN) from error
+        raise RecordError(f"{folder / CAMPAIGN} is damaged: {error}", _AGAIN) from error
 
 
 def _read_part(path: Path) -> pa.Table:

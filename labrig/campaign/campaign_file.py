@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm, Seed
+from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
 
 FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
@@ -168,3 +169,8 @@ class CampaignFile(Model):
 def load_campaign_file(path: Path) -> CampaignFile:
     """Return the campaign in a file. Raises `FileFormatError` with every problem."""
     return load_yaml_model(path, CampaignFile, others=_OTHER_KINDS)
+
+
+def campaign_schema() -> JsonSchema:
+    """Return the JSON Schema of campaign files."""
+    return model_schema(CampaignFile, "labrig campaign file")

@@ -16,11 +16,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from labrig.analysis.installation import describe_installation
-from labrig.analysis.measured_campaign import DOCUMENT, PART
+from labrig.analysis.measured_campaign import PART
 from labrig.campaign.places import Place, open_place
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import parse_json
 from labrig.record.json_lines import encode_document
+from labrig.record.layout import CAMPAIGN
 
 _OWNER, _FIRST = b"labrig.campaign", b"labrig.first_task"
 _ELSEWHERE = "name another folder with --out"
@@ -167,11 +168,11 @@ class CampaignStore:
     def _begin(self, document: Mapping[str, Any]) -> None:
         """Write the file of the campaign, or compare it with the one that is there."""
         names = self._place.list_names()
-        if DOCUMENT not in names:
+        if CAMPAIGN not in names:
             if names:
                 raise OutputExistsError(f"{self.place} holds {names[0]} and no campaign", _ELSEWHERE)
             content = {"sha256": self._owner, "installation": describe_installation(), "document": document}
-            self._place.write(DOCUMENT, encode_document(content), replace=False)
+            self._place.write(CAMPAIGN, encode_document(content), replace=False)
             return
         kept = self._read_document()
         if kept.get("sha256") != self._owner:
@@ -186,9 +187,9 @@ class CampaignStore:
 
     def _read_document(self) -> Mapping[str, Any]:
         try:
-            kept = parse_json(self._place.read(DOCUMENT))
+            kept = parse_json(self._place.read(CAMPAIGN))
         except ValueError as error:
-            raise RecordError(f"{self.place}/{DOCUMENT} is damaged: {error}", _ELSEWHERE) from error
+            raise RecordError(f"{self.place}/{CAMPAIGN} is damaged: {error}", _ELSEWHERE) from error
         return kept if isinstance(kept, Mapping) else {}
 
     def _find_done(self) -> None:

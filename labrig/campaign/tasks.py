@@ -9,6 +9,7 @@ from labrig.analysis.outcome import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.inputs import ArmInputs, LoadedCampaign, hash_calibration, make_models
 from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms, show_value
+from labrig.campaign.whole_run import run_whole
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_experiment
 
@@ -32,9 +33,6 @@ def compute_task(order: TaskOrder) -> TaskOutcome:
     experiment = find_experiment(order.inputs.experiment)
     if order.depth == "world":
         return experiment.simulate(protocol, rig, order.seed)
-    # Devices and the record take long to import, and the world alone needs neither.
-    from labrig.campaign.whole_run import run_whole
-
     return run_whole(experiment, protocol, rig)
 
 

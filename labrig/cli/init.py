@@ -56,11 +56,12 @@ def init(
 
 def _make_schemas() -> dict[str, bytes]:
     """Return the files with the schemas, by their place in a lab folder."""
-    from labrig.lab.folder import PROTOCOL_SCHEMA, RIG_SCHEMA, SPECIMEN_SCHEMA
+    from labrig.lab.folder import CAMPAIGN_SCHEMA, PROTOCOL_SCHEMA, RIG_SCHEMA, SPECIMEN_SCHEMA
     from labrig.protocol.schema import schema_text
 
     kinds: dict[Path, FileKind] = {
         PROTOCOL_SCHEMA: "protocol",
+        CAMPAIGN_SCHEMA: "campaign",
         RIG_SCHEMA: "rig",
         SPECIMEN_SCHEMA: "specimen",
     }

@@ -33,6 +33,7 @@ _PLUGINS: dict[FileKind, tuple[str, ...]] = {
     "protocol": (EXPERIMENTS,),
     "rig": (DRIVES, CAMERAS),
     "specimen": (),
+    "campaign": (),
 }
 """The plugins that the schema of each kind of file knows."""
 
@@ -130,7 +131,7 @@ def _print_check(
 def schema(
     of: Annotated[
         FileKind,
-        typer.Argument(metavar="[protocol|rig|specimen]", help="Kind of file."),
+        typer.Argument(metavar="[protocol|rig|specimen|campaign]", help="Kind of file."),
     ] = "protocol",
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:

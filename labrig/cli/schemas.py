@@ -2,7 +2,7 @@
 
 from typing import Any, Literal
 
-FileKind = Literal["protocol", "rig", "specimen"]
+FileKind = Literal["protocol", "rig", "specimen", "campaign"]
 
 
 def make_schema(of: FileKind) -> dict[str, Any]:
@@ -16,6 +16,10 @@ def make_schema(of: FileKind) -> dict[str, Any]:
         from labrig.devices.rig_file import rig_schema
 
         return rig_schema()
+    if of == "campaign":
+        from labrig.campaign.campaign_file import campaign_schema
+
+        return campaign_schema()
     from labrig.protocol.specimen_file import specimen_schema
 
     return specimen_schema()

@@ -12,6 +12,7 @@ SPECIMENS = Path("data/specimens")
 COMPARISONS = Path("data/comparisons")
 CAMPAIGNS = Path("data/campaigns")
 PROTOCOL_SCHEMA = PROTOCOLS / "protocol.schema.json"
+CAMPAIGN_SCHEMA = PROTOCOLS / "campaign.schema.json"
 RIG_SCHEMA = CALIBRATION / "rig.schema.json"
 SPECIMEN_SCHEMA = SPECIMENS / "specimen.schema.json"
 RUNS_DIR_VARIABLE = "LABRIG_RUNS_DIR"

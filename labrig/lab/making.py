@@ -10,6 +10,7 @@ from labrig.durable import disk_errors, write_atomically
 from labrig.errors import InputError, OutputExistsError
 from labrig.input_file import read_file
 from labrig.lab.folder import (
+    CAMPAIGN_SCHEMA,
     MARKER,
     PROTOCOL_SCHEMA,
     PROTOCOLS,
@@ -21,19 +22,23 @@ from labrig.lab.folder import (
 )
 from labrig.lab.marker import Marker, hash_content, make_marker, read_marker
 
-SCHEMAS = tuple(schema.as_posix() for schema in (PROTOCOL_SCHEMA, RIG_SCHEMA, SPECIMEN_SCHEMA))
+SCHEMAS = tuple(
+    schema.as_posix() for schema in (PROTOCOL_SCHEMA, CAMPAIGN_SCHEMA, RIG_SCHEMA, SPECIMEN_SCHEMA)
+)
 
 _IGNORED = """\
 # Records and what is made from them are kept by a backup, not by git.
 /data/runs/
 /data/comparisons/
+/data/campaigns/
 # What a rig remembers between runs.
 /calibration/state.json*
 *.state.json*
 """
 _EDITOR = {
     "yaml.schemas": {
-        PROTOCOL_SCHEMA.as_posix(): f"{PROTOCOLS}/*.yaml",
+        PROTOCOL_SCHEMA.as_posix(): [f"{PROTOCOLS}/*.yaml", f"!{PROTOCOLS}/campaign-*.yaml"],
+        CAMPAIGN_SCHEMA.as_posix(): f"{PROTOCOLS}/campaign-*.yaml",
         RIG_SCHEMA.as_posix(): "calibration/rig*.yaml",
         SPECIMEN_SCHEMA.as_posix(): f"{SPECIMENS}/*.yaml",
     }

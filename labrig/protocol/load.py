@@ -28,7 +28,8 @@ _OTHER_KINDS = {
     "axes": (
         "this is a rig file, expected a protocol",
         "labrig run protocols/steerability.yaml --rig THIS_FILE",
-    )
+    ),
+    "campaign": ("this is a campaign file, expected a protocol", "labrig campaign THIS_FILE"),
 }
 
 

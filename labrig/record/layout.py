@@ -35,6 +35,8 @@ CAN_SUMS = "can.sums.jsonl"
 LOCK = ".lock"
 RESERVE = ".reserve"
 CONTROL = ".control"
+CAMPAIGN = "campaign.json"
+"""In the folder of a campaign, which is no run, but is locked and takes requests as one."""
 TORN = "torn"
 
 # ext4, XFS and most others allow 255 bytes; the rest is for the suffix of a temporary name.

@@ -34,6 +34,7 @@ import cv2
 import numpy as np
 
 from labrig.analysis.result import load_centre_lines
+from labrig.campaign.campaign_file import load_campaign_file
 from labrig.cli.main import run_command
 from labrig.devices.cia402.eds import read_eds
 from labrig.devices.files.folder import read_sidecar
@@ -232,12 +233,13 @@ def _replace(rng: random.Random, path: Path) -> None:
 
 def _protocols() -> Iterator[Kind]:
     for path in sorted((ROOT / "protocols").glob("*.yaml")):
+        is_campaign = path.stem.startswith("campaign-")
         yield _file(
             f"protocol {path.stem}",
-            3,
+            1 if is_campaign else 3,
             {path.name: path.read_bytes()},
             spoil_yaml,
-            lambda file: load_protocol(file, PROTOCOL_MODELS),
+            load_campaign_file if is_campaign else lambda file: load_protocol(file, PROTOCOL_MODELS),
         )
 
 

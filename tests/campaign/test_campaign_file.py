@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from labrig.campaign.campaign_file import MOST_ARMS, load_campaign_file
+from labrig.campaign.campaign_file import MOST_ARMS, campaign_schema, load_campaign_file
 from labrig.errors import FileFormatError, InputError
+from labrig.protocol.schema import schema_text
 from tests.campaign.campaigns import PROTOCOLS, RIGS, load, write_campaign
 
 GRID = {f"policy.{name}": list(range(1000)) for name in ("near_mm", "final_mm", "backlash_mm")}
@@ -106,3 +107,19 @@ def test_the_measure_is_that_of_the_experiment_unless_the_campaign_names_another
     assert (stricter.measure, stricter.tolerance) == ("true_target_error_mm", 0.5)
     other = load(write_campaign(tmp_path, measure="replans")).by
     assert (other.measure, other.tolerance) == ("replans", None)
+
+
+def test_the_committed_schema_is_the_models() -> None:
+    """protocols/campaign.schema.json is what labrig schema campaign prints."""
+    committed = PROTOCOLS / "campaign.schema.json"
+    assert committed.read_text(encoding="utf-8") == schema_text(campaign_schema())
+
+
+@pytest.mark.parametrize("path", sorted(PROTOCOLS.glob("campaign-*.yaml")), ids=lambda path: path.stem)
+def test_every_example_can_be_computed(path: Path) -> None:
+    """All of its arms fit their protocol and rig, and its name is that of its file."""
+    content = load_campaign_file(path)
+    named = None if content.rig is None else path.parent / content.rig
+    loaded = load(path, named or RIGS / "rig-simulated.yaml")
+    assert f"campaign-{loaded.file.campaign}" == path.stem
+    assert loaded.by.measure

@@ -1,5 +1,8 @@
 """`labrig campaign`: what it prints, writes, goes on with and refuses."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -100,6 +103,29 @@ def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_p
     document = done.json()
     assert document["measure"] == "mean_radius_mm"
     assert 25 < document["arms"][0]["mean"] < 32
+
+
+def test_a_campaign_pauses_continues_and_ends_with_what_is_done(labrig: Labrig, tmp_path: Path) -> None:
+    """By labrig pause and continue from another terminal, and by Ctrl+C; it goes on when it is started again."""
+    file = write_campaign(tmp_path, set=FAST, repetitions=100_000)
+    out = tmp_path / "out"
+    options = map(str, ("campaign", file, "--rig", RIG, "--out", out, "--workers", 1))
+    with subprocess.Popen(
+        [sys.executable, "-m", "labrig", *options], stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        while labrig("pause", out).exit_code:
+            assert process.poll() is None
+        said = iter(process.stderr.readline, "")
+        assert any("the campaign is paused" in line for line in said)
+        assert labrig("continue", out).exit_code == 0
+        assert any("the campaign goes on" in line for line in said)
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert process.returncode == 130, rest
+    assert "Traceback" not in rest
+    assert "the same command goes on behind them" in rest
+    assert labrig("pause", out).exit_code == 2
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ import pytest
 
 from tests.cli.conftest import RIG, Labrig
 from tests.cli.cut_runs import cut_short
-from tests.cli.example_runs import EXAMPLES, PROTOCOLS, SHORTENED, make_example, of_protocol
+from tests.cli.example_runs import EXAMPLES, SHORTENED, make_example, of_protocol
 from tests.record.faults import flip_bit
+from tests.runner.sessions import EXAMPLES as PROTOCOL_NAMES
 
 FORMATS = {
     "--csv": "frames.csv",
@@ -73,7 +74,7 @@ def is_sound(labrig: Labrig) -> Sound:
 
 def test_every_example_protocol_is_run_here() -> None:
     """A new protocol file must pass every command too."""
-    assert sorted(SHORTENED) == sorted(path.stem for path in PROTOCOLS.glob("*.yaml"))
+    assert sorted(SHORTENED) == PROTOCOL_NAMES
 
 
 @pytest.mark.parametrize("name", SHORTENED)

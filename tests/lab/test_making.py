@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError
-from labrig.lab.folder import MARKER, RUNS
+from labrig.lab.folder import MARKER, RIG_SCHEMA, RUNS
 from labrig.lab.making import SCHEMAS, Written, list_lab_files, make_lab_folder, update_lab_folder
 from tests.disks import full_disk
 
@@ -58,7 +58,7 @@ def test_a_lab_folder_without_a_marker_loses_nothing(tmp_path: Path) -> None:
     make_lab_folder(tmp_path, OLD, "1.0")
     (tmp_path / MARKER).unlink()
     (tmp_path / "calibration").mkdir()
-    (tmp_path / SCHEMAS[1]).write_bytes(b"schema of rigs")
+    (tmp_path / RIG_SCHEMA).write_bytes(b"schema of rigs")
     assert update_lab_folder(tmp_path, NEW, "1.1").kept == ("protocols/a.yaml",)
     assert (tmp_path / "protocols/a.yaml").read_bytes() == b"old a"
     assert (tmp_path / MARKER).is_file()

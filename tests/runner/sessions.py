@@ -23,6 +23,8 @@ from labrig.runner.session import Session
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
+EXAMPLES = sorted(path.stem for path in PROTOCOLS.glob("*.yaml") if not path.stem.startswith("campaign-"))
+"""The names of the example protocols; campaigns, which repeat one of them, are not among them."""
 ONE_INSERTION = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
 
 

@@ -30,7 +30,7 @@ from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_ri
 from labrig.runner.replay import Replay, _replay_session, _Replayed, replay_run
 from labrig.runner.session import Session
 from tests.record.faults import killed_run
-from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, sweep
+from tests.runner.sessions import EXAMPLES, PROTOCOLS, RunBench, Told, Watched, bench, sweep
 
 
 def replay(run: Run) -> Replay:
@@ -72,7 +72,7 @@ SHORTER = {
 """What makes long example protocols short enough for a test."""
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in PROTOCOLS.glob("*.yaml")))
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_every_example_protocol_comes_again_to_the_last_bit(tmp_path: Path, name: str) -> None:
     """A replay gives every command, question, event, state, picture and CAN frame, times included."""
     protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))

@@ -1,0 +1,227 @@
+"""The work of `labrig campaign`: reads the files, computes what is left, writes table and page, prints them."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labrig.analysis.engine import Pool, open_process_pool, run_in_order
+from labrig.campaign.campaign_file import CampaignFile, load_campaign_file
+from labrig.campaign.conduct import conduct_campaign
+from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
+from labrig.campaign.page import write_page
+from labrig.campaign.result import CampaignResult, make_result
+from labrig.campaign.store import CampaignStore
+from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign
+from labrig.cli.missing_package import require_package
+from labrig.cli.options import find_rig_file
+from labrig.cli.output import print_json, print_line, print_table, say
+from labrig.cli.progress import Reporter, progress, progress_if_slow
+from labrig.cli.signals import Interruption
+from labrig.clock import Clock
+from labrig.devices.clocks import SystemClock
+from labrig.durable import disk_errors
+from labrig.errors import DiskError
+from labrig.lab.folder import CAMPAIGNS, find_in_lab
+from labrig.posix import count_usable_cores
+from labrig.record.urls import is_url
+from labrig.runner.run_control import RunControl
+from labrig.text import format_count, interval, number
+
+_LOOK_S = 0.2
+"""How often a campaign that is paused looks for a request to continue."""
+
+
+@dataclass(frozen=True)
+class CampaignOrder:
+    """What was typed: the file, the rig, the processes or the cluster, and where the table goes; None: not given."""
+
+    file: Path
+    rig: Path | None
+    workers: int | None
+    cluster: str | None
+    out: str | None
+
+
+def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
+    """Compute a campaign, write its table and page, print what it found, and return the exit code.
+
+    Raises
+    ------
+    InputError, DiskError, MachineError
+        When it cannot begin or go on; what is done stays done.
+    """
+    loaded = _load(order.file, order.rig)
+    place = str(find_in_lab(CAMPAIGNS) / loaded.file.campaign) if order.out is None else order.out
+    with CampaignStore.open(place, describe_campaign(loaded)) as store:
+        by_rule = _conduct(loaded, store, order)
+        table = store.read()
+    result = make_result(loaded, table, tasks=CampaignTasks(loaded).count, by_rule=by_rule)
+    say("writing the report")
+    report = write_page(_choose_page_folder(place, loaded.file), loaded, result, table, SystemClock().utc())
+    _print(result, place, report, as_json=as_json)
+    return 0 if result.failed < result.done else 1
+
+
+def _load(file: Path, rig: Path | None) -> LoadedCampaign:
+    """Read a campaign and all that it names. Raises `FileFormatError`, `InputError`."""
+    content = load_campaign_file(file)
+    base = _resolve(file, content.base)
+    named = rig if content.rig is None or rig is not None else _resolve(file, content.rig)
+    files = CampaignFiles(file, base, lambda: find_rig_file(named, base))
+    with progress_if_slow("reading the arms", SystemClock(), shown=True) as report:
+        return load_campaign(files, content, report)
+
+
+def _resolve(file: Path, name: str) -> Path:
+    """Return a file that a campaign file names, relative to the working folder as that is."""
+    return Path(os.path.normpath(file.parent / name))
+
+
+def _conduct(loaded: LoadedCampaign, store: CampaignStore, order: CampaignOrder) -> bool:
+    """Compute what is left of a campaign, and return whether its rule ended it."""
+    tasks, clock = CampaignTasks(loaded), SystemClock()
+    if store.torn is not None:
+        say(f"note: {store.place}/{store.torn} was cut short; its tasks are computed again")
+    if store.done:
+        say(f"{store.place}: {store.done} of {tasks.count} tasks are done; the campaign goes on behind them")
+    with (
+        _open_pool(order) as pool,
+        progress(loaded.file.campaign, float(max(1, tasks.count - store.done))) as reporter,
+        _take_requests(store) as control,
+    ):
+        watch = _Watch(reporter, control, clock, store.done)
+        try:
+            end = conduct_campaign(
+                tasks,
+                store,
+                lambda orders: run_in_order(pool, compute_task, orders, clock=clock),
+                clock,
+                watch,
+            )
+        except Interruption:
+            say(f"{store.done} of {tasks.count} tasks are done; the same command goes on behind them")
+            raise
+    return end.by_rule
+
+
+@contextmanager
+def _open_pool(order: CampaignOrder) -> Iterator[Pool]:
+    work = "computed tasks"
+    if order.cluster is None:
+        with open_process_pool(order.workers or count_usable_cores(), work) as pool:
+            yield pool
+        return
+    require_package("distributed", "dask", "--cluster")
+    # Imported late: dask takes a second, and is not installed with labrig.
+    from labrig.analysis.cluster import open_cluster
+
+    with open_cluster(order.cluster, work) as pool:
+        yield pool
+
+
+@contextmanager
+def _take_requests(store: CampaignStore) -> Iterator[RunControl | None]:
+    """Take requests to pause from other terminals; none at a URL, or where no socket can be made."""
+    try:
+        control = None if is_url(store.place) else RunControl(Path(store.place))
+    except DiskError as error:
+        say(f"note: labrig pause cannot reach this campaign: {error.message}")
+        control = None
+    try:
+        yield control
+    finally:
+        if control is not None:
+            control.close()
+
+
+class _Watch:
+    """Shows how far a campaign is, and holds it while it is paused."""
+
+    def __init__(self, reporter: Reporter, control: RunControl | None, clock: Clock, begin: int) -> None:
+        self._reporter = reporter
+        self._control = control
+        self._clock = clock
+        self._begin = begin
+
+    def note(self, done: int, of: int) -> None:
+        """Show it; while the campaign is paused, wait."""
+        self._reporter(float(done - self._begin), f"{done} of {of} tasks")
+        control = self._control
+        if control is None:
+            return
+        control.poll("after the tasks at hand", paused=False)
+        if control.asks_for_pause:
+            control.meet()
+            say("labrig pause: the campaign is paused; labrig continue goes on")
+            while not control.asks_to_continue:
+                self._clock.sleep(_LOOK_S)
+                control.poll("", paused=True)
+            control.meet()
+            say("labrig continue: the campaign goes on")
+
+
+def _choose_page_folder(place: str, file: CampaignFile) -> Path:
+    """Return the folder of the page: that of the table, or a new one of this computer for a table at a URL."""
+    if not is_url(place):
+        return Path(place)
+    folder = find_in_lab(CAMPAIGNS) / file.campaign
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _print(result: CampaignResult, place: str, report: Path, *, as_json: bool) -> None:
+    if as_json:
+        print_json(_make_document(result, place, report))
+        return
+    judged = result.tolerance is not None
+    heads = (
+        "arm",
+        "tasks",
+        "failed",
+        *(("within", "share %", "95 %") if judged else ()),
+        "mean",
+        "95 %",
+        "median",
+    )
+    rows = []
+    for arm in result.arms:
+        share = arm.share_ci95
+        within = (
+            arm.within_tolerance,
+            number(None if arm.share is None else 100 * arm.share, 1),
+            interval(None if share is None else [100 * limit for limit in share], 1),
+        )
+        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.median))
+        rows.append((arm.name, arm.tasks, arm.failed, *(within if judged else ()), *mean))
+    tolerance = f", within {result.tolerance:g}" if judged else ""
+    print_line(f"{result.campaign}: {result.measure}{tolerance}")
+    print_table(heads, rows)
+    for failure in result.failures[:3]:
+        count = format_count(failure.tasks, "task")
+        say(f"note: {count} failed, task {failure.first} first: {failure.error}")
+    print_line(f"table   {place}\nreport  {report}")
+
+
+def _make_document(result: CampaignResult, place: str, report: Path) -> Mapping[str, Any]:
+    mean, ci95 = ("mean_error_mm", "ci95_mm") if result.measure.endswith("error_mm") else ("mean", "ci95")
+    arms = [
+        {
+            **arm.model_dump(mode="json", exclude={"mean", "ci95"}),
+            mean: arm.mean,
+            ci95: arm.ci95,
+        }
+        for arm in result.arms
+    ]
+    whole = result.model_dump(mode="json", exclude={"arms", "settling", "campaign"})
+    return {
+        "campaign": place,
+        "name": result.campaign,
+        "table": place,
+        "report": str(report),
+        "arms": arms,
+        **whole,
+    }

@@ -25,6 +25,10 @@ class Place(ABC):
     folder: Path | None = None
 
     @abstractmethod
+    def make(self) -> None:
+        """Make the folder if it is not there. Raises `DiskError`."""
+
+    @abstractmethod
     def list_names(self) -> list[str]:
         """Return the names of its files and folders, sorted. Raises `DiskError`."""
 
@@ -69,6 +73,9 @@ class _Folder(Place):
     def __str__(self) -> str:
         return str(self._path)
 
+    def make(self) -> None:
+        """Leave the folder as it is: it was made for its lock."""
+
     def list_names(self) -> list[str]:
         with disk_errors(self._path):
             return sorted(path.name for path in self._path.iterdir() if path.name != LOCK)
@@ -100,6 +107,10 @@ class _RemoteFolder(Place):
     def __str__(self) -> str:
         return self._url
 
+    def make(self) -> None:
+        with StoreErrors("make", self._url):
+            self._files.makedirs(self._root, exist_ok=True)
+
     def list_names(self) -> list[str]:
         with StoreErrors("look at", self._url):
             self._files.invalidate_cache()
@@ -118,7 +129,6 @@ class _RemoteFolder(Place):
         path = f"{self._root}/{name}"
         with StoreErrors("write", f"{self._url}/{name}"):
             try:
-                self._files.makedirs(self._root, exist_ok=True)
                 self._files.pipe_file(path, content, mode="overwrite" if replace else "create")
             except FileExistsError as error:
                 raise _make_refusal(f"{self._url}/{name}") from error
@@ -127,7 +137,7 @@ class _RemoteFolder(Place):
                 raise DiskError(f"{self._url}/{name} is not what was sent", "send it again")
 
     def close(self) -> None:
-        """Nothing is locked."""
+        """Do nothing: nothing is locked."""
 
 
 def _make_refusal(name: str) -> LockedError:

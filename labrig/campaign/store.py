@@ -172,6 +172,7 @@ class CampaignStore:
             if names:
                 raise OutputExistsError(f"{self.place} holds {names[0]} and no campaign", _ELSEWHERE)
             content = {"sha256": self._owner, "installation": describe_installation(), "document": document}
+            self._place.make()
             self._place.write(CAMPAIGN, encode_document(content), replace=False)
             return
         kept = self._read_document()

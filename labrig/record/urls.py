@@ -266,6 +266,7 @@ class StoreErrors:
 
     def __init__(self, doing: str, url: str) -> None:
         self._what = f"cannot {doing} {url}"
+        self._missing = RecordError if doing == "read" else DiskError
         self._hint = _ZIP if url.startswith("zip:") else _NOT_THERE
 
     def __enter__(self) -> None:
@@ -280,7 +281,7 @@ class StoreErrors:
         if isinstance(error, OSError) or room not in {"builtins", "labrig"}:
             cause = (error.strerror if isinstance(error, OSError) else None) or str(error) or kind.__name__
             # A store that cannot be reached is the machine's fault; a file that is not in it is the record's.
-            failure = RecordError if isinstance(error, FileNotFoundError) else DiskError
+            failure = self._missing if isinstance(error, FileNotFoundError) else DiskError
             raise failure(f"{self._what}: {cause}", self._hint) from error
 
 

@@ -12,26 +12,19 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from labrig.analysis.engine import WorkQueue, open_process_pool, run_in_order
+from labrig.devices.clocks import SimulatedClock
 from labrig.errors import AnswerIsNoError, BugError, LabrigError, MachineError
 
-_elapsed_s = 0.0
-_readings = 0
+_of_this_process = {"elapsed_s": 0.0, "readings": 0}
 
 
-class CountedClock:
+class CountedClock(SimulatedClock):
     """A clock that tasks advance, and that counts in each process how often it was read."""
 
     def now_s(self) -> float:
         """Return the time that tasks have taken in this process [s]."""
-        global _readings
-        _readings += 1
-        return _elapsed_s
-
-    def sleep(self, duration_s: float) -> None:
-        """Nobody sleeps here."""
-        raise NotImplementedError
-
-    suspended_s = utc = sleep
+        _of_this_process["readings"] += 1
+        return _of_this_process["elapsed_s"]
 
 
 def square(task: int) -> int:
@@ -41,9 +34,8 @@ def square(task: int) -> int:
 
 def take_time(task: int) -> tuple[int, int]:
     """Take a sixty-fourth of a second of the counted clock; return what only tasks of the same batch share."""
-    global _elapsed_s
-    _elapsed_s += 1 / 64
-    return os.getpid(), _readings
+    _of_this_process["elapsed_s"] += 1 / 64
+    return os.getpid(), int(_of_this_process["readings"])
 
 
 def fail(task: int) -> object:
@@ -136,7 +128,7 @@ def test_a_failed_task_is_a_value_and_the_others_go_on() -> None:
 
 
 @pytest.mark.parametrize("clock", [None, CountedClock()])
-def test_a_worker_lost_once_costs_nothing_but_time(tmp_path: Path, clock: CountedClock | None) -> None:
+def test_a_worker_lost_once_costs_nothing_but_time(tmp_path: Path, clock: SimulatedClock | None) -> None:
     """After SIGKILL to a worker its tasks are done again, and no result is missing."""
     tasks = [(number, tmp_path / "killed") for number in range(40)]
     with open_process_pool(2, "squared") as pool:

@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Executor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Event
 from typing import Any, Literal
@@ -40,6 +40,8 @@ _CALLS_BETWEEN_COUNTS = 64
 _KERNELS = "OPENBLAS_CORETYPE"
 _CONNECT_HINT = "check that its scheduler runs, its address, and the network between"
 _INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
+# The scheduler has an HTTP server even so, which then only this computer reaches.
+_NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 # Files of the job cluster, which it leaves to the garbage collector to close.
 _CERTIFICATES = ("_job_ca_file", "_job_cert", "_job_key")
 _LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application")
@@ -187,11 +189,10 @@ def _start_jobs(place: str, file: ClusterFile) -> Iterator[Client]:
     }
     with dask.config.set(settings), ExitStack() as held:
         try:
-            cluster = held.enter_context(_SYSTEMS[system](security=True))
-            for name in _CERTIFICATES:
-                held.callback(getattr(cluster, name).close)
-            cluster.scale(jobs=file.jobs)
-            cluster.sync(cluster._correct_state)  # noqa: SLF001 - `scale` alone hides the words of the batch system
+            cluster = held.enter_context(_open_jobs(_SYSTEMS[system]))
+            # The first job is submitted here, where the words of the batch system are heard.
+            cluster.worker_spec.update(cluster.new_worker_spec())
+            cluster.sync(cluster._correct_state)  # noqa: SLF001 - what `scale` leaves to the background
         except (ValueError, TypeError, OSError, RuntimeError) as error:
             raise InputError(
                 f"{place}: {system} took no job: {error}",
@@ -201,6 +202,18 @@ def _start_jobs(place: str, file: ClusterFile) -> Iterator[Client]:
         yield held.enter_context(Client(cluster))
 
 
+@contextmanager
+def _open_jobs(kind: type[JobQueueCluster]) -> Iterator[JobQueueCluster]:
+    cluster = kind(security=True)
+    try:
+        yield cluster
+    finally:
+        with suppress(AssertionError):  # of a job that has never begun
+            cluster.close()
+        for name in _CERTIFICATES:
+            getattr(cluster, name).close()
+
+
 def _fill_section(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of a batch system: a process for each core, our kernels of linear algebra, no dashboard."""
     section = {**known, **given}
@@ -208,7 +221,7 @@ def _fill_section(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[st
         section["processes"] = section["cores"]
     if section["shared-temp-directory"] is None:
         section["shared-temp-directory"] = str(Path.home())
-    section["scheduler-options"] = {"dashboard_address": None, **(section["scheduler-options"] or {})}
+    section["scheduler-options"] = {**_NO_DASHBOARD, **(section["scheduler-options"] or {})}
     if _KERNELS in os.environ:
         section["job-script-prologue"] = [
             *(section["job-script-prologue"] or []),

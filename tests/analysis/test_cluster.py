@@ -1,0 +1,171 @@
+"""The engine on workers of a cluster: a dask scheduler on the loopback, and jobs of a batch system."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import dask
+import pytest
+from dask.distributed import Client, LocalCluster
+
+from labrig.analysis.cluster import open_cluster
+from labrig.analysis.engine import run_in_order
+from labrig.errors import FileFormatError, InputError, MachineError
+
+_LOOPBACK = {
+    "host": "127.0.0.1",
+    "dashboard_address": "127.0.0.1:0",
+    "scheduler_kwargs": {"dashboard": False},
+    "worker_dashboard_address": None,
+}
+# Stand for the commands of SLURM: what is submitted runs at once, in a session of its own.
+_SBATCH = """\
+#!/bin/sh
+cp "$1" "$JOBS/script"
+setsid sh "$JOBS/script" >"$JOBS/log" 2>&1 </dev/null &
+echo "Submitted batch job $!"
+"""
+_SCANCEL = '#!/bin/sh\nkill -- "-$1"\n'
+
+
+def square(task: int) -> int:
+    """Return a result that tells its task."""
+    return task * task
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    """Two worker processes that a scheduler starts again when they die; it gives a task up at its first death."""
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(n_workers=2, threads_per_worker=1, silence_logs=50, **_LOOPBACK) as started,
+    ):
+        yield started
+
+
+def test_a_cluster_has_the_results_of_one_process(cluster: LocalCluster) -> None:
+    """Results come in order; a worker that is killed in the middle costs nothing but time."""
+    outcomes = []
+    with open_cluster(cluster.scheduler_address, "squared") as pool:
+        assert pool.count_workers() == 2
+        for outcome in run_in_order(pool, square, range(200)):
+            outcomes.append(outcome)
+            if len(outcomes) == 20:
+                os.kill(cluster.workers[0].pid, signal.SIGKILL)
+    assert outcomes == [square(task) for task in range(200)]
+
+
+def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster) -> None:
+    """A worker with other kernels of linear algebra is refused when it joins later, and when the cluster is opened."""
+    command = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        cluster.scheduler_address,
+        "--nthreads",
+        "1",
+    ]
+    others = {**os.environ, "OPENBLAS_CORETYPE": "Sandybridge"}
+    with open_cluster(cluster.scheduler_address, "squared") as pool:
+        foreign = subprocess.Popen(
+            [*command, "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"],
+            env=others,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            with Client(cluster.scheduler_address) as client:
+                client.wait_for_workers(3, timeout=60)
+            with pytest.raises(MachineError, match="has another installation"):
+                list(run_in_order(pool, square, range(500)))
+            with (
+                pytest.raises(MachineError, match="has kernels Sandybridge, this process has"),
+                open_cluster(cluster.scheduler_address, "squared"),
+            ):
+                pass
+        finally:
+            foreign.terminate()
+            foreign.wait()
+
+
+@pytest.mark.parametrize(
+    ("workers", "message"), [(0, "has no worker after 0.1 s"), (2, "does 2 tasks at a time in one process")]
+)
+def test_a_cluster_without_fit_workers_is_refused(workers: int, message: str) -> None:
+    """No worker at all, or one that does several tasks at a time in one process, is named."""
+    with (
+        LocalCluster(
+            n_workers=min(1, workers), threads_per_worker=2, processes=False, protocol="tcp://", **_LOOPBACK
+        ) as started,
+        pytest.raises(MachineError, match=message),
+        open_cluster(started.scheduler_address, "squared", answer_s=0.1),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("place", ["tcp://127.0.0.1", "http://127.0.0.1:1", "tcp://host:port"])
+def test_what_is_no_address_is_refused(place: str) -> None:
+    """An address has a host and a port, and a scheme that dask speaks."""
+    with pytest.raises(InputError, match="is no address of a dask scheduler"), open_cluster(place, "squared"):
+        pass
+
+
+def test_a_cluster_that_does_not_answer_is_refused() -> None:
+    """Where nothing listens the wait has a limit."""
+    with (
+        pytest.raises(MachineError, match=r"does not answer within 0\.2 s"),
+        open_cluster("tcp://127.0.0.1:1", "squared", answer_s=0.2),
+    ):
+        pass
+
+
+def job_file(folder: Path, **section: object) -> str:
+    """Write a file of jobs that run here, and return its name."""
+    slurm = {
+        "cores": 1,
+        "memory": "1GB",
+        "shared-temp-directory": str(folder),
+        "scheduler-options": {"host": "127.0.0.1"},
+        "worker-extra-args": ["--host", "127.0.0.1", "--no-dashboard"],
+    }
+    path = folder / "cluster.yaml"
+    path.write_text(str({"wait_s": 60.0, "jobqueue": {"slurm": {**slurm, **section}}}))
+    return str(path)
+
+
+def test_jobs_of_a_batch_system_are_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file submits jobs, whose workers compute with our kernels behind certificates that end with them."""
+    for name, text in (("sbatch", _SBATCH), ("scancel", _SCANCEL)):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o700)
+    monkeypatch.setenv("JOBS", str(tmp_path))
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with open_cluster(job_file(tmp_path), "squared") as pool:
+        assert list(run_in_order(pool, square, range(40))) == [square(task) for task in range(40)]
+    assert "--tls-cert" in (tmp_path / "script").read_text()
+    assert not list(tmp_path.glob(".dask-jobqueue*"))
+
+
+def test_a_batch_system_that_is_not_here_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where jobs cannot be submitted its words are told."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with (
+        pytest.raises(InputError, match=r"slurm took no job: .*sbatch"),
+        open_cluster(job_file(tmp_path), "squared"),
+    ):
+        pass
+
+
+def test_a_file_of_jobs_is_checked(tmp_path: Path) -> None:
+    """A key that dask-jobqueue does not know is named, as are those of ours."""
+    with (
+        pytest.raises(InputError, match="slurm has no cors"),
+        open_cluster(job_file(tmp_path, cors=4), "squared"),
+    ):
+        pass
+    (tmp_path / "cluster.yaml").write_text("jobqueue: {lsff: {}}\njob: 3\n")
+    with pytest.raises(FileFormatError, match="job"), open_cluster(str(tmp_path / "cluster.yaml"), "squared"):
+        pass

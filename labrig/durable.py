@@ -121,13 +121,14 @@ def append_or_restore(descriptor: int, content: bytes, length_before: int) -> No
 
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Turn an `OSError` in the block into a `DiskError` with the path, the free space and a remedy."""
+    """Turn an `OSError` in the block into a `DiskError` with the path and a remedy; of a full disk also the space."""
     try:
         yield
     except OSError as error:
-        free = f"{free_bytes(path) / 1e6:.1f} MB free on that disk"
+        is_full = error.errno == errno.ENOSPC
+        free = f" ({free_bytes(path) / 1e6:.1f} MB free on that disk)" if is_full else ""
         raise DiskError(
-            f"cannot write {path}: {error.strerror} ({free})", _HINTS.get(error.errno or 0, "check the disk")
+            f"cannot write {path}: {error.strerror}{free}", _HINTS.get(error.errno or 0, "check the disk")
         ) from error
 
 

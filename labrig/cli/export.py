@@ -154,15 +154,17 @@ def _prepare_tables(
     opened = open_run(source, read_pictures=True)
     note_unused(opened.problems, opened.damage)
     shown = opened.without_personal_data() if private else opened
+    tables = [name for name in formats if name not in _FOR_PAPER]
+    # Drawn and refused before anything is written.
+    write_for_paper = _prepare_for_paper(shown, formats) if len(tables) < len(formats) else None
 
     def write(folder: Path) -> None:
-        tables = [name for name in formats if name not in _FOR_PAPER]
         if tables:
             from labrig.report.export import write_tables
 
             write_tables(shown, tables, folder)
-        if len(tables) < len(formats):
-            _write_for_paper(shown, formats, folder)
+        if write_for_paper is not None:
+            write_for_paper(folder)
         if mcap:
             from labrig.report.mcap_file import write_mcap
 
@@ -171,8 +173,14 @@ def _prepare_tables(
     return write, opened.damage
 
 
-def _write_for_paper(run: Any, formats: list[str], folder: Path) -> None:
-    """Write LaTeX, figures and films of the newest result."""
+def _prepare_for_paper(run: Any, formats: list[str]) -> Callable[[Path], None]:
+    """Return what writes LaTeX, figures and films of the newest result.
+
+    Raises
+    ------
+    InputError
+        When films are asked for, and the run has no insertion.
+    """
     from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
     from labrig.report.figure_files import write_figures
     from labrig.report.film import write_film
@@ -181,23 +189,25 @@ def _write_for_paper(run: Any, formats: list[str], folder: Path) -> None:
     experiment, result = find_run_experiment(run), load_run_result(run)
     if result is not None and run.private:
         result = result.without_personal_data()
-    if _LATEX in formats:
-        summary = None if result is None else experiment.summarise(result.document)
-        write_latex(folder, run, result, summary)
-    if not {_FIGURES, _FILM} & set(formats):
-        return
-    page = experiment.page(run, load_run_protocol(run), result)
-    if _FIGURES in formats:
-        write_figures(folder, run, page)
-    if _FILM in formats:
-        films = page.make_films()
-        if not films:
-            raise InputError(
-                f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"
-            )
-        with show_working("drawing the films", shown=True):
+    drawn = {_FIGURES, _FILM} & set(formats)
+    page = experiment.page(run, load_run_protocol(run), result) if drawn else None
+    films = page.make_films() if page is not None and _FILM in formats else ()
+    if _FILM in formats and not films:
+        raise InputError(
+            f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"
+        )
+
+    def write(folder: Path) -> None:
+        if _LATEX in formats:
+            summary = None if result is None else experiment.summarise(result.document)
+            write_latex(folder, run, result, summary)
+        if page is not None and _FIGURES in formats:
+            write_figures(folder, run, page)
+        with show_working("drawing the films", shown=bool(films)):
             for film in films:
                 write_film(folder, run, film)
+
+    return write
 
 
 def _check_crate(formats: list[str], *, ro_crate: bool, other: bool) -> None:

@@ -21,11 +21,10 @@ def remark_on_lab_version() -> None:
     if marker is None:
         return
     if marker.is_newer_than(__version__):
-        remedy = f"install labrig {marker.labrig} or a newer one"
+        why, remedy = marker.explain_newer(__version__)
+        say_wrapped(f"note: this lab folder was made {why}; {remedy}")
     elif marker.is_older_than(__version__):
-        remedy = f"bring them up to date: {suggest_update(lab)}"
-    else:
-        return
-    say_wrapped(
-        f"note: schemas and examples of this lab folder are of labrig {marker.labrig}, this is {__version__}; {remedy}"
-    )
+        say_wrapped(
+            f"note: schemas and examples of this lab folder are of labrig {marker.labrig}, this is {__version__}; "
+            f"bring them up to date: {suggest_update(lab)}"
+        )

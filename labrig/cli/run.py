@@ -54,6 +54,10 @@ def run(
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded = sources.load_protocol()
+    if run_name is not None:
+        from labrig.record.opening import require_free_name
+
+        require_free_name(chosen.path, run_name)
     if runs_dir is None:  # before the other imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished

@@ -88,6 +88,10 @@ def list_(
         return
 
     folder = find_runs_dir(runs_dir)
+    if find_lab_folder() is not None:
+        from labrig.cli.lab_version import remark_on_lab_version
+
+        remark_on_lab_version()
     with _no_collections():
         with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
             every = _find(folder, where, sort, show or (), reverse, progress)

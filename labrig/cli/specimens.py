@@ -1,5 +1,6 @@
 """`labrig specimens`: the blocks of gel that protocols name, their files, tracks and labels."""
 
+import re
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ from labrig.cli.options import RunsDirOption, find_runs_dir
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
 from labrig.devices.clocks import SystemClock
 from labrig.durable import disk_errors, write_atomically
-from labrig.errors import InputError, OutputExistsError
+from labrig.errors import FileFormatError, InputError, OutputExistsError, Problem
 from labrig.lab.folder import SPECIMENS, find_in_lab
 from labrig.protocol.specimen_file import (
     SUFFIX,
@@ -24,6 +25,10 @@ from labrig.protocol.yaml_file import dump_yaml, validate_values
 app = typer.Typer(no_args_is_help=True)
 
 _SCHEMA_FILE = "specimen.schema.json"
+_COMMAND = "labrig specimens new"
+_KEYS = re.compile(
+    r"\b(?:gelatin_percent|batch|mixed_on|cast_on|cured_for_h|cured_at_celsius|usable_until)\b(?= is|, )"
+)
 _HEAD = f"# yaml-language-server: $schema={_SCHEMA_FILE}\n"
 
 
@@ -77,7 +82,10 @@ def new(
         "cured_at_celsius": cured_at_celsius,
         "usable_until": _add_zone(usable_until),
     }
-    specimen = validate_values(values, "labrig specimens new", SpecimenFile)
+    try:
+        specimen = validate_values(values, _COMMAND, SpecimenFile)
+    except FileFormatError as error:
+        raise FileFormatError(tuple(map(_name_options, error.problems))) from error
     path = find_in_lab(SPECIMENS) / f"{name}{SUFFIX}"
     _require_new(path, "", "edit it, or give the new block another name: its tracks are kept under it")
     with disk_errors(path):
@@ -88,6 +96,16 @@ def new(
         return
     print_line(str(path))
     say(f"in a protocol: specimen_file: {name}; its label: labrig specimens label {name} --to {name}.svg")
+
+
+def _name_options(problem: Problem) -> Problem:
+    """Return a problem that names options instead of the keys of the file."""
+    message, hint = (_KEYS.sub(_name_option, text) for text in (problem.message, problem.hint))
+    return Problem(_COMMAND, message, hint)
+
+
+def _name_option(key: re.Match[str]) -> str:
+    return f"--{key[0].replace('_', '-')}"
 
 
 def _require_new(path: Path, option: str, hint: str) -> None:

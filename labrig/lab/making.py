@@ -183,10 +183,8 @@ def _read_usable_marker(folder: Path, labrig: str) -> Marker | None:
     """Return the marker. Raises `InputError` if it is damaged, or of a newer labrig."""
     marker = read_marker(folder)
     if marker is not None and marker.is_newer_than(labrig):
-        raise InputError(
-            f"{_name(folder)} was made by labrig {marker.labrig}, which is newer than this labrig {labrig}",
-            f"install labrig {marker.labrig} or a newer one; nothing was changed",
-        )
+        why, remedy = marker.explain_newer(labrig)
+        raise InputError(f"{_name(folder)} was made {why}", f"{remedy}; nothing was changed")
     return marker
 
 

@@ -44,6 +44,16 @@ class Marker:
         """Return whether it was written by a newer labrig than the version given."""
         return self.format > FORMAT or Version(self.labrig) > Version(labrig)
 
+    def explain_newer(self, labrig: str) -> tuple[str, str]:
+        """Return by which labrig it was written, newer than the version given, and what to install."""
+        if Version(self.labrig) > Version(labrig):
+            return (
+                f"by labrig {self.labrig}, which is newer than this labrig {labrig}",
+                f"install labrig {self.labrig} or a newer one",
+            )
+        read = f"{MARKER} has format {self.format}, and formats up to {FORMAT} are read"
+        return f"by a labrig newer than this labrig {labrig}: {read}", "install a newer labrig"
+
     def is_older_than(self, labrig: str) -> bool:
         """Return whether it was written by an older labrig than the version given."""
         return not self.is_newer_than(labrig) and Version(self.labrig) < Version(labrig)

@@ -112,7 +112,18 @@ def make_run_directory(path: Path) -> None:
         try:
             path.mkdir()
         except FileExistsError as error:
-            raise OutputExistsError(f"{path} exists already", "give the run another name") from error
+            raise _make_name_error(path) from error
+
+
+def require_free_name(runs_dir: Path, run_name: str) -> None:
+    """Refuse the name of a run that exists already, before any work. Raises `OutputExistsError`, `InputError`."""
+    path = runs_dir / require_name(run_name, "the run name")
+    if path.exists():
+        raise _make_name_error(path)
+
+
+def _make_name_error(path: Path) -> OutputExistsError:
+    return OutputExistsError(f"{path} exists already", "give the run another name")
 
 
 def create_under_free_name(started: datetime, what: str, create: Callable[[str], _Created]) -> _Created:

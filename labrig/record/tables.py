@@ -1,5 +1,6 @@
 """Tables for people: a unit in every name, one number a cell."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ _BUDGET = "_budget_mm"
 _AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
 _OF_THE_AXIS = ("position", "asked_position")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+_NUMBERS = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?(; [-+]?\d+(\.\d+)?(e[-+]?\d+)?)*", re.ASCII)
 _SPEED_OF_THE_AXIS = ("speed", "asked_speed")
 
 
@@ -82,8 +84,14 @@ def _is_number(value: object) -> bool:
 
 
 def escape_formula(value: object) -> object:
-    """Return a cell of a CSV file; a text that a spreadsheet would take for a formula gets an apostrophe."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA_STARTS) else value
+    """Return a cell of a CSV file; a text that a spreadsheet would take for a formula gets an apostrophe.
+
+    A sign begins a formula too: `-y` would be computed, and show an error. Numbers stay as they are, also several with
+    semicolons between them.
+    """
+    if not isinstance(value, str) or not value.startswith(_FORMULA_STARTS) or _NUMBERS.fullmatch(value):
+        return value
+    return f"'{value}"
 
 
 def unescape_formula(text: str) -> str:

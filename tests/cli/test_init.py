@@ -91,22 +91,24 @@ def test_without_a_lab_folder_labrig_says_how_to_make_one(
 
 
 @pytest.mark.parametrize(
-    ("made_by", "remedy"),
+    ("marker", "told", "remedy"),
     [
-        ("0.0.1", "bring them up to date: labrig init --update"),
-        ("99.1", "install labrig 99.1 or a newer one"),
+        ({"labrig": "0.0.1"}, "are of labrig 0.0.1, this is", "bring them up to date: labrig init --update"),
+        ({"labrig": "99.1"}, "was made by labrig 99.1, which is newer", "install labrig 99.1 or a newer one"),
+        ({"format": 2}, "has format 2, and formats up to 1 are read", "install a newer labrig"),
     ],
 )
 def test_a_lab_folder_of_another_labrig_is_named(
-    lab: Path, labrig: Labrig, made_by: str, remedy: str
+    lab: Path, labrig: Labrig, marker: dict[str, object], told: str, remedy: str
 ) -> None:
-    """A check works all the same, and says what brings the two together."""
-    marker = json.loads((lab / MARKER).read_text(encoding="utf-8"))
-    (lab / MARKER).write_text(json.dumps({**marker, "labrig": made_by}), encoding="utf-8")
-    checked = labrig("check", "steerability")
-    assert checked.exit_code == 0
-    assert f"are of labrig {made_by}, this is" in checked.err
-    assert remedy in checked.err
+    """A check and a list of the runs work all the same, and say what brings the two together."""
+    written = json.loads((lab / MARKER).read_text(encoding="utf-8"))
+    (lab / MARKER).write_text(json.dumps({**written, **marker}), encoding="utf-8")
+    for command in (("check", "steerability"), ("runs",)):
+        done = labrig(*command)
+        assert done.exit_code == 0
+        assert told in done.err
+        assert remedy in done.err
 
 
 def test_an_update_names_what_it_kept(lab: Path, labrig: Labrig) -> None:
@@ -129,3 +131,11 @@ def test_a_lab_folder_is_not_made_twice(lab: Path, labrig: Labrig) -> None:
     assert refused.exit_code == 2
     assert refused.err.splitlines()[-1] == "hint: bring it up to date: labrig init --update"
     assert labrig("init", "--update").exit_code == 0
+
+
+def test_the_name_of_a_kept_run_is_refused_before_anything_begins(lab: Path, labrig: Labrig) -> None:
+    """Nothing is said of a run that does not begin."""
+    (lab / "data" / "runs" / "first").mkdir()
+    refused = labrig("run", "steerability", "--run-name", "first")
+    assert refused.exit_code == 2
+    assert refused.err.startswith("error: data/runs/first exists already")

@@ -103,6 +103,8 @@ def test_a_specimen_is_written_once_listed_and_labelled(bench: Path, labrig: Lab
     assert labrig(*new).err.startswith("error: data/specimens/A1.yaml exists already")
     assert (bench / "data/specimens/A1.yaml").read_bytes() == kept
     assert labrig("specimens", "new", "../A1", "--gelatin-percent", 10).exit_code == 2
+    wrong = labrig("specimens", "new", "C1", "--gelatin-percent", 10, "--cured-for-h", -1).err
+    assert wrong.startswith("error: labrig specimens new: --cured-for-h is -1.0, expected")
     assert not (bench / "data" / "A1.yaml").exists()
     (bench / "data/specimens/B1.yaml").write_text("name: [", encoding="utf-8")
     listed = labrig("specimens", "list", "--json")

@@ -76,7 +76,7 @@ def test_quotes_brackets_and_braces_are_yaml():
         ("=3", "--set", "is not an override", "for example"),
         ("a..b=3", "--set", "is not an override", "for example"),
         ("a." * 5000 + "b=1", "--set", "is not an override", "for example"),
-        ("specimens=[{name: A", "--set specimens", "bracket is not closed", ""),
+        ("specimens=[{name: A", "--set specimens", 'missing: "[{name: A"', "it was opened in this value"),
         ("specimens=[!x {}]", "--set specimens", "the tag !x is not allowed", ""),
         ("operator=\udcff", "--set operator", "not a character", "UTF-8"),
     ],

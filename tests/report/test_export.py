@@ -61,9 +61,11 @@ def test_csv_reads_back_the_same(run: Run, tables: dict[str, pd.DataFrame]) -> N
 
 
 def test_a_spreadsheet_finds_no_formula(run: Run) -> None:
-    """Text that a spreadsheet would compute is made text."""
-    files = FORMATS["csv"](run, {"t": pd.DataFrame({"note": ["=1+1", "-x", "plain"], "n": [-1.0, 2, 3]})})
-    assert files["t.csv"].decode().splitlines() == ["note,n", "'=1+1,-1.0", "'-x,2.0", "plain,3.0"]
+    """Text that a spreadsheet would compute is made text; numbers in a text stay numbers."""
+    notes = ["=1+1", "-x", "plain", "-1.5; 2e-3", "-1+2"]
+    files = FORMATS["csv"](run, {"t": pd.DataFrame({"note": notes, "n": [-1.0, 2, 3, 4, 5]})})
+    lines = ["note,n", "'=1+1,-1.0", "'-x,2.0", "plain,3.0", "-1.5; 2e-3,4.0", "'-1+2,5.0"]
+    assert files["t.csv"].decode().splitlines() == lines
 
 
 def test_parquet_keeps_numbers_and_kinds(run: Run, tables: dict[str, pd.DataFrame]) -> None:

@@ -54,10 +54,7 @@ def run(
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded = sources.load_protocol()
-    if run_name is not None:
-        from labrig.record.opening import require_free_name
-
-        require_free_name(chosen.path, run_name)
+    _refuse_taken_name(chosen.path, run_name)
     if runs_dir is None:  # before the other imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished
@@ -91,6 +88,14 @@ def run(
         Watching(live, verbose),
     )
     return print_finished(perform(order), experiment, as_json)
+
+
+def _refuse_taken_name(runs_dir: Path, run_name: str | None) -> None:
+    """Refuse `--run-name` before anything is said of the run if another run has the name."""
+    if run_name is not None:
+        from labrig.record.opening import require_free_name
+
+        require_free_name(runs_dir, run_name)
 
 
 def _require_viewer(live: LiveKind | None) -> None:

@@ -32,6 +32,9 @@ def _run_arguments() -> int:
         from labrig.cli.main import run_command
 
         gc.enable()
+        from labrig.cli.matplotlib_folder import provide_matplotlib_folder
+
+        provide_matplotlib_folder(os.environ)
         return run_command(sys.argv[1:])
     except Interruption as interruption:
         sys.stderr.write(f"error: interrupted by {interruption}\n")

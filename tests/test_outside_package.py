@@ -180,6 +180,19 @@ def test_labrig_core_is_labrig_with_fewer_dependencies(distributions: Path) -> N
     assert core.find_needed("full") == more
 
 
+def test_the_wheel_of_labrig_core_makes_a_lab_folder(distributions: Path, tmp_path: Path) -> None:
+    """Installed by itself, with none of what labrig-core leaves out, it is the program that makes and checks one."""
+    (wheel,) = distributions.glob("labrig_core-*.whl")
+    _install(tmp_path / "environment", wheel, without=LEFT_OUT)
+    outside = Installed(tmp_path / "environment", tmp_path)
+    assert outside.call("labrig", "--version") == f"labrig {PROJECT['version']}\n"
+    where = "import labrig; print(labrig.__file__)"
+    assert outside.call("python", "-c", where).startswith(str(outside.environment))
+    assert json.loads(outside.call("labrig", "init", "lab", "--json"))["added"]
+    within = Installed(outside.environment, tmp_path / "lab")
+    assert json.loads(within.call("labrig", "check", "steerability", "--json"))["ok"]
+
+
 def test_a_wheel_holds_what_an_sdist_holds(installed: Installed, core: Installed) -> None:
     """The code, the examples and the licences are the same, and the version is that of the project."""
     described = (

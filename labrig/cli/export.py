@@ -13,6 +13,7 @@ from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
 from labrig.errors import InputError, Problem, RecordError
+from labrig.record.layout import MANIFEST
 
 _LATEX, _FIGURES, _FILM = "latex", "figures", "film"
 _FOR_PAPER = frozenset({_LATEX, _FIGURES, _FILM})
@@ -47,7 +48,8 @@ def export(
         bool,
         typer.Option(
             "--ro-crate",
-            help="The record as an RO-Crate, to be published; with --private its tables. Needs labrig's extra rocrate.",
+            help="The record, or a folder of labrig compare, as an RO-Crate, to be published; with --private its "
+            "tables. Needs labrig's extra rocrate.",
         ),
     ] = False,
     license_: Annotated[
@@ -88,7 +90,8 @@ def export(
         _check_formats(formats, mcap=mcap, record=record, private=private)
     source = fetch_folder(run)
     if ro_crate:
-        write, damage = _prepare_crate(source, license_, author or [], private=private)
+        prepare = _prepare_comparison_crate if _is_comparison(source) else _prepare_crate
+        write, damage = prepare(source, license_, author or [], private=private)
     elif record:
         write, damage = _prepare_copy(source)
     else:
@@ -116,33 +119,73 @@ def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, 
     return partial(copy_record, source), check_run(source).damage
 
 
+def _is_comparison(source: Path) -> bool:
+    """Return whether a folder is one that `labrig compare` wrote."""
+    return (source / "comparison.json").is_file() and not (source / MANIFEST).exists()
+
+
 def _prepare_crate(
     source: Path, license_id: str | None, authors: list[str], *, private: bool
 ) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
     """Return what writes a crate of the record, or of its tables without personal data, and the damage of its files."""
-    from labrig.devices.clocks import SystemClock
     from labrig.record.reader import open_run
-    from labrig.report.ro_crate import describe_crate, read_author, read_license
+    from labrig.report.ro_crate import describe_run
 
-    if license_id is None or not authors:
-        raise InputError(
-            "a crate needs a licence, and who made the run",
-            "--license CC-BY-4.0 --author 'Name <ORCID>'",
-        )
-    license_url, people = read_license(license_id), [read_author(text) for text in authors]
-    opened = open_run(source)
+    describe = _prepare_description(license_id, authors)
+    content = describe_run(open_run(source))
     prepare = (
         partial(_prepare_tables, formats=["csv"], mcap=False, private=True) if private else _prepare_copy
     )
     write_files, damage = prepare(source)
+    return partial(_write_crate, "tables" if private else "record", write_files, content, describe), damage
 
-    def write(folder: Path) -> None:
-        inside = folder / ("tables" if private else "record")
-        inside.mkdir()
-        write_files(inside)
-        describe_crate(opened, folder, license_url=license_url, authors=people, published=SystemClock().utc())
 
-    return write, damage
+def _prepare_comparison_crate(
+    source: Path, license_id: str | None, authors: list[str], *, private: bool
+) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
+    """Return what writes a crate of a comparison, and that nothing of it is known to be damaged."""
+    from labrig.record.copying import copy_record
+    from labrig.report.ro_crate import describe_comparison
+
+    if private:
+        raise InputError(
+            "--private leaves something out of the tables of a run, and this is a comparison",
+            "leave --private out; a comparison names its runs, and neither computer nor account",
+        )
+    describe, content = _prepare_description(license_id, authors), describe_comparison(source)
+    return partial(_write_crate, "comparison", partial(copy_record, source), content, describe), ()
+
+
+def _prepare_description(license_id: str | None, authors: list[str]) -> Callable[[Any, Path], None]:
+    """Return what describes the files in the folder of a crate. Raises `InputError`."""
+    from labrig.devices.clocks import SystemClock
+    from labrig.report.ro_crate import describe_crate, read_author, read_license
+
+    if license_id is None or not authors:
+        raise InputError(
+            "a crate needs a licence, and who made it",
+            "--license CC-BY-4.0 --author 'Name <ORCID>'",
+        )
+    return partial(
+        describe_crate,
+        license_url=read_license(license_id),
+        authors=[read_author(text) for text in authors],
+        published=SystemClock().utc(),
+    )
+
+
+def _write_crate(
+    name: str,
+    write_files: Callable[[Path], None],
+    content: Any,
+    describe: Callable[[Any, Path], None],
+    folder: Path,
+) -> None:
+    """Write the files into a folder of the crate, and describe them."""
+    inside = folder / name
+    inside.mkdir()
+    write_files(inside)
+    describe(content, folder)
 
 
 def _prepare_tables(

@@ -1,4 +1,4 @@
-"""Describes the files of an exported run as an RO-Crate 1.1; needs the extra `rocrate` of labrig.
+"""Describes the files of an exported run or comparison as an RO-Crate 1.1; needs the extra `rocrate` of labrig.
 
 Sources: RO-Crate Metadata Specification 1.1 (https://w3id.org/ro/crate/1.1), schema.org; ISO 7064 for the check
 character of an ORCID.
@@ -19,8 +19,11 @@ from rocrate.rocrate import ROCrate
 from labrig import __version__
 from labrig.durable import disk_errors
 from labrig.errors import InputError
+from labrig.input_file import parse_json, read_file
 from labrig.record.digest import hash_file
 from labrig.record.reader import Run
+from labrig.report.comparison_page import DOCUMENT_FILE as COMPARISON_FILE
+from labrig.text import format_count
 
 CRATE_FILE = "ro-crate-metadata.json"
 _VERSION = "1.1"
@@ -81,21 +84,94 @@ def read_license(text: str) -> str:
     raise InputError(f"{text!r} is no licence", "give its SPDX identifier, such as CC-BY-4.0, or its address")
 
 
+@dataclass(frozen=True)
+class CrateContent:
+    """What the files of a crate are, and the schema.org CreateAction that made them.
+
+    Attributes
+    ----------
+    name, description : str
+        Of the crate.
+    place : str
+        Identifier of the action in the crate, such as `#run`.
+    action : mapping
+        Its properties, without instruments and files.
+    instruments : tuple of (str, mapping)
+        Identifier and properties of the program and the devices.
+    """
+
+    name: str
+    description: str
+    place: str
+    action: Mapping[str, object]
+    instruments: tuple[tuple[str, Mapping[str, str]], ...]
+
+
+def describe_run(run: Run) -> CrateContent:
+    """Return what the files of a run are, and how it was made."""
+    rig = _section(run.manifest, "devices").get("kind")
+    return CrateContent(
+        name=str(run.manifest.get("title") or run.manifest.get("run")),
+        description=f"A run of the experiment {run.manifest.get('experiment')} by labrig, exit status "
+        f"{run.manifest.get('exit_status')}" + (f", on a {rig} rig." if rig else "."),
+        place="#run",
+        action=_describe_action(run),
+        instruments=tuple(_list_instruments(run.manifest)),
+    )
+
+
+def describe_comparison(folder: Path) -> CrateContent:
+    """Return what the files of `labrig compare` in a folder are: which quantity of which runs.
+
+    Raises
+    ------
+    InputError
+        When its document cannot be read.
+    """
+    try:
+        document = parse_json(read_file(folder / COMPARISON_FILE))
+        if not isinstance(document, Mapping):
+            raise TypeError
+        quantity, runs = document["quantity"], [str(used["run"]) for used in document["used"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder / COMPARISON_FILE} cannot be read as a comparison", "compare the runs again"
+        ) from error
+    compared = f"{quantity} of {format_count(len(runs), 'run')}, compared by labrig"
+    return CrateContent(
+        name=f"{quantity} of {', '.join(runs)}",
+        description=f"{compared}: {', '.join(runs)}.",
+        place="#comparison",
+        action={
+            "@type": "CreateAction",
+            "name": compared,
+            "actionStatus": "http://schema.org/CompletedActionStatus",
+        },
+        # Which version compared them is not in the document.
+        instruments=(("#labrig", {"@type": "SoftwareApplication", "name": "labrig"}),),
+    )
+
+
 def describe_crate(
-    run: Run, folder: Path, *, license_url: str, authors: Sequence[Author], published: datetime
+    content: CrateContent,
+    folder: Path,
+    *,
+    license_url: str,
+    authors: Sequence[Author],
+    published: datetime,
 ) -> None:
-    """Write `folder`/ro-crate-metadata.json, which describes every file in the folder and how the run was made.
+    """Write `folder`/ro-crate-metadata.json, which describes every file in the folder and how they were made.
 
     Parameters
     ----------
-    run : Run
-        The run that the files are of.
+    content : CrateContent
+        What the files are.
     folder : Path
         The root of the crate, with its files in place.
     license_url : str
         Licence of the files.
     authors : sequence of Author
-        Who made the run, in their order; at least one.
+        Who made them, in their order; at least one.
     published : datetime
         Date of the export, aware.
 
@@ -105,29 +181,19 @@ def describe_crate(
         When it cannot be written.
     """
     crate = ROCrate(version=_VERSION)
-    crate.name = str(run.manifest.get("title") or run.manifest.get("run"))
-    crate.description = _describe(run)
+    crate.name, crate.description = content.name, content.description
     crate.datePublished = published
     crate.license = crate.add(
         ContextEntity(crate, license_url, {"@type": "CreativeWork", "name": license_url})
     )
     crate.root_dataset["author"] = [crate.add(_make_person(crate, author)) for author in authors]
     files = [_add_file(crate, folder, path) for path in sorted(folder.rglob("*")) if path.is_file()]
-    instruments = [crate.add(ContextEntity(crate, *entity)) for entity in _list_instruments(run.manifest)]
-    crate.add(
-        ContextEntity(crate, "#run", _describe_action(run) | {"instrument": instruments, "result": files})
-    )
-    crate.root_dataset["mentions"] = crate.dereference("#run")
+    instruments = [crate.add(ContextEntity(crate, *entity)) for entity in content.instruments]
+    made_by = {**content.action, "instrument": instruments, "result": files}
+    crate.add(ContextEntity(crate, content.place, made_by))
+    crate.root_dataset["mentions"] = crate.dereference(content.place)
     with disk_errors(folder / CRATE_FILE):
         crate.metadata.write(folder)
-
-
-def _describe(run: Run) -> str:
-    rig = _section(run.manifest, "devices").get("kind")
-    return (
-        f"A run of the experiment {run.manifest.get('experiment')} by labrig, exit status "
-        f"{run.manifest.get('exit_status')}" + (f", on a {rig} rig." if rig else ".")
-    )
 
 
 def _make_person(crate: ROCrate, author: Author) -> Person:

@@ -120,3 +120,21 @@ def test_a_licence_is_an_identifier_or_an_address() -> None:
     """An identifier becomes its address at SPDX."""
     assert read_license("BSD-3-Clause") == "https://spdx.org/licenses/BSD-3-Clause"
     assert read_license("https://example.org/terms") == "https://example.org/terms"
+
+
+def test_a_comparison_becomes_a_crate(labrig: Labrig, tmp_path: Path) -> None:
+    """With every file of its folder, and the runs that were compared; what is private of a run, it does not know."""
+    compared = tmp_path / "compared"
+    assert labrig("compare", RUN, "--by", "hole", "--out", compared).exit_code == 0
+    done = labrig("export", compared, *ASKED, "--out", tmp_path / "crate", "--json")
+    assert done.exit_code == 0, done.err
+    crate = ROCrate(tmp_path / "crate")
+    names = {f"comparison/{path.name}" for path in compared.iterdir()}
+    assert {file.id for file in crate.get_by_type("File")} == names
+    assert crate.dereference("#comparison")["result"]
+    assert RUN.name in crate.root_dataset["description"]
+    refused = labrig("export", compared, *ASKED, "--private", "--out", tmp_path / "private")
+    assert (refused.exit_code, "comparison" in refused.err) == (2, True)
+    (compared / "comparison.json").write_text("[]", encoding="utf-8")
+    refused = labrig("export", compared, *ASKED, "--out", tmp_path / "spoilt")
+    assert refused.err.startswith(f"error: {compared / 'comparison.json'} cannot be read as a comparison")

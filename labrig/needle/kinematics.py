@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
+_UNIT = np.eye(3)
+
 
 @dataclass(frozen=True)
 class ArcFrames:
@@ -76,7 +78,7 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
     steps, turns = arc_pose(psi[..., 0], psi[..., 1], radius_mm)
     positions = np.zeros((*psi.shape[:-2], arcs + 1, 3))
     rotations = np.zeros((*psi.shape[:-2], arcs + 1, 3, 3))
-    rotations[..., 0, :, :] = np.eye(3)
+    rotations[..., 0, :, :] = _UNIT
     for i in range(arcs):
         base = rotations[..., i, :, :]
         positions[..., i + 1, :] = positions[..., i, :] + _apply(base, steps[..., i, :])
@@ -95,11 +97,13 @@ def cut_path(psi: FloatArray, angle_rad: float) -> FloatArray:
 
 def arc_jacobian(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> FloatArray:
     """Return J_vi, (..., 3, 2), the derivative of the arc's tip in {ib} by theta and delta, equation (9)."""
-    theta, delta = np.broadcast_arrays(np.asarray(angle_rad, float), np.asarray(roll_rad, float))
+    theta, delta = np.asarray(angle_rad, float), np.asarray(roll_rad, float)
     versine = 2.0 * np.sin(theta / 2.0) ** 2
-    jacobian = np.zeros((*theta.shape, 3, 2))
-    jacobian[..., 0, 0], jacobian[..., 0, 1] = np.sin(delta) * np.sin(theta), np.cos(delta) * versine
-    jacobian[..., 1, 0], jacobian[..., 1, 1] = -np.cos(delta) * np.sin(theta), np.sin(delta) * versine
+    sine, cosine, along = np.sin(delta), np.cos(delta), np.sin(theta)
+    across = sine * along
+    jacobian = np.zeros((*across.shape, 3, 2))
+    jacobian[..., 0, 0], jacobian[..., 0, 1] = across, cosine * versine
+    jacobian[..., 1, 0], jacobian[..., 1, 1] = -cosine * along, sine * versine
     jacobian[..., 2, 0] = np.cos(theta)
     return radius_mm * jacobian
 
@@ -169,9 +173,12 @@ def _fractions(points: int) -> FloatArray:
 
 def _arc_points(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> FloatArray:
     """Return equation (5), (..., 3); 1 - cos is written with the half angle, so that tiny arcs keep their digits."""
-    theta, delta = np.broadcast_arrays(np.asarray(angle_rad, float), np.asarray(roll_rad, float))
+    theta, delta = np.asarray(angle_rad, float), np.asarray(roll_rad, float)
     versine = 2.0 * np.sin(theta / 2.0) ** 2
-    return radius_mm * np.stack((np.sin(delta) * versine, -np.cos(delta) * versine, np.sin(theta)), axis=-1)
+    across = np.sin(delta) * versine
+    points = np.empty((*across.shape, 3))
+    points[..., 0], points[..., 1], points[..., 2] = across, -np.cos(delta) * versine, np.sin(theta)
+    return radius_mm * points
 
 
 def _apply(rotations: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -119,7 +119,8 @@ class Track:
         self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
         self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
         self._hinge_closing_mm = bending.hinge_closing_mm
-        self._stretches = (no_unevenness() if unevenness is None else unevenness).stretches
+        even = no_unevenness() if unevenness is None else unevenness
+        self._shares, self._turns_rad, self._leans_rad = even.stretches
         self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
         self._end = self._nodes[0]
         self._rolls_rad: list[float] = []
@@ -171,7 +172,7 @@ class Track:
         closing = node.arc_mm < self._hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
-        share = self._stretches[stretch][0] / self._bending.scale_radius_at(node.z_mm)
+        share = self._shares[stretch] / self._bending.scale_radius_at(node.z_mm)
         sought = self._curvature_1_mm * share
         return node.advance(
             length_mm,
@@ -182,8 +183,8 @@ class Track:
 
     def _wander(self, stretch: int, length_mm: float) -> Wander:
         """Return how the tip turns by itself in the first `length_mm` of a stretch."""
-        part, (_, turn_rad, lean_rad) = length_mm / NODE_MM, self._stretches[stretch]
-        return part * turn_rad, part * lean_rad
+        part = length_mm / NODE_MM
+        return part * self._turns_rad[stretch], part * self._leans_rad[stretch]
 
     def node_at(self, arc_mm: float) -> PathNode:
         """Return the path at an arc length; it is straight before its start and stays at its end."""

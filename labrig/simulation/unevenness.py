@@ -32,10 +32,9 @@ class Unevenness:
     lean_rad: Floats
 
     @cached_property
-    def stretches(self) -> list[tuple[float, float, float]]:
-        """The three of each stretch, as a path takes them one after another."""
-        columns = (self.curvature_share, self.turn_rad, self.lean_rad)
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+    def stretches(self) -> tuple[list[float], list[float], list[float]]:
+        """The three as a path takes them, stretch by stretch."""
+        return self.curvature_share.tolist(), self.turn_rad.tolist(), self.lean_rad.tolist()
 
 
 @cache

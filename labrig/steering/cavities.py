@@ -10,11 +10,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.estimator import start_tip, step_tip
-from labrig.steering.motion import rotation_from_vector
+from labrig.steering.motion import rotation_from_vector, vector_from_rotation
 from labrig.steering.tip import (
     CURVATURE,
     ORIENTATION,
@@ -136,7 +135,7 @@ def _find_error(estimate: TipState, truth: TipState) -> FloatArray:
     """Return the error (size,) that turns an estimate into the truth."""
     error = np.zeros(len(estimate.covariance))
     error[POSITION] = estimate.rotation.T @ (truth.position_mm - estimate.position_mm)
-    error[ORIENTATION] = Rotation.from_matrix(estimate.rotation.T @ truth.rotation).as_rotvec()
+    error[ORIENTATION] = vector_from_rotation(estimate.rotation.T @ truth.rotation)
     error[CURVATURE] = truth.curvature - estimate.curvature
     error[SLIP:] = truth.slip - estimate.slip
     return error

@@ -55,9 +55,11 @@ def arc_distances(
     return np.asarray(np.where(turned <= psi[..., 0, None], beside, from_ends))
 
 
-def path_distances(psi: FloatArray, radius_mm: float, centres_mm: FloatArray) -> FloatArray:
+def path_distances(
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames | None = None
+) -> FloatArray:
     """Return the distance from each path to each point, (..., K); arguments as `arc_distances`."""
-    return np.asarray(arc_distances(psi, radius_mm, centres_mm).min(axis=-2))
+    return np.asarray(arc_distances(psi, radius_mm, centres_mm, frames).min(axis=-2))
 
 
 def find_nearest_places(

@@ -16,7 +16,8 @@ PlanMethod = Literal["best", "paper"]
 Point = tuple[float, float, float]
 
 HIGHEST_MAX_ARCS = 12
-_ROTATION_TOLERANCE = 1e-6
+_UNIT = np.eye(3)
+_ROTATION_TOLERANCES = 1e-6 + 1e-5 * _UNIT
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class PlanProblem:
         fits = start.shape == (4, 4) and bool(np.all(np.isfinite(start)))
         _require(fits, "start", start.tolist(), "a (4, 4) pose of numbers")
         rotation = start[:3, :3]
-        proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_TOLERANCE)
+        proper = np.all(np.abs(rotation @ rotation.T - _UNIT) <= _ROTATION_TOLERANCES)
         _require(
             proper and np.linalg.det(rotation) > 0, "start rotation", rotation.tolist(), "a rotation matrix"
         )
@@ -155,7 +156,8 @@ class PlanProblem:
     def _check_obstacle(self, number: int, obstacle: Obstacle) -> None:
         centre = np.asarray(obstacle.position_mm)
         for name, point in (("start", np.asarray(self.start)[:3, 3]), ("target", np.asarray(self.target_mm))):
-            apart = float(np.linalg.norm(point - centre))
+            offset = point - centre
+            apart = math.sqrt(offset @ offset)
             if apart <= obstacle.radius_mm:
                 raise InputError(
                     f"the {name} lies inside obstacle {number}: {apart:.2f} mm from its centre, "

@@ -5,6 +5,7 @@ needle halts, and the planner searches thoroughly.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +48,8 @@ def replan(
             if staged and not stands
             else replace(tried, refusal=error.message)
         )
-    problem = replace(problem, leaves_mm=leaves_mm)
+    if leaves_mm:
+        problem = replace(problem, leaves_mm=leaves_mm)
     searches = staged and stands and occasion != "recovery"
     mends = settings.mends_path and settings.method == "best" and state.plan.found
     present = _psi_ahead(state, settings) if mends else None
@@ -66,10 +68,11 @@ def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tu
     """Return by how much the rest of the path would miss, and its smallest gap to an obstacle [mm]."""
     around = Surroundings(pose_problem_ahead(state, settings))
     psi = _psi_ahead(state, settings)
-    miss = path_frames(psi, around.problem.radius_mm).positions_mm[-1] - around.target_mm
+    frames = path_frames(psi, around.problem.radius_mm)
+    miss = frames.positions_mm[-1] - around.target_mm
     if not len(around.centres_mm):
         return float(np.linalg.norm(miss)), math.inf
-    apart = path_distances(psi, around.problem.radius_mm, around.centres_mm)
+    apart = path_distances(psi, around.problem.radius_mm, around.centres_mm, frames)
     return float(np.linalg.norm(miss)), float((apart - around.needle_and_obstacle_mm).min())
 
 
@@ -108,14 +111,20 @@ def plan_with_clearance(
 
     `present` is the path that the needle follows, as in `plan_path`.
     """
-    least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
-    without_margin = replace(problem, covariance=None, obstacle_sds_mm=())
     plan = _plan(problem, settings, effort, present)
-    for relaxed in (without_margin, replace(without_margin, clearance_mm=least_mm, axis=None)):
+    for relaxed in _relax(problem, settings):
         if plan.found:
             break
         plan = _plan(relaxed, settings, effort, present)
     return plan
+
+
+def _relax(problem: PlanProblem, settings: SteeringSettings) -> Iterator[PlanProblem]:
+    """Yield the problem with less and less clearance."""
+    without_margin = replace(problem, covariance=None, obstacle_sds_mm=())
+    yield without_margin
+    least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
+    yield replace(without_margin, clearance_mm=least_mm, axis=None)
 
 
 def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:

@@ -118,6 +118,19 @@ def path_jacobian(psi: FloatArray, radius_mm: float, frames: ArcFrames | None = 
     return _side_by_side(blocks)
 
 
+def tip_and_place_jacobians(
+    psi: FloatArray, radius_mm: float, frames: ArcFrames, places: FloatArray, arcs: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives by psi of the path's tip (..., 3, 2n) and of places (..., q, 3) on arcs (..., q).
+
+    That of the tip is `path_jacobian`. That of the places is (..., q, 3, 2n): a place keeps its angle on its own arc,
+    so that the arc's theta does not move it (equation 15 without its f).
+    """
+    tips = frames.positions_mm[..., None, -1, :]
+    blocks = _arc_blocks(psi, radius_mm, frames, np.concatenate((tips, places), axis=-2))
+    return _side_by_side(blocks[..., 0, :, :, :]), _hold_on_arcs(blocks[..., 1:, :, :, :], arcs)
+
+
 def path_points(psi: FloatArray, radius_mm: float, fractions: FloatArray) -> FloatArray:
     """Return (..., n, m, 3) points at these fractions (m,) of every arc."""
     frames = path_frames(psi, radius_mm)
@@ -153,15 +166,9 @@ def control_jacobians(psi: FloatArray, radius_mm: float, points: int) -> FloatAr
     return jacobians
 
 
-def place_jacobians(
-    psi: FloatArray, radius_mm: float, frames: ArcFrames, places: FloatArray, arcs: NDArray[np.intp]
-) -> FloatArray:
-    """Return the derivative of places (..., q, 3) on arcs (..., q) of each path by psi, (..., q, 3, 2n).
-
-    A place keeps its angle on its own arc, so that the arc's theta does not move it (equation 15 without its f).
-    """
-    blocks = _arc_blocks(psi, radius_mm, frames, places)
-    numbers = np.arange(psi.shape[-2])
+def _hold_on_arcs(blocks: FloatArray, arcs: NDArray[np.intp]) -> FloatArray:
+    """Return the derivatives of places on arcs, from the blocks (..., q, n, 3, 2) of places beyond every arc."""
+    numbers = np.arange(blocks.shape[-3])
     blocks[arcs[..., None] < numbers] = 0.0
     blocks[..., 0] *= (arcs[..., None] > numbers)[..., None]
     return _side_by_side(blocks)

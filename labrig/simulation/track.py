@@ -63,12 +63,18 @@ class PathNode(NamedTuple):
     bend_1_mm: float = 0.0
 
     def advance(
-        self, length_mm: float, curvature_1_mm: float, bend_1_mm: float = 0.0, wander: Wander = _STEADY
+        self,
+        length_mm: float,
+        curvature_1_mm: float,
+        bend_1_mm: float = 0.0,
+        wander: Wander = _STEADY,
+        arc_mm: float | None = None,
     ) -> "PathNode":
         """Return the node `length_mm` further on, if curvature and bend change linearly to these values.
 
-        `wander` is the additional turn of the tip in the plane and out of it. The heading is the azimuth of a needle
-        that leans: it changes by more than the angle through which the needle bends.
+        Its arc length is `arc_mm`, where a grid has it without the sum's rounding. `wander` is the additional turn of
+        the tip in the plane and out of it. The heading is the azimuth of a needle that leans: it changes by more than
+        the angle through which the needle bends.
         """
         lean = 0.5 * (self.bend_1_mm + bend_1_mm) * length_mm + wander[1]
         along = math.cos(self.lean_rad + 0.5 * lean)
@@ -77,7 +83,7 @@ class PathNode(NamedTuple):
         chord = length_mm * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
         in_plane = chord * along
         return PathNode(
-            self.arc_mm + length_mm,
+            self.arc_mm + length_mm if arc_mm is None else arc_mm,
             self.y_mm + in_plane * math.sin(middle),
             self.z_mm + in_plane * math.cos(middle),
             self.heading_rad + turn,
@@ -140,9 +146,9 @@ class Track:
         self._tip_mm = arc_mm
         nodes, bevel = self._nodes, (-math.cos(roll_rad), math.sin(roll_rad))
         while arc_mm >= len(nodes) * NODE_MM:
-            grown = self._step(nodes[-1], NODE_MM, bevel)
+            grown = self._step(nodes[-1], NODE_MM, bevel, len(nodes) * NODE_MM)
             self._rolls_rad.append(roll_rad)
-            nodes.append(PathNode(len(nodes) * NODE_MM, *grown[1:]))
+            nodes.append(grown)
         self._end = self._step(nodes[-1], arc_mm - nodes[-1].arc_mm, bevel)
 
     def _follow(self, arc_mm: float, roll_rad: float) -> None:
@@ -167,18 +173,23 @@ class Track:
         self._nodes, self._rolls_rad = self._nodes[:kept], self._rolls_rad[: kept - 1]
         self._end, self._turned_mm = self._nodes[-1], 0.0
 
-    def _step(self, node: PathNode, length_mm: float, bevel: tuple[float, float]) -> PathNode:
+    def _step(
+        self, node: PathNode, length_mm: float, bevel: tuple[float, float], arc_mm: float | None = None
+    ) -> PathNode:
         """Return the node a length further on; `bevel` are the shares of the curvature in the plane and out of it."""
         closing = node.arc_mm < self._hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
-        share = self._shares[stretch] / self._bending.scale_radius_at(node.z_mm)
+        share = self._shares[stretch]
+        if self._bending.layers:
+            share /= self._bending.scale_radius_at(node.z_mm)
         sought = self._curvature_1_mm * share
         return node.advance(
             length_mm,
             _approach(node.curvature_1_mm, bevel[0] * sought, limit),
             _approach(node.bend_1_mm, bevel[1] * sought, limit),
             self._wander(stretch, length_mm),
+            arc_mm,
         )
 
     def _wander(self, stretch: int, length_mm: float) -> Wander:
@@ -229,4 +240,7 @@ class Track:
 
 def _approach(value: float, sought: float, limit: float) -> float:
     """Return the value moved towards the sought value by at most the limit."""
-    return value + max(-limit, min(limit, sought - value))
+    away = sought - value
+    if away > limit:
+        return value + limit
+    return value - limit if away < -limit else value + away

@@ -44,7 +44,17 @@ def arc_distances(
     (..., n, K) array
     """
     frames = frames or path_frames(psi, radius_mm)
-    bending = frames.rotations[..., :-1, :, :] @ rotation_z(psi[..., 1])
+    return _measure_arcs(psi, radius_mm, centres_mm, frames, _find_bending(psi, frames))
+
+
+def _find_bending(psi: FloatArray, frames: ArcFrames) -> FloatArray:
+    """Return the rotation at the start of each arc with its roll, (..., n, 3, 3): each bends in its y-z plane."""
+    return np.asarray(frames.rotations[..., :-1, :, :] @ rotation_z(psi[..., 1]))
+
+
+def _measure_arcs(
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames, bending: FloatArray
+) -> FloatArray:
     offsets = centres_mm - frames.positions_mm[..., None, :]  # (..., n + 1, K, 3)
     local = offsets[..., :-1, :, :] @ bending
     out, across, along = local[..., 0], local[..., 1] + radius_mm, local[..., 2]
@@ -66,10 +76,11 @@ def find_nearest_places(
     psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames
 ) -> NearestPlaces:
     """Return the nearest place of each path (M, n, 2) to each point (K, 3); arguments as `arc_distances`."""
-    apart = arc_distances(psi, radius_mm, centres_mm, frames)
+    of_arcs = _find_bending(psi, frames)
+    apart = _measure_arcs(psi, radius_mm, centres_mm, frames, of_arcs)
     arcs = apart.argmin(axis=-2)
     paths = np.arange(len(psi))[:, None]
-    bending = (frames.rotations[:, :-1] @ rotation_z(psi[..., 1]))[paths, arcs]
+    bending = of_arcs[paths, arcs]
     starts, ends = frames.positions_mm[paths, arcs], frames.positions_mm[paths, arcs + 1]
     offsets = centres_mm - starts
     local = (offsets[..., None, :] @ bending)[..., 0, :]

@@ -7,7 +7,7 @@ is longer than allowed is shortened by the same step.
 
 import numpy as np
 
-from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, path_jacobian, place_jacobians
+from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, tip_and_place_jacobians
 from labrig.steering.clearance import find_nearest_places
 from labrig.steering.problem import Surroundings
 
@@ -23,10 +23,10 @@ def mend_paths(psi: FloatArray, around: Surroundings, steps: int) -> FloatArray:
     radius_mm, planar = around.problem.radius_mm, around.problem.planar
     for _ in range(steps):
         frames = path_frames(psi, radius_mm)
-        lacks, slopes = _find_lacks(psi, frames, around)
+        lacks, jacobian_of_tip, slopes = _find_lacks(psi, frames, around)
         misses = around.target_mm - frames.positions_mm[:, -1]
         excess, shortening = _find_excess(psi, around)
-        jacobian = np.concatenate((path_jacobian(psi, radius_mm, frames), slopes, shortening), axis=1)
+        jacobian = np.concatenate((jacobian_of_tip, slopes, shortening), axis=1)
         wanted = np.concatenate((misses, lacks, excess), axis=1)
         if planar:  # the rolls are fixed: only the columns of theta are variables
             jacobian = jacobian[..., ::2]
@@ -50,10 +50,12 @@ def rank_by_lack(psi: FloatArray, around: Surroundings, kept: int) -> FloatArray
     return psi[np.argsort(misses + lacks + excess[:, 0], kind="stable")[:kept]]
 
 
-def _find_lacks(psi: FloatArray, frames: ArcFrames, around: Surroundings) -> tuple[FloatArray, FloatArray]:
-    """Return what the clearance of each path lacks at its nearest obstacles, (M, k) [mm], and the clearance's slope.
+def _find_lacks(
+    psi: FloatArray, frames: ArcFrames, around: Surroundings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what the clearance of each path lacks at its nearest obstacles, (M, k) [mm], and the slopes by psi.
 
-    The slope by psi is (M, k, 2n).
+    The slope of the path's tip is (M, 3, 2n), that of the clearance (M, k, 2n).
     """
     near = find_nearest_places(psi, around.problem.radius_mm, around.centres_mm, frames)
     lacks = around.keep_off_mm + _SPARE_MM - near.distances_mm
@@ -62,10 +64,12 @@ def _find_lacks(psi: FloatArray, frames: ArcFrames, around: Surroundings) -> tup
     places, lacks = near.places_mm[paths, worst], lacks[paths, worst]
     away = places - around.centres_mm[worst]
     away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-    jacobians = place_jacobians(psi, around.problem.radius_mm, frames, places, near.arcs[paths, worst])
+    of_tip, jacobians = tip_and_place_jacobians(
+        psi, around.problem.radius_mm, frames, places, near.arcs[paths, worst]
+    )
     slopes = (away[..., None, :] @ jacobians)[..., 0, :]
     touching = lacks > 0.0
-    return np.where(touching, lacks, 0.0), np.where(touching[..., None], slopes, 0.0)
+    return np.where(touching, lacks, 0.0), of_tip, np.where(touching[..., None], slopes, 0.0)
 
 
 def _find_excess(psi: FloatArray, around: Surroundings) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from labrig.needle.kinematics import (
     path_frames,
     path_jacobian,
     path_points,
-    place_jacobians,
+    tip_and_place_jacobians,
 )
 
 FloatArray = NDArray[np.float64]
@@ -94,7 +94,7 @@ def test_the_place_jacobians_are_the_derivatives_of_places_at_fixed_angles(psi: 
         steps, _ = arc_pose(psi[:, 0] / 2, moved[:, 1], RADIUS_MM)
         return frames.positions_mm[:-1] + (frames.rotations[:-1] @ steps[..., None])[..., 0]
 
-    found = place_jacobians(psi, RADIUS_MM, path_frames(psi, RADIUS_MM), places(psi), arcs)
+    _, found = tip_and_place_jacobians(psi, RADIUS_MM, path_frames(psi, RADIUS_MM), places(psi), arcs)
     np.testing.assert_allclose(found, _differences(places, psi), atol=1e-7)
 
 

@@ -46,7 +46,9 @@ from tests.benchmarks import (
     sweep,
     tip,
     torsion,
+    virtual,
     warp,
+    world_agrees,
 )
 
 TABLES: dict[str, Callable[[], None]] = {
@@ -71,6 +73,8 @@ TABLES: dict[str, Callable[[], None]] = {
     "closed-loop-reference": partial(closed_loop.print_table, "reference"),
     "closed-loop-hard": partial(closed_loop.print_table, "hard"),
     "torsion": torsion.print_table,
+    "virtual": virtual.print_table,
+    "world-agrees": world_agrees.print_table,
     "can-load": can_load.print_table,
     "load": load.print_table,
     "tip": tip.print_table,

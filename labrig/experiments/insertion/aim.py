@@ -13,7 +13,7 @@ from labrig.steering.moving import expect_places, move_obstacles
 from labrig.steering.problem import Obstacle
 from labrig.vision.plane import PlaneMap
 
-_RIM_PX = 25.0
+RIM_PX = 25.0
 """A tip closer to the rim of the picture than this is not found."""
 
 Point = tuple[float, float, float]
@@ -182,9 +182,9 @@ def _find_target_out_of_view(target_mm: Point, plane: PlaneMap) -> Iterator[Prob
         return
     width, height = plane.image_size
     u, v = plane.to_px(np.array([target_mm[1:]]))[0].tolist()
-    if not (_RIM_PX <= u <= width - 1 - _RIM_PX and _RIM_PX <= v <= height - 1 - _RIM_PX):
+    if not (RIM_PX <= u <= width - 1 - RIM_PX and RIM_PX <= v <= height - 1 - RIM_PX):
         message = (
             f"the target is outside of the camera's view: it would be seen at ({u:.0f}, {v:.0f}) px, and a tip is "
-            f"found down to {_RIM_PX:g} px from the rim of {width}x{height} px"
+            f"found down to {RIM_PX:g} px from the rim of {width}x{height} px"
         )
         yield Problem("target", message, "aim at a point in view, or move the camera and calibrate it again")

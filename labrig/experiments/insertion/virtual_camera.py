@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from labrig.experiments.insertion.aim import RIM_PX
 from labrig.experiments.insertion.virtual_shaft import SeenPath, draw_shaft, square_distances
 from labrig.needle.kinematics import FloatArray
 from labrig.simulation.description import LensDescription
@@ -158,7 +159,11 @@ class CalibratedCamera:
         self._scatter_on(tip.arc_mm, drawn)
         if found < (errors.hidden_share if tip.arc_mm < errors.hidden_mm else errors.missed_share):
             return None
-        seen_mm = self._locate(np.array([(tip.x_mm, tip.y_mm, tip.z_mm)]))[0]
+        flat_mm, _ = see_points(np.array([(tip.x_mm, tip.y_mm, tip.z_mm)]), self.lens)
+        pixels = plane_to_pixels(flat_mm, self.lens)
+        if not self._shows(*pixels[0].tolist()):
+            return None
+        seen_mm = self.plane.to_mm(pixels)
         turn_rad, side = tip.heading_rad - before.heading_rad, -math.cos(base_rad)
         along_mm = errors.along_mm + errors.along_sd_mm * self._scatter[0]
         along_mm += errors.rim_mm * float(square_distances(seen_mm, self._perspective)[0])
@@ -169,6 +174,11 @@ class CalibratedCamera:
         return np.array(
             (0.0, y + along_mm * sine + across_mm * cosine, z + along_mm * cosine - across_mm * sine)
         )
+
+    def _shows(self, u: float, v: float) -> bool:
+        """Return whether a tip at a pixel is far enough from the rim of the picture to be found."""
+        width, height = self.lens.width_px, self.lens.height_px
+        return RIM_PX <= u <= width - 1 - RIM_PX and RIM_PX <= v <= height - 1 - RIM_PX
 
     def _locate(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         return locate_points(points_mm, self.lens, self.plane)
@@ -185,16 +195,20 @@ class CalibratedCamera:
         side = math.copysign(1.0, y - sheath.tip_mm[0])
         return y + side * self.errors.bend_mm + float(self.noise.normal(0.0, self.errors.bend_sd_mm)), z
 
-    def see_sheath(self, world: World) -> SheathPose:
-        """Return the pose of the sheath, as measured in a picture."""
+    def locate_sheath(self, world: World) -> tuple[FloatArray, float]:
+        """Return where the map has the sheath's end (y, z), and its heading [rad]."""
         points_mm = np.array([world.sheath_point_mm(_SHEATH_MM), world.sheath_point_mm(0.0)])
         before, end = self._locate(points_mm)[0]
-        y, z = (
-            end + self.noise.normal((0.0, self.errors.sheath_along_mm), self.errors.sheath_sd_mm)
-        ).tolist()
-        heading_rad = math.atan2(*(end - before)) + self.noise.normal(0.0, self.errors.sheath_sd_rad)
+        return end, math.atan2(*(end - before))
+
+    def see_sheath(self, world: World) -> SheathPose:
+        """Return the pose of the sheath, as measured in a picture."""
+        end_mm, heading_rad = self.locate_sheath(world)
+        errors_mm = self.noise.normal((0.0, self.errors.sheath_along_mm), self.errors.sheath_sd_mm)
+        heading_rad += float(self.noise.normal(0.0, self.errors.sheath_sd_rad))
+        y, z = (end_mm + errors_mm).tolist()
         u, v = self.plane.to_px(np.array([[y, z]]))[0].tolist()
-        return SheathPose((u, v), (y, z), float(heading_rad), world.description.sheath.diameter_mm)
+        return SheathPose((u, v), (y, z), heading_rad, world.description.sheath.diameter_mm)
 
     def see_shaft(self, path_mm: FloatArray, diameter_mm: float, since_turn_mm: float) -> ShaftTip:
         """Return the shaft of a needle with this path (N, 3)."""

@@ -27,13 +27,13 @@ def search_roll_zero(order: RollZeroOrder, world: World, camera: CalibratedCamer
         )
     world.place_specimen(steps.specimen.name, steps.specimen.gelatin_percent)
     rolls_rad = order.rolls_rad
-    strays_mm = [_find_stray_mm(order, step, world, camera) for step in range(steps.rolls)]
+    strays_mm = [find_stray_mm(order, step, world, camera) for step in range(steps.rolls)]
     fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
     require_sure_zero(fit, steps)
     return RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, "")
 
 
-def _find_stray_mm(order: RollZeroOrder, step: int, world: World, camera: CalibratedCamera) -> float:
+def find_stray_mm(order: RollZeroOrder, step: int, world: World, camera: CalibratedCamera) -> float:
     """Insert at one roll into a fresh hole, withdraw, and return the lateral deflection of the tip [mm]."""
     steps, sheath, roll_rad = order.steps, order.sheath, order.rolls_rad[step]
     world.shift_to_hole(steps.specimen.name, step, step * steps.hole_spacing_mm)

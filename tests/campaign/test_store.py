@@ -11,8 +11,9 @@ import pytest
 from moto.server import ThreadedMotoServer
 from pandas.testing import assert_frame_equal
 
-from labrig.campaign.store import DOCUMENT, CampaignStore
+from labrig.campaign.store import CampaignStore
 from labrig.errors import DiskError, InputError, LockedError, OutputExistsError, RecordError
+from labrig.record.layout import CAMPAIGN as CAMPAIGN_FILE
 from tests.disks import full_disk
 
 CAMPAIGN = {"base": "insertion.yaml", "grid": {"replan_mm": [10, 20]}}
@@ -74,7 +75,10 @@ def test_a_campaign_that_was_begun_goes_on_behind_its_rows(tmp_path: Path) -> No
         assert store.done == 2
         with pytest.raises(ValueError, match="expected those from 2 on"):
             store.append([row(3)])
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [DOCUMENT, "part-000000.parquet"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        CAMPAIGN_FILE,
+        "part-000000.parquet",
+    ]
 
 
 def test_another_campaign_is_refused_with_the_difference(tmp_path: Path) -> None:
@@ -92,9 +96,9 @@ def test_another_campaign_is_refused_with_the_difference(tmp_path: Path) -> None
 def test_rows_of_another_labrig_are_not_continued(tmp_path: Path) -> None:
     """A campaign that another version began is refused: its rows would have other bits."""
     write(tmp_path, ROWS)
-    document = json.loads((tmp_path / DOCUMENT).read_text())
+    document = json.loads((tmp_path / CAMPAIGN_FILE).read_text())
     document["installation"]["labrig"] = "0.0.9"
-    (tmp_path / DOCUMENT).write_text(json.dumps(document))
+    (tmp_path / CAMPAIGN_FILE).write_text(json.dumps(document))
     with pytest.raises(InputError, match=r'labrig is "0\.0\.9" there') as refused:
         CampaignStore.open(str(tmp_path), CAMPAIGN)
     assert "--out" in refused.value.hint
@@ -131,7 +135,7 @@ def test_a_torn_last_part_is_done_again(tmp_path: Path) -> None:
             lambda folder: (folder / "part-000002.parquet").replace(folder / "part-000001.parquet"),
             r"part-000001\.parquet is not the part of this campaign that begins at task 1",
         ),
-        (lambda folder: (folder / DOCUMENT).write_text("{"), r"campaign\.json is damaged"),
+        (lambda folder: (folder / CAMPAIGN_FILE).write_text("{"), r"campaign\.json is damaged"),
     ],
 )
 def test_a_part_that_is_damaged_missing_or_elsewhere_is_named(

@@ -8,13 +8,13 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Executor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Event
 from typing import Any, Literal
 
 import dask
-from dask.distributed import Client, KilledWorker
+from dask.distributed import Client, KilledWorker, Status
 from dask_jobqueue.core import JobQueueCluster
 from dask_jobqueue.htcondor import HTCondorCluster
 from dask_jobqueue.lsf import LSFCluster
@@ -208,8 +208,11 @@ def _open_jobs(kind: type[JobQueueCluster]) -> Iterator[JobQueueCluster]:
     try:
         yield cluster
     finally:
-        with suppress(AssertionError):  # of a job that has never begun
-            cluster.close()
+        # The cluster closes only when each of its jobs is over, and takes one that could not be submitted for a new one.
+        for job in tuple(cluster._created):  # noqa: SLF001 - `workers` does not have such a job yet
+            if job.job_id is None:
+                job.status = Status.failed
+        cluster.close()
         for name in _CERTIFICATES:
             getattr(cluster, name).close()
 

@@ -208,13 +208,17 @@ def _open_jobs(kind: type[JobQueueCluster]) -> Iterator[JobQueueCluster]:
     try:
         yield cluster
     finally:
-        # The cluster closes only when each of its jobs is over, and takes one that could not be submitted for a new one.
-        for job in tuple(cluster._created):  # noqa: SLF001 - `workers` does not have such a job yet
-            if job.job_id is None:
-                job.status = Status.failed
+        _mark_jobs_not_begun(cluster)
         cluster.close()
         for name in _CERTIFICATES:
             getattr(cluster, name).close()
+
+
+def _mark_jobs_not_begun(cluster: JobQueueCluster) -> None:
+    """Mark jobs that could not be submitted as failed: the cluster takes them for new ones, and would not close."""
+    for job in tuple(cluster._created):  # noqa: SLF001 - `workers` does not have such a job yet
+        if job.job_id is None:
+            job.status = Status.failed
 
 
 def _fill_section(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The campaign file: a base protocol, what is varied, how often it is repeated, and when it stops."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -166,9 +166,20 @@ class CampaignFile(Model):
         return max(_LEAST_TO_JUDGE, self.repetitions)
 
 
-def load_campaign_file(path: Path) -> CampaignFile:
-    """Return the campaign in a file. Raises `FileFormatError` with every problem."""
-    return load_yaml_model(path, CampaignFile, others=_OTHER_KINDS)
+def load_campaign_file(path: Path, overrides: Sequence[str] = ()) -> CampaignFile:
+    """Return the campaign in a file.
+
+    Parameters
+    ----------
+    overrides : sequence of str
+        `key=value` each; they replace values of the file.
+
+    Raises
+    ------
+    FileFormatError
+        With every problem of the file and of the overrides.
+    """
+    return load_yaml_model(path, CampaignFile, overrides, _OTHER_KINDS)
 
 
 def campaign_schema() -> JsonSchema:

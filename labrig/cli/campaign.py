@@ -21,6 +21,15 @@ def campaign(
             show_default=False,
         ),
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override a key of the campaign file, such as repetitions=5; repeatable.",
+            show_default=False,
+        ),
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1000, help="Processes. Default: one for each core.", show_default=False),
@@ -50,4 +59,4 @@ def campaign(
         raise InputError("--workers and --cluster exclude each other", "a cluster has its own workers")
     from labrig.cli.campaign_run import CampaignOrder, carry_out
 
-    return carry_out(CampaignOrder(file, rig, workers, cluster, out), as_json=as_json)
+    return carry_out(CampaignOrder(file, tuple(settings or ()), rig, workers, cluster, out), as_json=as_json)

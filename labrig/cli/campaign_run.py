@@ -36,9 +36,10 @@ _LOOK_S = 0.2
 
 @dataclass(frozen=True)
 class CampaignOrder:
-    """What was typed: the file, the rig, the processes or the cluster, and where the table goes; None: not given."""
+    """What was typed: file, overrides, rig, processes or cluster, and where the table goes; None: not given."""
 
     file: Path
+    settings: tuple[str, ...]
     rig: Path | None
     workers: int | None
     cluster: str | None
@@ -53,7 +54,7 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
     InputError, DiskError, MachineError
         When it cannot begin or go on; what is done stays done.
     """
-    loaded = _load(order.file, order.rig)
+    loaded = _load(order)
     place = str(find_in_lab(CAMPAIGNS) / loaded.file.campaign) if order.out is None else order.out
     with CampaignStore.open(place, describe_campaign(loaded)) as store:
         by_rule = _conduct(loaded, store, order)
@@ -65,9 +66,10 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
     return 0 if result.failed < result.done else 1
 
 
-def _load(file: Path, rig: Path | None) -> LoadedCampaign:
+def _load(order: CampaignOrder) -> LoadedCampaign:
     """Read a campaign and all that it names. Raises `FileFormatError`, `InputError`."""
-    content = load_campaign_file(file)
+    file, rig = order.file, order.rig
+    content = load_campaign_file(file, order.settings)
     base = _resolve(file, content.base)
     named = rig if content.rig is None or rig is not None else _resolve(file, content.rig)
     files = CampaignFiles(file, base, lambda: find_rig_file(named, base))

@@ -31,7 +31,10 @@ from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_paren
 DEFAULT_WORKERS = min(count_usable_cores(), 8)
 
 BATCH_S = 0.1
-"""The least time of a batch whose tasks are timed: scheduling one takes a scheduler about a millisecond."""
+"""The least time of a batch whose tasks are timed."""
+
+BATCH_S_A_WORKER = 0.005
+"""A scheduler takes one to three milliseconds for a batch, so batches are longer the more workers it has to feed."""
 
 _LARGEST_BATCH = 1000
 # Batches submitted for each worker while the first one is waited for: no worker idles behind a long task, or while the
@@ -355,7 +358,7 @@ def run_in_order(
                 return
             batch = ahead.popleft()
             answer = queue.wait(batch)
-            size.learn(len(batch.tasks), answer.took_s)
+            size.learn(len(batch.tasks), answer.took_s, pool.count_workers())
             yield from answer.outcomes
     finally:
         queue.drop()
@@ -368,13 +371,14 @@ class _BatchSize:
         self.tasks = 1
         self._cost_s: float | None = None
 
-    def learn(self, tasks: int, took_s: float | None) -> None:
-        """Take the time of a batch into account, if it is known."""
+    def learn(self, tasks: int, took_s: float | None, workers: int) -> None:
+        """Take the time of a batch into account, if it is known, for batches that go to so many workers."""
         if took_s is None:
             return
         cost_s = max(took_s, 0.0) / tasks
         self._cost_s = cost_s if self._cost_s is None else 0.5 * (self._cost_s + cost_s)
-        wanted = math.ceil(BATCH_S / self._cost_s) if self._cost_s > 0.0 else _LARGEST_BATCH
+        batch_s = max(BATCH_S, BATCH_S_A_WORKER * workers)
+        wanted = math.ceil(batch_s / self._cost_s) if self._cost_s > 0.0 else _LARGEST_BATCH
         # A first task that ends early says little of the others: batches at most double.
         self.tasks = max(1, min(wanted, 2 * self.tasks, _LARGEST_BATCH))
 

@@ -117,6 +117,7 @@ def _open_pool(order: CampaignOrder) -> Iterator[Pool]:
             yield pool
         return
     require_package("distributed", "dask", "--cluster")
+    require_package("dask_jobqueue", "dask-jobqueue", "--cluster")
     # Imported late: dask takes a second, and is not installed with labrig.
     from labrig.analysis.cluster import open_cluster
 

@@ -33,6 +33,8 @@ def require_package(module: str, package: str, what: str) -> None:
 
 
 def _find_requirement(package: str) -> str:
-    """Return the versions of a package that fit, in the form that pip takes."""
+    """Return the versions of a package that fit, with its extras, in the form that pip takes."""
     needed = (Requirement(text) for text in find_own_distribution().requires or ())
-    return next((f"{found.name}{found.specifier}" for found in needed if found.name == package), package)
+    found = next((found for found in needed if found.name == package), Requirement(package))
+    extras = f"[{','.join(sorted(found.extras))}]" if found.extras else ""
+    return f"{found.name}{extras}{found.specifier}"

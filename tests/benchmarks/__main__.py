@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import partial
 
 from tests.benchmarks import (
+    campaign_engines,
     can_load,
     catalogue,
     circles,
@@ -19,6 +20,7 @@ from tests.benchmarks import (
     curvature,
     cycle,
     depth,
+    engine,
     estimator,
     faults,
     fuzz,
@@ -67,6 +69,8 @@ TABLES: dict[str, Callable[[], None]] = {
     "graph-paper": graph_paper.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,
+    "engine": engine.print_table,
+    "campaign-engines": campaign_engines.print_table,
     "estimator": estimator.print_table,
     "reference-world": reference_world.print_table,
     "closed-loop": closed_loop.print_table,

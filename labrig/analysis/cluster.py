@@ -119,7 +119,9 @@ class _Cluster(Pool):
         _require_same_installation(self._client)
 
     def close(self) -> None:
-        self._executor.shutdown(wait=False)
+        """Drop what the workers still do, unless the scheduler is gone and they with it."""
+        if self._client.status == "running":
+            self._executor.shutdown(wait=False)
 
 
 @contextmanager

@@ -35,6 +35,11 @@ The result does not depend on the number of worker processes. An analysis that m
 for a `PictureWork` and continues with the answers. So one run, or several of different lengths, keep every core busy
 until the end.
 
+`engine` does tasks of any kind in other processes: pictures, hinges, or the insertions of a campaign. A lost worker
+costs only time, and a failed task is a value among the others. `cluster`, which alone imports dask, has workers on
+other computers; their installation is compared with ours, since results must have the same bits wherever they are
+computed.
+
 Of comparisons (`labrig compare`, `load_runs`):
 
 - **They read what results list**, `analysis/NNN/tables.json` and its CSV files, and the trials of the record, and know

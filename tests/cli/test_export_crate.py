@@ -79,7 +79,7 @@ def test_the_record_in_a_crate_is_a_sound_run(labrig: Labrig, tmp_path: Path) ->
     ("options", "words"),
     [
         (("--ro-crate",), "needs a licence"),
-        (("--ro-crate", "--license", "CC-BY-4.0"), "needs a licence, and who made the run"),
+        (("--ro-crate", "--license", "CC-BY-4.0"), "needs a licence, and who made it"),
         (("--csv", "--license", "CC-BY-4.0"), "belong to --ro-crate"),
         ((*ASKED, "--csv"), "goes alone"),
         ((*ASKED, "--record"), "goes alone"),

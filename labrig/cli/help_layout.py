@@ -41,26 +41,19 @@ class HelpfulCommand(_PlainParams, TyperCommand):
             formatter.write(_stack(self, ctx))
 
 
-class ColumnsGroup(_PlainParams, TyperGroup):
-    """A group of commands whose help stands in columns."""
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help, with the texts of the group's commands."""
-        _import_columns()
-        super().format_help(ctx, formatter)
-
-
-class HelpfulGroup(ColumnsGroup):
+class HelpfulGroup(_PlainParams, TyperGroup):
     """A group of commands whose help cuts no names."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, with the texts of the group's commands."""
         if _fits_columns(self, ctx):
+            _import_columns()
             super().format_help(ctx, formatter)
             return
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         texts = [_stack_text(name, (command and command.help) or "") for name, command in commands]
-        formatter.write("\n".join((_stack(self, ctx), *texts)))
+        last = ("", _wrap(self.epilog)) if self.epilog else ()
+        formatter.write("\n".join((_stack(self, ctx), *texts, *last)))
 
 
 def _import_columns() -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.help_layout import ColumnsGroup, HelpfulCommand, HelpfulGroup
+from labrig.cli.help_layout import HelpfulCommand, HelpfulGroup
 from labrig.cli.options import complete_live
 from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
@@ -95,7 +95,7 @@ def make_app(named: Collection[str]) -> typer.Typer:
     """Return `labrig` with the commands that are named; of the other commands it has only the help."""
     app = typer.Typer(
         name="labrig",
-        cls=ColumnsGroup,
+        cls=HelpfulGroup,
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
         epilog="Start with: labrig init lab; cd lab; labrig run steerability",
         no_args_is_help=True,

@@ -52,9 +52,11 @@ def test_help_names_every_command() -> None:
 
 @pytest.mark.parametrize("columns", [80, 40])
 def test_help_fits_the_terminal(columns: int) -> None:
-    """No line of the help is wider than the terminal."""
+    """No line of the help is wider than the terminal, no word is cut, and the last line says how to start."""
     text = _python("from labrig.cli.main import run_command; run_command(['--help'])", columns)
     assert max(len(line) for line in text.splitlines()) <= columns
+    assert "…" not in text
+    assert "labrig run steerability" in text
 
 
 @pytest.mark.parametrize("columns", [80, 40])

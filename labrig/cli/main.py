@@ -157,7 +157,8 @@ def run_command(arguments: Sequence[str]) -> int:
     except (Interruption, KeyboardInterrupt) as interruption:
         failure: LabrigError = InterruptedRunError(f"interrupted by {str(interruption) or 'SIGINT'}")
     except typer.TyperException as error:
-        failure = InputError(error.format_message(), _hint_at_help(arguments))
+        # Words that the validators of typer put before a message of its own.
+        failure = InputError(error.format_message().replace("Value error, ", "", 1), _hint_at_help(arguments))
     except LabrigError as error:
         # A bug in another process comes with its traceback as a note.
         failure = (

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from markdown_it.token import Token
 from rich.console import Console, ConsoleOptions, RenderResult
-from rich.markdown import Markdown, MarkdownElement, TableElement
+from rich.markdown import CodeBlock, Markdown, MarkdownElement, TableElement
 from rich.measure import Measurement
 from rich.padding import Padding
 from rich.text import Text
@@ -29,6 +29,20 @@ class _FittingTable(TableElement):
             yield from _stack(heads, row)
 
 
+_SHELL = "sh"
+
+
+class _CopiedCode(CodeBlock):
+    """A block of code. Lines of a shell are not broken: a terminal wraps them, and a copied command stays one line."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        if self.lexer_name != _SHELL:
+            yield from super().__rich_console__(console, options)
+            return
+        for line in str(self.text).rstrip().splitlines():
+            yield Text(f" {line}", no_wrap=True, overflow="ignore")
+
+
 def _read_cells(row: Any) -> list[Text]:
     return [cell.content for cell in row.cells]
 
@@ -50,7 +64,11 @@ def _stack(heads: list[Text], row: list[Text]) -> RenderResult:
 class TerminalMarkdown(Markdown):
     """Markdown for a terminal of any width."""
 
-    elements: ClassVar[dict[str, type[MarkdownElement]]] = {**Markdown.elements, "table_open": _FittingTable}
+    elements: ClassVar[dict[str, type[MarkdownElement]]] = {
+        **Markdown.elements,
+        "table_open": _FittingTable,
+        "fence": _CopiedCode,
+    }
 
     def __init__(self, text: str) -> None:
         super().__init__(text, code_theme="ansi_dark", hyperlinks=False)

@@ -196,7 +196,7 @@ def print_markdown(text: str) -> None:
     # A height too, without which a terminal that knows no colours counts as 80 columns wide.
     console = Console(width=min(_terminal_columns(), _WIDEST_TEXT), height=25, highlight=False)
     with console.capture() as captured:
-        console.print(TerminalMarkdown(escape_controls(text)))
+        console.print(TerminalMarkdown(escape_controls(text)), crop=False)
     typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 

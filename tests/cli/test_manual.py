@@ -37,6 +37,14 @@ def test_all_pages_are_listed(labrig: Labrig) -> None:
             assert KINDS[row["kind"]] in lines
 
 
+def test_a_command_can_be_copied_from_the_terminal() -> None:
+    """A line of code is printed as one line, however narrow the terminal is."""
+    page = find_page(list_pages(), "first-run").read()
+    command = next(line for line in page.splitlines() if len(line) > 120 and line.startswith("labrig run"))
+    printed = _run("first-run", "--print", COLUMNS="40").stdout.splitlines()
+    assert f" {command}" in printed
+
+
 _PAGES = [
     ManualPage(place, title, str)
     for place, title in (

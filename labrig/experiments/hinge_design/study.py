@@ -150,7 +150,7 @@ def study_design(
     Parameters
     ----------
     progress : callable or None
-        Called with the number of hinges searched so far, and of all.
+        Called with the number of hinges searched so far, at first 0, and of all.
 
     Raises
     ------
@@ -163,6 +163,8 @@ def study_design(
     """
     document = _solve_equations(order)
     hinges = make_hinge_grid(order.tube, order.clearance_mm, order.grid_points)
+    if progress is not None:
+        progress(0, len(hinges))
     with open_process_pool(workers, "searched rotations") as pool:
         cells = search_grid(hinges, WorkQueue(pool).map, progress, order.seed)
     plane = fit_plane(cells)

@@ -338,7 +338,7 @@ def load_result(run: Run, model: type[Result], number: int | None = None) -> Any
             run.own(f"analysis/{wanted:03d}/{file.name}")
         content = model.model_validate_json(read_file(path / RESULT_FILE, MAX_RESULT_BYTES))
     except (OSError, ValidationError) as error:
-        raise RecordError(f"{path / RESULT_FILE} cannot be read: {_describe_error(error)}", _AGAIN) from error
+        raise RecordError(f"{path / RESULT_FILE} cannot be read: {describe_error(error)}", _AGAIN) from error
     return AnalysisResult(path, content)
 
 
@@ -374,7 +374,8 @@ def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     return np.frombuffer(content, dtype).reshape(shape, order="F" if by_column else "C")
 
 
-def _describe_error(error: OSError | ValidationError) -> str:
+def describe_error(error: OSError | ValidationError) -> str:
+    """Return why a document of a run cannot be read: the first fault, and where."""
     if isinstance(error, OSError):
         return error.strerror or str(error)
     first = error.errors()[0]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.engine import Pool, open_process_pool, run_in_order
+from labrig.analysis.engine import run_in_order
 from labrig.campaign.campaign_file import CampaignFile, load_campaign_file
 from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
@@ -15,7 +15,7 @@ from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
 from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign
-from labrig.cli.missing_package import require_package
+from labrig.cli.campaign_pool import open_pool
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_json, print_line, print_table, say
 from labrig.cli.progress import Reporter, progress, progress_if_slow
@@ -25,7 +25,6 @@ from labrig.devices.clocks import SystemClock
 from labrig.durable import disk_errors
 from labrig.errors import DiskError
 from labrig.lab.folder import CAMPAIGNS, find_in_lab
-from labrig.posix import count_usable_cores
 from labrig.record.urls import is_url
 from labrig.runner.run_control import RunControl
 from labrig.text import format_count, interval, number
@@ -90,7 +89,7 @@ def _conduct(loaded: LoadedCampaign, store: CampaignStore, order: CampaignOrder)
     if store.done:
         say(f"{store.place}: {store.done} of {tasks.count} tasks are done; the campaign goes on behind them")
     with (
-        _open_pool(order) as pool,
+        open_pool(order.workers, order.cluster) as pool,
         progress(loaded.file.campaign, float(max(1, tasks.count - store.done))) as reporter,
         _take_requests(store) as control,
     ):
@@ -107,22 +106,6 @@ def _conduct(loaded: LoadedCampaign, store: CampaignStore, order: CampaignOrder)
             say(f"{store.done} of {tasks.count} tasks are done; the same command goes on behind them")
             raise
     return end.by_rule
-
-
-@contextmanager
-def _open_pool(order: CampaignOrder) -> Iterator[Pool]:
-    work = "computed tasks"
-    if order.cluster is None:
-        with open_process_pool(order.workers or count_usable_cores(), work) as pool:
-            yield pool
-        return
-    require_package("distributed", "dask", "--cluster")
-    require_package("dask_jobqueue", "dask-jobqueue", "--cluster")
-    # Imported late: dask takes a second, and is not installed with labrig.
-    from labrig.analysis.cluster import open_cluster
-
-    with open_cluster(order.cluster, work) as pool:
-        yield pool
 
 
 @contextmanager

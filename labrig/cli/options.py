@@ -265,6 +265,17 @@ LocalRunsArgument = Annotated[
         autocompletion=_complete_run,
     ),
 ]
+CertifyOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--certify",
+        metavar="RUN",
+        help="Write into an insertion's run what would have to be wrong for it to miss.",
+        callback=lambda given: None if given is None else _find_local(given),
+        autocompletion=_complete_run,
+        show_default=False,
+    ),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -33,8 +33,9 @@ from labrig.experiments.insertion.settings import make_insertion_settings, make_
 from labrig.experiments.insertion.virtual_axis import VirtualAxis
 from labrig.experiments.insertion.virtual_camera import CalibratedCamera
 from labrig.experiments.insertion.virtual_insertion import VirtualEnd, VirtualInsertion, end_insertion
-from labrig.experiments.insertion.virtual_roll_zero import find_last_roll_rad, search_roll_zero
+from labrig.experiments.insertion.virtual_roll_zero import search_roll_zero
 from labrig.experiments.shared.rig_view import load_plane_map
+from labrig.experiments.shared.roll_zero_search import RollZeroOrder
 from labrig.simulation.gel import Ball
 from labrig.simulation.seeds import stream
 from labrig.simulation.world import World
@@ -71,8 +72,15 @@ told to be.
 """
 
 
-def simulate(protocol: InsertionProtocol, rig: RigDescription | None, seed: int) -> TaskOutcome:
+def simulate(
+    protocol: InsertionProtocol, rig: RigDescription | None, seed: int, roll_zero: RollZero | None = None
+) -> TaskOutcome:
     """Return what comes of one insertion; the same seed gives the same bits in any process.
+
+    Parameters
+    ----------
+    roll_zero : RollZero or None
+        That of a run that is repeated; None: the one that is certified for the rig, else found as the protocol says.
 
     Raises
     ------
@@ -93,7 +101,9 @@ def simulate(protocol: InsertionProtocol, rig: RigDescription | None, seed: int)
             "make whole runs on a simulated rig, or leave out markers",
         )
     try:
-        return _describe(_insert(protocol, _Scene.of(protocol, rig.with_needle(protocol.needle), seed)))
+        return _describe(
+            _insert(protocol, _Scene.of(protocol, rig.with_needle(protocol.needle), seed, roll_zero))
+        )
     except TargetMissedError as error:
         return TaskOutcome("failed", error.reason, _NO_VALUES)
     except MeasurementRefusedError as error:
@@ -102,20 +112,27 @@ def simulate(protocol: InsertionProtocol, rig: RigDescription | None, seed: int)
 
 @dataclass(frozen=True)
 class _Scene:
-    """A rig whose needle is mounted, its world and camera, and its roll zero."""
+    """A rig whose needle is mounted, its world and camera, its roll zero, and where that leaves the rotation axis."""
 
     rig: RigDescription
     world: World
     camera: CalibratedCamera
     roll_zero: RollZero
+    axis_at_rad: float
 
     @classmethod
-    def of(cls, protocol: InsertionProtocol, rig: RigDescription, seed: int) -> "_Scene":
+    def of(
+        cls, protocol: InsertionProtocol, rig: RigDescription, seed: int, known: RollZero | None
+    ) -> "_Scene":
         assert rig.world is not None
         world = World(rig.world, seed)
         world.mount_needle(protocol.needle.needle_id)
         camera = CalibratedCamera(rig.world.lens, load_plane_map(rig), stream(seed, "sightings"))
-        return cls(rig, world, camera, _obtain_roll_zero(protocol, rig, world, camera))
+        certified = known or NeedleState(rig.state_path).recall_roll_zero(protocol.needle.needle_id)
+        if certified is not None:
+            return cls(rig, world, camera, certified, 0.0)
+        order = _order_search(protocol)
+        return cls(rig, world, camera, search_roll_zero(order, world, camera), order.farthest_roll_rad)
 
 
 @dataclass(frozen=True)
@@ -127,20 +144,15 @@ class _Made:
     end: VirtualEnd
 
 
-def _obtain_roll_zero(
-    protocol: InsertionProtocol, rig: RigDescription, world: World, camera: CalibratedCamera
-) -> RollZero:
-    """Return the certified roll zero; without one, find it as the protocol says."""
-    known = NeedleState(rig.state_path).recall_roll_zero(protocol.needle.needle_id)
-    if known is not None:
-        return known
+def _order_search(protocol: InsertionProtocol) -> RollZeroOrder:
+    """Return how the roll zero is found. Raises `TargetMissedError` when the protocol does not say it."""
     if protocol.roll_zero is None:
         raise TargetMissedError(
             f"needle {protocol.needle.needle_id} has no certified roll zero",
             "say how to find it under roll_zero: in the protocol",
             reason="no_roll_zero",
         )
-    return search_roll_zero(make_roll_zero_order(protocol, protocol.roll_zero), world, camera)
+    return make_roll_zero_order(protocol, protocol.roll_zero)
 
 
 def _insert(protocol: InsertionProtocol, scene: _Scene) -> _Made:
@@ -170,7 +182,7 @@ def _insert(protocol: InsertionProtocol, scene: _Scene) -> _Made:
         speed_mm_s=protocol.insertion.speed_mm_s,
         linear_mm=protocol.sheath.depth_mm,
     )
-    _centre(protocol, scene, bevel)
+    _centre(scene, bevel)
     made.move_world(0.0, 0.0)
     state, command = _start_from_sheath(protocol, made, camera, state, command)
     world.aim_at(_place_truly(world, camera.plane, aim.target_mm))
@@ -216,14 +228,10 @@ def _place_truly(
     return world.point_at_pixel_mm((u, v))
 
 
-def _centre(protocol: InsertionProtocol, scene: _Scene, bevel: BevelPath) -> None:
+def _centre(scene: _Scene, bevel: BevelPath) -> None:
     """Turn the bevel to the roll zero while the needle is in the sheath."""
-    certified = NeedleState(scene.rig.state_path).recall_roll_zero(protocol.needle.needle_id) is not None
-    steps = None if certified or protocol.roll_zero is None else protocol.roll_zero
-    order = None if steps is None else make_roll_zero_order(protocol, steps)
-    from_rad = find_last_roll_rad(order) - bevel.zero_rad
     if bevel.turning == "compensated":
-        turn = bevel.centre(from_rad)
+        turn = bevel.centre(scene.axis_at_rad - bevel.zero_rad)
         scene.world.advance(0.0, bevel.zero_rad + turn.farthest_rad, 0.0)
     scene.world.advance(0.0, bevel.zero_rad, 0.0)
 

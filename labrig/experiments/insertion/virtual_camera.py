@@ -96,6 +96,7 @@ TURN_MM = 2.0
 
 _SHEATH_MM = 5.0
 """Length of the sheath's end whose direction is seen."""
+_SHORTEST_SHAFT_MM = 1.0
 
 
 class VirtualCamera(Protocol):
@@ -210,7 +211,9 @@ class CalibratedCamera:
         u, v = self.plane.to_px(np.array([[y, z]]))[0].tolist()
         return SheathPose((u, v), (y, z), heading_rad, world.description.sheath.diameter_mm)
 
-    def see_shaft(self, path_mm: FloatArray, diameter_mm: float, since_turn_mm: float) -> ShaftTip:
-        """Return the shaft of a needle with this path (N, 3)."""
+    def see_shaft(self, path_mm: FloatArray, diameter_mm: float, since_turn_mm: float) -> ShaftTip | None:
+        """Return the shaft of a needle with this path (N, 3); None of one that has hardly left its sheath."""
         seen = SeenPath.of(*self._locate(path_mm))
+        if seen.length_mm < _SHORTEST_SHAFT_MM:
+            return None
         return draw_shaft(seen, self.plane, diameter_mm, since_turn_mm, self.noise)

@@ -49,8 +49,3 @@ def find_stray_mm(order: RollZeroOrder, step: int, world: World, camera: Calibra
     world.advance(0.0, roll_rad, sheath.depth_mm)
     world.advance(0.0, roll_rad, 0.0)
     return lateral_offset_mm(end_mm, origin)
-
-
-def find_last_roll_rad(order: RollZeroOrder | None) -> float:
-    """Return where a search leaves the rotation axis; 0 without one."""
-    return 0.0 if order is None else order.farthest_roll_rad

@@ -144,13 +144,7 @@ def certify(repeat: VirtualRepeat, compute: Compute, watch: Watch, *, repetition
     LabrigError
         When the run as it was cannot be repeated, or no repetition can be computed.
     """
-    inputs = ArmInputs(
-        "certificate",
-        repeat.protocol.experiment,
-        repeat.protocol.model_dump_json(),
-        repeat.rig.model_dump_json(),
-        repeat.rig.folder / _RIG_FILE,
-    )
+    inputs = make_inputs(repeat)
     untried = _Search.list_all(repeat.assumptions)
     progress = _Progress(watch, repetitions + _estimate_left(untried, repetitions))
     (base,) = _repeat_at(repeat, inputs, compute, [_Trying({}, Tally(), repetitions)], progress, base=True)
@@ -177,6 +171,17 @@ def certify(repeat: VirtualRepeat, compute: Compute, watch: Watch, *, repetition
 
 def _estimate_left(searches: Sequence[_Search], repetitions: int) -> int:
     return sum(estimate_left(search.way, search.tallies, repetitions) for search in searches)
+
+
+def make_inputs(repeat: VirtualRepeat) -> ArmInputs:
+    """Return protocol and rig of a virtual repetition as documents."""
+    return ArmInputs(
+        "certificate",
+        repeat.protocol.experiment,
+        repeat.protocol.model_dump_json(),
+        repeat.rig.model_dump_json(),
+        repeat.rig.folder / _RIG_FILE,
+    )
 
 
 class _Progress:

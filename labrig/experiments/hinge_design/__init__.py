@@ -12,5 +12,6 @@ EXPERIMENT = ExperimentDeclaration(
     analyze="labrig.experiments.hinge_design.study:analyze",
     page="labrig.experiments.hinge_design.page:make_page",
     summary="labrig.experiments.hinge_design.summary:summarise",
+    simulate="labrig.experiments.hinge_design.virtual:simulate",
     counts="hinges",
 )

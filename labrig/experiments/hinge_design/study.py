@@ -254,7 +254,7 @@ def _solve_equations(order: DesignOrder) -> Document:
         "radius_mm": order.radius_mm,
         "clearance_mm": order.clearance_mm,
         "tube": asdict(tube),
-        "equation_3": {**asdict(EQUATION_3), "same_tube": _has_section_of_paper(tube)},
+        "equation_3": {**asdict(EQUATION_3), "same_tube": covers_tube(tube)},
         "tolerance": _find_tolerance(order, EQUATION_3, beta_rot_deg),
         "table_1": {"beta_cut_deg": TABLE_1.beta_cut_deg, "beta_rot_deg": TABLE_1.beta_rot_deg}
         if is_table_1
@@ -270,7 +270,7 @@ def _solve_equations(order: DesignOrder) -> Document:
     }
 
 
-def _has_section_of_paper(tube: Tube) -> bool:
+def covers_tube(tube: Tube) -> bool:
     """Return whether equation (3), which was fitted to one tube, covers this one; it holds for any link length."""
     paper = TABLE_1.tube
     return (tube.outer_diameter_mm, tube.inner_diameter_mm) == (

@@ -112,13 +112,13 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Scene:
-    """A rig whose needle is mounted, its world and camera, its roll zero, and where that leaves the rotation axis."""
+    """A rig whose needle is mounted, its world and camera, its roll zero, and where the rotation axis stands."""
 
     rig: RigDescription
     world: World
     camera: CalibratedCamera
     roll_zero: RollZero
-    axis_at_rad: float
+    rotation_rad: float
 
     @classmethod
     def of(
@@ -231,7 +231,7 @@ def _place_truly(
 def _centre(scene: _Scene, bevel: BevelPath) -> None:
     """Turn the bevel to the roll zero while the needle is in the sheath."""
     if bevel.turning == "compensated":
-        turn = bevel.centre(scene.axis_at_rad - bevel.zero_rad)
+        turn = bevel.centre(scene.rotation_rad - bevel.zero_rad)
         scene.world.advance(0.0, bevel.zero_rad + turn.farthest_rad, 0.0)
     scene.world.advance(0.0, bevel.zero_rad, 0.0)
 

@@ -7,7 +7,7 @@ millimetres goes straight along half of them. So a path still consists of arcs, 
 place where it was made.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -53,7 +53,9 @@ def split_into_stretches(
 
 def shorten(along: tuple[PathStretch, ...], slip: float) -> tuple[PathStretch, ...]:
     """Return the stretches by which the tip advances when it stays behind by this share of what is inserted."""
-    return tuple(replace(stretch, length_mm=stretch.length_mm * (1.0 - slip)) for stretch in along)
+    return tuple(
+        PathStretch(stretch.length_mm * (1.0 - slip), stretch.roll_rad, stretch.bends) for stretch in along
+    )
 
 
 def advance_pose(pose: FloatArray, along: tuple[PathStretch, ...], curvature: float) -> FloatArray:

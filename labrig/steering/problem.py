@@ -1,7 +1,7 @@
 """The planning problem, checked when it is made, and its view from the needle's tip."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -16,8 +16,8 @@ PlanMethod = Literal["best", "paper"]
 Point = tuple[float, float, float]
 
 HIGHEST_MAX_ARCS = 12
-_UNIT = np.eye(3)
-_ROTATION_TOLERANCES = 1e-6 + 1e-5 * _UNIT
+# Of the lengths of a rotation's rows, squared, and of their products.
+_LENGTH_TOLERANCE, _PRODUCT_TOLERANCE = 1.1e-5, 1e-6
 
 
 @dataclass(frozen=True)
@@ -139,13 +139,11 @@ class PlanProblem:
 
     def _check_start(self) -> None:
         start = np.asarray(self.start)
-        fits = start.shape == (4, 4) and bool(np.all(np.isfinite(start)))
-        _require(fits, "start", start.tolist(), "a (4, 4) pose of numbers")
-        rotation = start[:3, :3]
-        proper = np.all(np.abs(rotation @ rotation.T - _UNIT) <= _ROTATION_TOLERANCES)
-        _require(
-            proper and np.linalg.det(rotation) > 0, "start rotation", rotation.tolist(), "a rotation matrix"
-        )
+        rows = start.tolist()
+        fits = start.shape == (4, 4) and all(math.isfinite(value) for row in rows for value in row)
+        _require(fits, "start", rows, "a (4, 4) pose of numbers")
+        rotation = [row[:3] for row in rows[:3]]
+        _require(_is_rotation(*rotation), "start rotation", rotation, "a rotation matrix")
         if self.covariance is not None:
             covariance = np.asarray(self.covariance)
             known = (
@@ -217,6 +215,18 @@ class Surroundings:
     def _to_start_frame(self, points: FloatArray) -> FloatArray:
         start = np.asarray(self.problem.start, dtype=float)
         return np.asarray((points - start[:3, 3]) @ start[:3, :3])
+
+
+def _is_rotation(x: Sequence[float], y: Sequence[float], z: Sequence[float]) -> bool:
+    """Return whether these rows are those of a rotation matrix: of length 1, at right angles, and right-handed."""
+    lengths = (abs(_multiply(row, row) - 1.0) <= _LENGTH_TOLERANCE for row in (x, y, z))
+    products = (abs(_multiply(*rows)) <= _PRODUCT_TOLERANCE for rows in ((x, y), (y, z), (z, x)))
+    across = y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]
+    return all(lengths) and all(products) and _multiply(x, across) > 0.0
+
+
+def _multiply(first: Sequence[float], second: Sequence[float]) -> float:
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
 
 
 def _is_finite(point: Point) -> bool:

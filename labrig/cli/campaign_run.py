@@ -171,6 +171,7 @@ def _print(result: CampaignResult, place: str, report: Path, *, as_json: bool) -
         *(("within", "share %", "95 %") if judged else ()),
         "mean",
         "95 %",
+        "SD",
         "median",
     )
     rows = []
@@ -181,7 +182,7 @@ def _print(result: CampaignResult, place: str, report: Path, *, as_json: bool) -
             number(None if arm.share is None else 100 * arm.share, 1),
             interval(None if share is None else [100 * limit for limit in share], 1),
         )
-        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.median))
+        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
         rows.append((arm.name, arm.tasks, arm.failed, *(within if judged else ()), *mean))
     tolerance = f", within {result.tolerance:g}" if judged else ""
     print_line(f"{result.campaign}: {result.measure}{tolerance}")

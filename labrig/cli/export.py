@@ -13,7 +13,7 @@ from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
 from labrig.errors import InputError, Problem, RecordError
-from labrig.record.layout import MANIFEST
+from labrig.record.layout import CAMPAIGN, MANIFEST
 
 _LATEX, _FIGURES, _FILM = "latex", "figures", "film"
 _FOR_PAPER = frozenset({_LATEX, _FIGURES, _FILM})
@@ -90,7 +90,8 @@ def export(
         _check_formats(formats, mcap=mcap, record=record, private=private)
     source = fetch_folder(run)
     if ro_crate:
-        prepare = _prepare_comparison_crate if _is_comparison(source) else _prepare_crate
+        is_run = not (_is_comparison(source) or (source / CAMPAIGN).is_file())
+        prepare = _prepare_crate if is_run else _prepare_folder_crate
         write, damage = prepare(source, license_, author or [], private=private)
     elif record:
         write, damage = _prepare_copy(source)
@@ -140,20 +141,23 @@ def _prepare_crate(
     return partial(_write_crate, "tables" if private else "record", write_files, content, describe), damage
 
 
-def _prepare_comparison_crate(
+def _prepare_folder_crate(
     source: Path, license_id: str | None, authors: list[str], *, private: bool
 ) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
-    """Return what writes a crate of a comparison, and that nothing of it is known to be damaged."""
+    """Return what writes a crate of a comparison or a campaign, and that nothing of it is known to be damaged."""
     from labrig.record.copying import copy_record
-    from labrig.report.ro_crate import describe_comparison
+    from labrig.report.ro_crate import describe_campaign, describe_comparison
 
+    what, read = (
+        ("comparison", describe_comparison) if _is_comparison(source) else ("campaign", describe_campaign)
+    )
     if private:
         raise InputError(
-            "--private leaves something out of the tables of a run, and this is a comparison",
-            "leave --private out; a comparison names its runs, and neither computer nor account",
+            f"--private leaves something out of the tables of a run, and this is a {what}",
+            f"leave --private out; a {what} names neither computer nor account",
         )
-    describe, content = _prepare_description(license_id, authors), describe_comparison(source)
-    return partial(_write_crate, "comparison", partial(copy_record, source), content, describe), ()
+    describe, content = _prepare_description(license_id, authors), read(source)
+    return partial(_write_crate, what, partial(copy_record, source), content, describe), ()
 
 
 def _prepare_description(license_id: str | None, authors: list[str]) -> Callable[[Any, Path], None]:

@@ -1,4 +1,4 @@
-"""Describes the files of an exported run or comparison as an RO-Crate 1.1; needs the extra `rocrate` of labrig.
+"""Describes the files of a run, comparison or campaign as an RO-Crate 1.1; needs the extra `rocrate` of labrig.
 
 Sources: RO-Crate Metadata Specification 1.1 (https://w3id.org/ro/crate/1.1), schema.org; ISO 7064 for the check
 character of an ORCID.
@@ -21,11 +21,13 @@ from labrig.durable import disk_errors
 from labrig.errors import InputError
 from labrig.input_file import parse_json, read_file
 from labrig.record.digest import hash_file
+from labrig.record.layout import CAMPAIGN
 from labrig.record.reader import Run
 from labrig.report.comparison_page import DOCUMENT_FILE as COMPARISON_FILE
 from labrig.text import format_count
 
 CRATE_FILE = "ro-crate-metadata.json"
+CAMPAIGN_RESULT = "result.json"
 _VERSION = "1.1"
 _SPDX = "https://spdx.org/licenses/"
 _STATUS = {"success": "CompletedActionStatus", "incomplete": "ActiveActionStatus"}
@@ -149,6 +151,37 @@ def describe_comparison(folder: Path) -> CrateContent:
         },
         # Which version compared them is not in the document.
         instruments=(("#labrig", {"@type": "SoftwareApplication", "name": "labrig"}),),
+    )
+
+
+def describe_campaign(folder: Path) -> CrateContent:
+    """Return what the files of `labrig campaign` in a folder are: which protocol was repeated, and how often.
+
+    Raises
+    ------
+    InputError
+        When its documents cannot be read, or its page was not written yet.
+    """
+    try:
+        result: Any = parse_json(read_file(folder / CAMPAIGN_RESULT))
+        begun: Any = parse_json(read_file(folder / CAMPAIGN))
+        repeated = (
+            f"{format_count(result['done'], 'task')} of {result['experiment']} in {len(result['arms'])} arms"
+        )
+        name, program = str(result["title"] or result["campaign"]), str(begun["installation"]["labrig"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder} cannot be read as a finished campaign", "labrig campaign FILE goes on with it"
+        ) from error
+    status = "ActiveActionStatus" if result.get("ended") == "incomplete" else "CompletedActionStatus"
+    return CrateContent(
+        name=name,
+        description=f"A campaign by labrig: {repeated}, virtual and compared by {result.get('measure')}.",
+        place="#campaign",
+        action={"@type": "CreateAction", "name": repeated, "actionStatus": f"http://schema.org/{status}"},
+        instruments=(
+            ("#labrig", {"@type": "SoftwareApplication", "name": "labrig", "softwareVersion": program}),
+        ),
     )
 
 

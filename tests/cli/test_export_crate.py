@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from rocrate.rocrate import ROCrate
 
+from labrig import __version__
 from labrig.errors import InputError
 from labrig.record.digest import hash_file
 from labrig.report.ro_crate import Author, read_author, read_license
@@ -138,3 +139,20 @@ def test_a_comparison_becomes_a_crate(labrig: Labrig, tmp_path: Path) -> None:
     (compared / "comparison.json").write_text("[]", encoding="utf-8")
     refused = labrig("export", compared, *ASKED, "--out", tmp_path / "spoilt")
     assert refused.err.startswith(f"error: {compared / 'comparison.json'} cannot be read as a comparison")
+
+
+def test_a_campaign_becomes_a_crate(labrig: Labrig, tmp_path: Path) -> None:
+    """With every part of its table, its page, and the version that computed it; one without a page is refused."""
+    made = tmp_path / "made"
+    campaign = ("campaign", "protocols/campaign-hinge.yaml", "--set", "repetitions=2", "--out", made)
+    assert labrig(*campaign).exit_code == 0
+    done = labrig("export", made, *ASKED, "--out", tmp_path / "crate", "--json")
+    assert done.exit_code == 0, done.err
+    crate = ROCrate(tmp_path / "crate")
+    names = {f"campaign/{path.name}" for path in made.iterdir() if not path.name.startswith(".")}
+    assert {file.id for file in crate.get_by_type("File")} == names
+    assert "campaign/part-000000.parquet" in names
+    assert crate.dereference("#labrig")["softwareVersion"] == __version__
+    (made / "result.json").unlink()
+    refused = labrig("export", made, *ASKED, "--out", tmp_path / "unfinished")
+    assert (refused.exit_code, "cannot be read as a finished campaign" in refused.err) == (2, True)

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from labrig.protocol.design_file import TubeSection
 from labrig.protocol.model import Line, Model, PositiveMm
-from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.sections import Criterion, ExperimentProtocol
 
 
 class DesignTolerances(Model):
@@ -48,3 +48,8 @@ class DesignProtocol(ExperimentProtocol):
     measured: MeasuredNeedle | None = Field(
         None, description="A needle that was measured, for its effective clearance; null if none was."
     )
+
+    @property
+    def criterion(self) -> Criterion:
+        """The radius."""
+        return Criterion("radius_mm")

@@ -12,6 +12,9 @@ What is decided here:
 - **Repetition changes slowest.** Whatever number of tasks is done, all arms have been repeated equally often.
 - **A rule that stops a campaign is in its file**, and looks only after whole repetitions, at numbers fixed beforehand.
 - **A task that fails is a row with its error.** It counts for no mean and no share, and the page says how many failed.
+- **A certificate** (`labrig campaign --certify`) repeats one run in worlds in which one of its assumptions is wrong.
+  What is turned is the experiment's to say (`list_assumptions`); each value is repeated until it is known on which side
+  of one half the share of arrivals lies. Which values are tried follows from the answers before, and from nothing else.
 - **Depth `world`** asks the experiment's `simulate`: no pictures. **Depth `rig`** makes and measures a whole run on a
   simulated rig. Both have the quantities of the experiment's result, so that one campaign checks the other.
 """

@@ -13,6 +13,7 @@ from tests.benchmarks import (
     campaign_engines,
     can_load,
     catalogue,
+    certificate,
     circles,
     closed_loop,
     coverage,
@@ -97,6 +98,7 @@ TABLES: dict[str, Callable[[], None]] = {
     "sweep": sweep.print_table,
     "pausing": pausing.print_table,
     "rehearsal": rehearsal.print_table,
+    "certificate": certificate.print_table,
 }
 
 

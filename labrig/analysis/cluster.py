@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Executor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Event
 from typing import Any, Literal
@@ -95,8 +95,10 @@ class _Cluster(Pool):
         return digest_installation()
 
     def count_workers(self) -> int:
-        if self._calls % _CALLS_BETWEEN_COUNTS == 0:
-            self._workers = len(self._client.nthreads())
+        # Of a scheduler that is out of reach the last count is good enough: its batches tell the reason.
+        if self._calls % _CALLS_BETWEEN_COUNTS == 0 and self._client.status == "running":
+            with suppress(OSError):
+                self._workers = len(self._client.nthreads())
         self._calls += 1
         return max(1, self._workers)
 

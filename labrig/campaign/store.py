@@ -25,7 +25,7 @@ from labrig.record.layout import CAMPAIGN
 
 _OWNER, _FIRST = b"labrig.campaign", b"labrig.first_task"
 _ELSEWHERE = "name another folder with --out"
-_GO_ON = "the rows of {done} tasks are kept, and the same command goes on behind them"
+_GO_ON = "{done} tasks are done, and the same command goes on behind them"
 
 # What every row has, in this order; varied keys and values follow in the order in which they first appear.
 _FIXED = {

@@ -175,7 +175,7 @@ def test_a_full_disk_costs_the_rows_at_hand_alone(tmp_path: Path) -> None:
         store.append(ROWS[:2])
         with full_disk(100), pytest.raises(DiskError) as refused:
             store.append(ROWS[2:])
-        assert "the rows of 2 tasks are kept, and the same command goes on behind them" in refused.value.hint
+        assert "2 tasks are done, and the same command goes on behind them" in refused.value.hint
     assert len(write(tmp_path, ROWS[2:])) == 4
 
 
@@ -240,7 +240,7 @@ def test_a_store_that_goes_away_keeps_what_is_done(
         files.rm("lab", recursive=True)
         with pytest.raises(DiskError) as refused:
             store.append(ROWS[2:])
-        assert "the rows of 2 tasks are kept" in refused.value.hint
+        assert "2 tasks are done" in refused.value.hint
     files.mkdir("lab")
     for name, content in kept.items():
         files.pipe_file(name, content)

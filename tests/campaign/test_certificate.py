@@ -20,7 +20,9 @@ from labrig.campaign.certificate import (
     prepare_repeat,
 )
 from labrig.campaign.statistics import bound_share
+from labrig.devices.replayed.opening import load_recorded_rig
 from labrig.errors import InputError, LabrigError, RecordError
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.report.certificate_view import make_certificate_view
@@ -164,6 +166,18 @@ def test_a_run_that_steers_to_no_target_is_refused(name: str) -> None:
     """The experiment says that there is nothing to be turned."""
     with pytest.raises(InputError, match="has no assumptions"):
         prepare_repeat(open_run(RECORDS / name))
+
+
+def test_a_run_on_a_bench_is_repeated_in_the_world_that_it_assumed() -> None:
+    """Its rig has no world: one is made of the protocol, the needle arrives there, and the certificate says so."""
+    run = record_tiny()
+    rig = load_recorded_rig(run)
+    bench = rig.model_copy(update={"kind": "bench", "world": None, "state_file": "state.json"})
+    experiment = find_run_experiment(run)
+    repeat = experiment.list_assumptions(run, load_run_protocol(run), bench.placed_in(rig.folder))
+    certificate = search(replace(repeat, assumptions=()), 3)
+    assert (certificate.base.arrived, certificate.margins) == (3, ())
+    assert "The run was made on a bench." in certificate.notes[0]
 
 
 def test_a_run_that_never_planned_is_refused(tmp_path: Path) -> None:

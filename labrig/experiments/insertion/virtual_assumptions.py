@@ -15,7 +15,7 @@ from labrig.errors import InputError
 from labrig.experiments.insertion.events import InsertionStart, PathSought
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.virtual import simulate
-from labrig.experiments.insertion.virtual_bench import make_assumed_rig
+from labrig.experiments.insertion.virtual_bench import GEL_SDS, find_wandering_deg, make_assumed_rig
 from labrig.record.reader import Run
 from labrig.runner.assumption import Assumption, NotTried, Settings, VirtualRepeat
 from labrig.simulation.description import GELS_DESIGN_RADIUS_MM, WorldDescription
@@ -25,8 +25,6 @@ _WORLD = "rig.world"
 _HINGES = f"{_WORLD}.needle"
 _DISTURBANCES = f"{_WORLD}.disturbances"
 _SHORTEST_MM = 0.1
-_GEL_SDS = 6.5
-"""A gel's mean radius is at least so many of its standard deviations, so that none that is drawn is zero or less."""
 
 _NOT_TRIED = (
     NotTried("target out of the plane", "the world moves its target along the plane alone"),
@@ -150,7 +148,7 @@ def _make_radius(protocol: InsertionProtocol, world: WorldDescription) -> Assump
         if design is None
         else 0.5 * (design.radius_low_mm + design.radius_high_mm) / GELS_DESIGN_RADIUS_MM
     )
-    tightest = max(_GEL_SDS * gel.radius_sd_mm * mean_mm / gel.radius_mean_mm for gel in world.gels)
+    tightest = max(GEL_SDS * gel.radius_sd_mm * mean_mm / gel.radius_mean_mm for gel in world.gels)
     stated_mm = protocol.planner.radius_mm
 
     def settings(radius_mm: float) -> Settings:
@@ -210,15 +208,14 @@ def _list_hinges(protocol: InsertionProtocol) -> Iterator[Assumption]:
 
 def _list_disturbances(protocol: InsertionProtocol) -> Iterator[Assumption]:
     """Yield what disturbs the path. A spread that the protocol states is its own standard deviation."""
-    estimator, unseen = protocol.estimator, protocol.out_of_plane
+    estimator = protocol.estimator
     in_plane = estimator.process_sd_deg_per_root_mm
-    across = unseen.heading_sd_deg_per_root_mm if unseen is not None else 0.0
     slip = 0.0 if estimator.method == "paper" else estimator.slip_sd
     wander = "deg/√mm"
     key = "disturbances.heading_deg_per_root_mm"
     yield _spread(key, ("wandering in the plane", wander), in_plane, step=0.2, highest=10.0)
     key = "disturbances.out_of_plane_deg_per_root_mm"
-    across = in_plane if across is None else across
+    across = find_wandering_deg(protocol)
     yield _spread(key, ("wandering out of the plane", wander), across, step=0.1, highest=10.0)
     key = "disturbances.slip_sd_fraction"
     yield _spread(key, ("slip of the needle", "of its length"), slip, step=0.01, highest=0.1)

@@ -27,7 +27,8 @@ _LEAST_MM = 0.05
 _WITHOUT_PERSPECTIVE_MM = 1000.0
 """Height of a camera whose map does not tell it: farther than any that stands over a bench."""
 _WORST_MM = 0.5
-_GEL_SDS = 6.5
+GEL_SDS = 6.5
+"""A gel's mean radius is at least so many of its standard deviations, so that none that is drawn is zero or less."""
 _GRID = (9, 7)
 _MOST_TILT_DEG = 30.0
 
@@ -87,36 +88,30 @@ def _make_camera(bench: RigDescription) -> dict[str, Any]:
     return {"driver": ONLY_SIMULATED, "pixel_format": "GREY", **size, **unset}
 
 
+def find_wandering_deg(protocol: InsertionProtocol) -> float:
+    """Return how much the needle is assumed to wander out of the plane after a millimetre [deg / mm^0.5]."""
+    unseen = protocol.out_of_plane
+    if unseen is None:
+        return 0.0
+    stated_deg = unseen.heading_sd_deg_per_root_mm
+    return protocol.estimator.process_sd_deg_per_root_mm if stated_deg is None else stated_deg
+
+
 def _make_world(protocol: InsertionProtocol, roll_zero: RollZero, lens: LensDescription) -> dict[str, Any]:
     """Return the `world:` of a rig file in which the protocol is right."""
-    planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
-    unseen, torsion, sheath = protocol.out_of_plane, roll_zero.torsion, protocol.sheath
-    across_deg = None if unseen is None else unseen.heading_sd_deg_per_root_mm
-    if across_deg is None:
-        across_deg = 0.0 if unseen is None else estimator.process_sd_deg_per_root_mm
+    planner, estimator, unseen = protocol.planner, protocol.estimator, protocol.out_of_plane
+    sheath = protocol.sheath
     gel = {
         "gelatin_percent": protocol.specimen.gelatin_percent,
         "radius_mean_mm": planner.radius_mm,
-        "radius_sd_mm": min(estimator.radius_sd_mm, planner.radius_mm / _GEL_SDS),
+        "radius_sd_mm": min(estimator.radius_sd_mm, planner.radius_mm / GEL_SDS),
     }
-    needle = {
-        "diameter_mm": protocol.needle.diameter_mm,
-        "hinge_closing_mm": max(_LEAST_MM, policy.closing_mm),
-        "backlash_mm": max(_LEAST_MM, policy.backlash_mm),
-        "clamp_roll_deg": math.remainder(-math.degrees(roll_zero.zero_rad), 360.0),
-        "torsion_lag_deg": 0.0 if torsion is None else math.degrees(torsion.lag_rad),
-        "torsion_lag_deg_per_mm": 0.0 if torsion is None else math.degrees(torsion.lag_rad_per_mm),
-        # The planner's radius is the needle's own in this gel, whatever it was designed for.
-        "design": {"radius_low_mm": GELS_DESIGN_RADIUS_MM, "radius_high_mm": GELS_DESIGN_RADIUS_MM},
-    }
-    if protocol.recovery is not None:
-        needle["leaves_track_mm"] = protocol.recovery.leaves_track_mm
     return {
         "gels": [gel],
-        "needle": needle,
+        "needle": _make_needle(protocol, roll_zero),
         "disturbances": {
             "heading_deg_per_root_mm": estimator.process_sd_deg_per_root_mm,
-            "out_of_plane_deg_per_root_mm": across_deg,
+            "out_of_plane_deg_per_root_mm": find_wandering_deg(protocol),
             "curvature_fraction": 0.0,
             "slip_sd_fraction": min(0.1, estimator.slip_sd),
         },
@@ -133,6 +128,22 @@ def _make_world(protocol: InsertionProtocol, roll_zero: RollZero, lens: LensDesc
         if sheath.origin is None
         else sheath.origin.depth_mm,
     }
+
+
+def _make_needle(protocol: InsertionProtocol, roll_zero: RollZero) -> dict[str, Any]:
+    policy, torsion = protocol.policy, roll_zero.torsion
+    needle = {
+        "diameter_mm": protocol.needle.diameter_mm,
+        "hinge_closing_mm": max(_LEAST_MM, policy.closing_mm),
+        "backlash_mm": max(_LEAST_MM, policy.backlash_mm),
+        "clamp_roll_deg": math.remainder(-math.degrees(roll_zero.zero_rad), 360.0),
+        "torsion_lag_deg": 0.0 if torsion is None else math.degrees(torsion.lag_rad),
+        "torsion_lag_deg_per_mm": 0.0 if torsion is None else math.degrees(torsion.lag_rad_per_mm),
+        # The planner's radius is the needle's own in this gel, whatever it was designed for.
+        "design": {"radius_low_mm": GELS_DESIGN_RADIUS_MM, "radius_high_mm": GELS_DESIGN_RADIUS_MM},
+    }
+    recovery = protocol.recovery
+    return needle if recovery is None else {**needle, "leaves_track_mm": recovery.leaves_track_mm}
 
 
 def fit_lens(plane: PlaneMap, size_px: tuple[int, int]) -> FittedLens:

@@ -14,15 +14,7 @@ _ANOTHER = "let that one end, or name another folder with --out"
 
 
 class Place(ABC):
-    """A flat folder of files that are written once and whole. Its text is what the user named it.
-
-    Attributes
-    ----------
-    folder : Path or None
-        The folder, if it is one of this computer.
-    """
-
-    folder: Path | None = None
+    """A flat folder of files that are written once and whole. Its text is what the user named it."""
 
     @abstractmethod
     def make(self) -> None:
@@ -62,7 +54,7 @@ class _Folder(Place):
     """A folder of this computer, locked for this process."""
 
     def __init__(self, path: Path) -> None:
-        self.folder = self._path = path
+        self._path = path
         with disk_errors(path):
             path.mkdir(parents=True, exist_ok=True)
         self._lock = FileLock(path / LOCK).acquire("labrig campaign")

@@ -47,8 +47,6 @@ class CampaignStore:
     ----------
     place : str
         A folder, or a URL that fsspec knows.
-    folder : Path or None
-        The folder, if it is one of this computer.
     done : int
         How many tasks have their rows: those from 0 on, without a gap.
     torn : str or None
@@ -61,7 +59,6 @@ class CampaignStore:
         self._parts: list[str] = []
         self._columns = dict(_FIXED)
         self.place = str(place)
-        self.folder = place.folder
         self.done = 0
         self.torn: str | None = None
 

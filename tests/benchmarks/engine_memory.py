@@ -4,9 +4,10 @@
 the peak of what Python has allocated since [kB].
 """
 
-import resource
+import re
 import sys
 import tracemalloc
+from pathlib import Path
 from threading import Event
 
 from labrig.analysis.engine import open_process_pool, run_in_order
@@ -29,7 +30,9 @@ def print_memory(tasks: int) -> None:
 
 
 def _peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    """Return the peak of this program; `getrusage` has that of the program that started it too."""
+    (line,) = re.findall(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
+    return int(line) / 1e3
 
 
 if __name__ == "__main__":

@@ -186,7 +186,7 @@ def draw_map(
         share, x_edges, y_edges = _bin_share(x, y, reached)
         mesh = axes.pcolormesh(x_edges, y_edges, share.T, cmap="viridis", vmin=0.0, vmax=1.0, rasterized=True)
         many = len(x) > _MOST_VECTORS
-        axes.plot(x[reached], y[reached], ".", color="white", markersize=3, rasterized=many)
+        axes.plot(x[reached], y[reached], ".", color="#000000", markersize=3, rasterized=many)
         axes.plot(x[~reached], y[~reached], "x", color="#d55e00", markersize=4, rasterized=many)
         for circle in circles:
             axes.add_patch(

@@ -86,9 +86,9 @@ EVERY_20_MM = ("policy.deviation_mm=null", "policy.near_mm=0", "policy.final_mm=
 @pytest.mark.parametrize(
     ("world", "settings", "digest"),
     [
-        ("simulated", (), "1983e9bb47b1479e"),
-        ("simulated", EVERY_20_MM, "bb4517f03dec6bcb"),
-        ("hard", ("recovery={}",), "d12e16b012003283"),
+        ("simulated", (), "4f392b09d14319c3"),
+        ("simulated", EVERY_20_MM, "4000fcb4323777cd"),
+        ("hard", ("recovery={}",), "c5beb422a07dba7c"),
     ],
 )
 def test_decisions_stay_the_same(world: str, settings: tuple[str, ...], digest: str) -> None:

@@ -285,7 +285,7 @@ def _make_margin(search: _Search, repetitions: int) -> Margin:
         return TriedValue(value=search.value_at(distance), arrivals=_make_arrivals(tally), ends=ends)
 
     answer = find_answer(way, tallies, repetitions)
-    more, fewer = find_sure_sides(tallies)
+    more, fewer = find_sure_sides(tallies, answer)
     return Margin(
         name=turned.name,
         unit=turned.unit,

@@ -164,10 +164,15 @@ def _count(tallies: Tallies, distance: float) -> int:
     return tallies.get(distance, Tally()).n
 
 
-def find_sure_sides(tallies: Tallies) -> tuple[float | None, float | None]:
-    """Return the farthest distance at which more than half arrive for sure, and the nearest at which fewer do."""
-    more = [distance for distance, tally in tallies.items() if tally.interval[0] > 0.5]
-    fewer = [distance for distance, tally in tallies.items() if tally.interval[1] < 0.5]
+def find_sure_sides(tallies: Tallies, answer: float | None) -> tuple[float | None, float | None]:
+    """Return the nearest distances on both sides of the answer where the interval of the share leaves out one half.
+
+    At the first more than half arrive, at the second fewer; None where no tried distance is sure. Without an answer the
+    first is the farthest of all.
+    """
+    end = math.inf if answer is None else answer
+    more = [distance for distance, tally in tallies.items() if distance < end and tally.interval[0] > 0.5]
+    fewer = [distance for distance, tally in tallies.items() if distance >= end and tally.interval[1] < 0.5]
     return max(more, default=None), min(fewer, default=None)
 
 

@@ -42,8 +42,10 @@ def test_the_answer_is_where_fewer_than_half_arrive_and_is_repeated_to_the_end()
     assert median <= answer <= 1.2 * median
     assert tallies[answer].n == 30
     assert 2 * tallies[answer].arrived < 30
-    more, fewer = find_sure_sides(tallies)
-    assert more < median < fewer
+    more, fewer = find_sure_sides(tallies, answer)
+    assert more is not None
+    assert fewer is not None
+    assert more < answer <= fewer
 
 
 def test_what_decides_soon_is_left_soon() -> None:
@@ -60,7 +62,7 @@ def test_where_half_arrive_up_to_the_limit_there_is_no_answer() -> None:
     assert answer is None
     assert list(tallies) == [1.0, 2.0, 4.0, 6.0]
     assert find_safe(tallies) == 6.0
-    assert find_sure_sides(tallies) == (6.0, None)
+    assert find_sure_sides(tallies, answer) == (6.0, None)
 
 
 def test_one_and_two_standard_deviations_are_tried_even_if_the_first_misses() -> None:

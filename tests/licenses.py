@@ -29,7 +29,11 @@ opencv-python-headless contains FFmpeg (LGPL-2.1), shapely contains GEOS (LGPL-2
 """
 
 # Not installed here: another platform needs it, or the extra `benchmark`.
-ELSEWHERE = {"colorama": "BSD License", "ompl": "none stated; BSD-3-Clause in its sources"}
+ELSEWHERE = {
+    "colorama": "BSD License",
+    "ompl": "none stated; BSD-3-Clause in its sources",
+    "tzdata": "Apache-2.0",
+}
 
 
 def read_pins(path: Path) -> dict[str, str]:

@@ -78,17 +78,17 @@ def test_intervals_of_several_differences_are_wider_than_of_one() -> None:
 
 
 def test_paired_shares_are_covered() -> None:
-    """600 draws of 60 pairs with a known difference: the interval holds it in 95 %, give or take 2.5."""
+    """300 draws of 60 pairs with a known difference: the interval holds it in 95 %, give or take 3.5."""
     random = np.random.default_rng(2)
     held, true = 0, 0.1
-    for _ in range(600):
+    for _ in range(300):
         common = random.random(60) < 0.5
         a = np.where(common, 1.0, np.where(random.random(60) < 0.4, 1.0, 3.0))
         b = np.where(common, 1.0, np.where(random.random(60) < 0.6, 1.0, 3.0))
         (found,) = compare_arms(table({"a": a.tolist(), "b": b.tolist()}), ("a", "b"), BY)
         low, high = found.share_ci95 or (math.nan, math.nan)
         held += low <= true <= high
-    assert 0.925 <= held / 600 <= 0.975
+    assert 0.915 <= held / 300 <= 0.985
 
 
 @given(st.lists(st.floats(-5, 5), min_size=2, max_size=60))

@@ -31,6 +31,7 @@
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
     │   ├── LockedError            a rig or a run that another labrig uses
+    │   ├── WorkersError           processes or computers that do the work are lost, or cannot do it rightly
     │   └── SafetyStopError        stopped because continuing was not known to be safe
     ├── RecordError           (4)  a damaged run, or a folder that is not a run
     │   └── RecordEndsError        a replay has reached the end of its record
@@ -169,6 +170,10 @@ class LimitError(InputError):
 
 class MachineError(LabrigError):
     """A device or the computer failed, or motion had to stop."""
+
+
+class WorkersError(MachineError):
+    """The workers of a pool are lost, or cannot do these tasks rightly: no further task can be done."""
 
 
 @dataclass(frozen=True)

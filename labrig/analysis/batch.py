@@ -1,7 +1,8 @@
-"""Analyse several runs at once in the same processes; the results are those of one run after another."""
+"""Analyse many runs at once with the same workers; the results are those of one run after another."""
 
+import platform
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -9,7 +10,7 @@ from inspect import isgeneratorfunction
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.engine import DEFAULT_WORKERS, WorkQueue, open_process_pool
+from labrig.analysis.engine import Pool, WorkQueue
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.pictures import (
     Analysis,
@@ -19,11 +20,12 @@ from labrig.analysis.pictures import (
     finish_analysis,
     gather_answers,
     measure_pictures,
-    submit_work,
+    split_work,
 )
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import AnalysisSettings, start_analysis
-from labrig.errors import LabrigError
+from labrig.errors import LabrigError, WorkersError
+from labrig.record.layout import MANIFEST
 from labrig.record.pictures import count_pictures
 from labrig.record.reader import Run, open_run
 from labrig.vision.mask import Mask
@@ -40,18 +42,18 @@ _PARTS_AHEAD = 16
 def analyze_runs(
     runs: Sequence[Path],
     find_experiment: ExperimentOf,
+    pool: Pool,
     *,
     overrides: Sequence[str] = (),
-    workers: int = DEFAULT_WORKERS,
     progress: RunsProgress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
     mask: Mask | None = None,
-) -> list[Outcome]:
+) -> Generator[tuple[Path, Outcome], None, None]:
     """Analyse runs, each into a new numbered result; a failure does not stop the others.
 
-    The same processes measure the pictures of all runs, so that every process has work until the end, even with one
-    long run among short ones.
+    The same workers measure the pictures of all runs, so that each has work until the end, even with one long run among
+    short ones. Few runs are open at a time, so that memory does not grow with them.
 
     Parameters
     ----------
@@ -59,35 +61,44 @@ def analyze_runs(
         Their folders, each once.
     find_experiment : callable
         Returns the experiment of a run; it is pickled by name.
+    pool : Pool
+        The workers. Those of a cluster read and write the same folders, by absolute paths.
     progress : callable or None
         Called with the number of finished pictures, the number in all runs, and the run at hand. A run without
         pictures, such as a design, counts as one.
     overrides, created, provenance, mask
         As for `analyze_run`.
 
-    Returns
-    -------
-    list
-        The result of each run in the order given, or the error; a `MachineError` where workers die of a run again.
+    Yields
+    ------
+    tuple
+        Each run, in the order given, and its result, or the error; a `MachineError` where workers die of a run again.
+
+    Raises
+    ------
+    WorkersError
+        When the pool can do no further task, or a worker does not see a run. What is done stays done.
     """
     settings = AnalysisSettings(tuple(overrides), created, dict(provenance), mask)
     meter = _ProgressMeter(runs, progress)
-    outcomes: list[Outcome] = []
     started: deque[_StartedRun] = deque()
-    with open_process_pool(workers, "analysed runs") as pool:
-        queue = WorkQueue(pool)
+    queue = WorkQueue(pool)
+    try:
         for run in runs:
             started.append(_start(run, find_experiment, settings, queue))
-            while sum(len(later.parts) for later in list(started)[1:]) > _PARTS_AHEAD * workers:
-                outcomes.append(_finish(started.popleft(), meter))
-        outcomes += [_finish(run, meter) for run in started]
-    return outcomes
+            while sum(len(later.parts) for later in list(started)[1:]) > _PARTS_AHEAD * pool.count_workers():
+                yield _finish(started.popleft(), meter)
+        while started:
+            yield _finish(started.popleft(), meter)
+    finally:
+        queue.drop()
 
 
 @dataclass(frozen=True)
 class _StartedRun:
     """A run whose parts are submitted, and the call that makes an outcome of their answers."""
 
+    run: Path
     parts: Sequence[Part]
     conclude: Callable[[Progress], Outcome]
 
@@ -122,19 +133,19 @@ def _start(
         experiment = find_experiment(opened)
         if not isgeneratorfunction(experiment.analyze):
             wait = queue.begin(partial(_analyze_whole, run, find_experiment, settings))
-            return _StartedRun([lambda: [wait()]], partial(_finish_whole, wait))
+            return _StartedRun(run, [lambda: [wait()]], partial(_finish_whole, wait))
         analysis = start_analysis(opened, experiment, settings, workers=1, progress=None)
         work = next(analysis)
     except LabrigError as error:
-        return _StartedRun((), partial(_return_error, error))
-    parts = submit_work(work, queue)
-    return _StartedRun(parts, partial(_finish_measured, analysis, work, parts))
+        return _StartedRun(run, (), partial(_return_error, error))
+    parts = [queue.begin(partial(_do_part, run, part)) for part in split_work(work)]
+    return _StartedRun(run, parts, partial(_finish_measured, analysis, work, parts))
 
 
-def _finish(started: _StartedRun, meter: _ProgressMeter) -> Outcome:
+def _finish(started: _StartedRun, meter: _ProgressMeter) -> tuple[Path, Outcome]:
     outcome = started.conclude(meter.report)
     meter.end_run()
-    return outcome
+    return started.run, outcome
 
 
 def _finish_measured(
@@ -144,6 +155,8 @@ def _finish_measured(
     try:
         answers = gather_answers(work, parts, progress)
         return finish_analysis(analysis, lambda more: measure_pictures(more, 1, None), answers)
+    except WorkersError:
+        raise
     except LabrigError as error:
         return error
 
@@ -151,6 +164,8 @@ def _finish_measured(
 def _finish_whole(wait: Callable[[], AnyResult], _: Progress) -> Outcome:
     try:
         return wait()
+    except WorkersError:
+        raise
     except LabrigError as error:
         return error
 
@@ -160,7 +175,29 @@ def _return_error(error: LabrigError, _: Progress) -> Outcome:
 
 
 def _analyze_whole(run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings) -> AnyResult:
-    """Analyse a run in a worker process."""
+    """Analyse a run in a worker."""
+    _require_run(run)
     opened = open_run(run, read_pictures=True)
     analysis = start_analysis(opened, find_experiment(opened), settings, workers=1, progress=None)
     return finish_analysis(analysis, lambda work: measure_pictures(work, 1, None))
+
+
+def _do_part(run: Path, part: Part) -> list[Any]:
+    """Do a part of a run's work in a worker."""
+    _require_run(run)
+    return part()
+
+
+def _require_run(run: Path) -> None:
+    """Refuse to go on in a worker that does not see a run: each of its pictures would be called missing.
+
+    Raises
+    ------
+    WorkersError
+        Names the worker's computer and the run.
+    """
+    if not (run / MANIFEST).is_file():
+        raise WorkersError(
+            f"a worker on {platform.node()} does not see {run / MANIFEST}",
+            "keep runs in a folder that this computer and all workers have under the same name",
+        )

@@ -27,12 +27,14 @@ from pydantic import Field, JsonValue
 
 from labrig.analysis.engine import Pool
 from labrig.analysis.installation import describe_installation, digest_installation
-from labrig.errors import InputError, MachineError
+from labrig.errors import InputError, MachineError, WorkersError
 from labrig.protocol.model import Model
 from labrig.protocol.yaml_file import load_yaml_model
 
 _ADDRESS = re.compile(r"(tcp|tls)://[^/\s:]+:\d{1,5}")
 _ANSWER_S = 10.0
+_LOST_S = 60.0
+"""How long a cluster that had workers may be without any; jobs may take longer to begin."""
 _LOOK_S = 0.1
 # The workers of a cluster come and go, and asking for them takes about a millisecond.
 _CALLS_BETWEEN_COUNTS = 64
@@ -75,7 +77,9 @@ class ClusterFile(Model):
 
 
 class _Cluster(Pool):
-    """The workers of a scheduler."""
+    """The workers of a scheduler, which may be without any for `wait_s`."""
+
+    patience_s = 5.0
 
     def __init__(self, client: Client, place: str, work: str, wait_s: float) -> None:
         super().__init__(work)
@@ -109,12 +113,15 @@ class _Cluster(Pool):
         return 0 if isinstance(error, CancelledError) else None
 
     def renew(self) -> None:
-        """Wait for the scheduler and a worker, both of which replace themselves. Raises `MachineError`."""
+        """Wait for the scheduler and a worker, both of which replace themselves. Raises `WorkersError`."""
         while self._client.status == "connecting":
             Event().wait(_LOOK_S)
         if self._client.status != "running":
-            raise MachineError(f"the cluster {self._place} does not answer any more", _CONNECT_HINT)
+            raise WorkersError(f"the cluster {self._place} does not answer any more", _CONNECT_HINT)
         _wait_for_workers(self._client, self._place, self._wait_s)
+
+    def require_workers(self) -> None:
+        self.renew()
 
     def require_usable(self, error: BaseException) -> None:  # noqa: ARG002 - what it says differs by version
         self.renew()
@@ -127,7 +134,9 @@ class _Cluster(Pool):
 
 
 @contextmanager
-def open_cluster(place: str, work: str, *, answer_s: float = _ANSWER_S) -> Iterator[Pool]:
+def open_cluster(
+    place: str, work: str, *, answer_s: float = _ANSWER_S, lost_s: float = _LOST_S
+) -> Iterator[Pool]:
     """Give a pool of the workers of a cluster; batches that have not ended are dropped when the block ends.
 
     Parameters
@@ -139,6 +148,8 @@ def open_cluster(place: str, work: str, *, answer_s: float = _ANSWER_S) -> Itera
         What the workers do, in the past tense, for messages.
     answer_s : float
         How long the scheduler and its first worker may take to answer [s]; jobs may take as long as their file says.
+    lost_s : float
+        How long there may be no worker later [s]; at least as long as the first one may take.
 
     Raises
     ------
@@ -157,7 +168,7 @@ def open_cluster(place: str, work: str, *, answer_s: float = _ANSWER_S) -> Itera
             client, wait_s = held.enter_context(_start_jobs(place, file)), file.wait_s
         _wait_for_workers(client, place, wait_s)
         _require_same_installation(client)
-        pool = _Cluster(client, place, work, wait_s)
+        pool = _Cluster(client, place, work, max(wait_s, lost_s))
         held.callback(pool.close)
         yield pool
 
@@ -245,29 +256,29 @@ def _wait_for_workers(client: Client, place: str, wait_s: float) -> None:
     try:
         client.wait_for_workers(1, timeout=wait_s)
     except (OSError, ValueError, RuntimeError) as error:
-        raise MachineError(
+        raise WorkersError(
             f"the cluster {place} has no worker after {wait_s:g} s", "start workers, or look at its queue"
         ) from error
 
 
 def _require_same_installation(client: Client) -> None:
-    """Refuse workers that compute several tasks at a time, or not with our code. Raises `MachineError`."""
+    """Refuse workers that compute several tasks at a time, or not with our code. Raises `WorkersError`."""
     for worker, threads in sorted(client.nthreads().items()):
         if threads != 1:
-            raise MachineError(
+            raise WorkersError(
                 f"worker {worker} does {threads} tasks at a time in one process, expected 1",
                 f"start it with --nthreads 1 --nworkers {threads}; of a job, processes is cores",
             )
     ours = describe_installation()
     for worker, found in sorted(client.run(describe_installation, on_error="return").items()):
         if not isinstance(found, Mapping):
-            raise MachineError(
+            raise WorkersError(
                 f"worker {worker} cannot import labrig: {type(found).__name__}: {found}", _INSTALL_HINT
             )
         for name, value in ours.items():
             if found.get(name) != value:
                 hint = f"start it with {_KERNELS}={os.environ.get(_KERNELS)}" if name == "kernels" else ""
-                raise MachineError(
+                raise WorkersError(
                     f"worker {worker} has {name} {found.get(name)}, this process has {value}",
                     hint or _INSTALL_HINT,
                 )

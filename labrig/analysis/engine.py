@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from labrig.analysis.installation import require_installation
 from labrig.clock import Clock
-from labrig.errors import BugError, LabrigError, MachineError
+from labrig.errors import BugError, LabrigError, MachineError, WorkersError
 from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_parent
 
 DEFAULT_WORKERS = min(count_usable_cores(), 8)
@@ -55,7 +55,12 @@ class Pool(ABC):
     ----------
     work : str
         What they do, in the past tense, for messages.
+    patience_s : float or None
+        How long a batch may be waited for before `require_workers` is asked [s]; None where batches of lost workers
+        come back by themselves.
     """
+
+    patience_s: float | None = None
 
     def __init__(self, work: str) -> None:
         self.work = work
@@ -84,13 +89,17 @@ class Pool(ABC):
 
         Raises
         ------
-        MachineError
+        WorkersError
             When no worker can be had.
         """
 
     @abstractmethod
+    def require_workers(self) -> None:
+        """Return when there is a worker. Raises `WorkersError` when none comes."""
+
+    @abstractmethod
     def require_usable(self, error: BaseException) -> None:
-        """Raise the reason, a `MachineError`, if no further batch can be done after such an error."""
+        """Raise the reason, a `WorkersError`, if no further batch can be done after such an error."""
 
 
 class _ProcessPool(Pool):
@@ -124,6 +133,9 @@ class _ProcessPool(Pool):
     def renew(self) -> None:
         self.close()
         self._executor = self._open()
+
+    def require_workers(self) -> None:
+        """Forked workers are there as long as their parent."""
 
     def require_usable(self, error: BaseException) -> None:
         """Forked workers have the code of their parent: what one cannot do, the next one cannot either."""
@@ -200,10 +212,10 @@ class WorkQueue:
 
         Raises
         ------
-        MachineError
+        WorkersError
             When the pool can do no further task.
         """
-        while (error := _wait_for_error(batch.future)) is not None:
+        while (error := self._wait_for_error(batch.future)) is not None:
             if self._pool.count_deaths(error) is not None:
                 self._recover()
             else:
@@ -235,6 +247,18 @@ class WorkQueue:
             batch.future.cancel()
         self._pending.clear()
 
+    def _wait_for_error(self, future: "Future[Any]") -> BaseException | None:
+        """Wait for a future and return its error, None without one; also that it was cancelled by somebody else.
+
+        Raises
+        ------
+        WorkersError
+            When no worker is left to do it.
+        """
+        while not wait([future], self._pool.patience_s).done:
+            self._pool.require_workers()
+        return _find_error(future)
+
     def _send(
         self, call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None
     ) -> "Future[Answer[_Result]]":
@@ -263,18 +287,20 @@ class WorkQueue:
 
     def _count_deaths(self, batch: Batch[Any]) -> int | None:
         """Return how many workers may have died of a batch that was lost; None if it was not lost, or is not done."""
-        error = _wait_for_error(batch.future) if batch.future.done() else None
+        error = _find_error(batch.future) if batch.future.done() else None
         return None if error is None else self._pool.count_deaths(error)
 
     def _require_usable(self, error: BaseException) -> None:
         """Raise the reason if no further task can be done; errors of tasks never come here."""
-        if isinstance(error, MachineError):
+        if isinstance(error, WorkersError):
             raise error
         self._pool.require_usable(error)
 
     def _do_apart(self, batch: Batch[_Result]) -> None:
         """Do a batch when nothing else is being done, so that no other can be blamed, and answer it in any case."""
-        wait([other.future for other in self._pending if other is not batch])
+        for other in self._pending:
+            if other is not batch:
+                self._wait_for_error(other.future)
         self._pool.renew()
         outcomes = self._find_outcomes(batch.call, batch.tasks)
         batch.future = Future()
@@ -287,7 +313,7 @@ class WorkQueue:
         deaths = 0
         while True:
             future = self._send(call, tasks, None)
-            error = _wait_for_error(future)
+            error = self._wait_for_error(future)
             if error is None:
                 return future.result().outcomes
             died = self._pool.count_deaths(error)
@@ -324,7 +350,8 @@ def run_in_order(
     Parameters
     ----------
     call : callable
-        Does a task in a worker; it, the tasks and the results are pickled. The result may depend on the task alone.
+        Does a task in a worker; it, the tasks and the results are pickled. The result may depend on the task alone. A
+        `WorkersError` that it raises ends everything.
     tasks : iterable
         Drawn as they are needed.
     clock : Clock or None
@@ -340,7 +367,7 @@ def run_in_order(
 
     Raises
     ------
-    MachineError
+    WorkersError
         When the pool can do no further task.
     """
     queue = WorkQueue(pool)
@@ -383,8 +410,8 @@ class _BatchSize:
         self.tasks = max(1, min(wanted, 2 * self.tasks, _LARGEST_BATCH))
 
 
-def _wait_for_error(future: "Future[Any]") -> BaseException | None:
-    """Wait for a future and return its error, None without one; also that it was cancelled by somebody else."""
+def _find_error(future: "Future[Any]") -> BaseException | None:
+    """Return the error of a future that is done, None without one; also that it was cancelled by somebody else."""
     try:
         return future.exception()
     except CancelledError as error:
@@ -398,8 +425,8 @@ def _do_batch(
 
     Raises
     ------
-    MachineError
-        When the worker's installation is not that of the command.
+    WorkersError
+        When the worker's installation is not that of the command, or it cannot do these tasks.
     """
     if installation is not None:
         require_installation(installation)
@@ -412,6 +439,8 @@ def _do_batch(
 def _do_task(call: Callable[[_Task], _Result], task: _Task) -> _Result | LabrigError:
     try:
         return call(task)
+    except WorkersError:
+        raise
     except LabrigError as error:
         return error
     except MemoryError:

@@ -12,7 +12,7 @@ import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_info
 
 from labrig import __version__
-from labrig.errors import MachineError
+from labrig.errors import WorkersError
 from labrig.record.source_digest import digest_sources
 
 _COMPUTING = ("numpy", "scipy", "opencv-python-headless", "filterpy", "shapely")
@@ -53,11 +53,11 @@ def require_installation(digest: str) -> None:
 
     Raises
     ------
-    MachineError
+    WorkersError
         Names the worker's computer, its version and digest.
     """
     if digest_installation() != digest:
-        raise MachineError(
+        raise WorkersError(
             f"a worker on {platform.node()} has another installation: labrig {__version__}, code"
             f" {digest_sources()[:12]}, digest {digest_installation()[:12]}, expected {digest[:12]}",
             "install the same labrig and the same packages wherever workers run, and start them anew",

@@ -108,14 +108,14 @@ def measure_pictures(work: PictureWork, workers: int, progress: Progress | None)
     """
     workers = min(workers, len(work.pictures))
     if workers <= 1:
-        return gather_answers(work, _split_work(work), progress)
+        return gather_answers(work, split_work(work), progress)
     with open_process_pool(workers, "measured pictures") as pool:
         return gather_answers(work, submit_work(work, WorkQueue(pool)), progress)
 
 
 def submit_work(work: PictureWork, queue: WorkQueue) -> list[Part]:
     """Submit a work; return its parts, each of which waits for its answers."""
-    return [queue.begin(part) for part in _split_work(work)]
+    return [queue.begin(part) for part in split_work(work)]
 
 
 def gather_answers(work: PictureWork, parts: Sequence[Part], progress: Progress | None) -> PictureAnswers:
@@ -129,7 +129,7 @@ def gather_answers(work: PictureWork, parts: Sequence[Part], progress: Progress 
     return PictureAnswers(tuple(measured), tuple(answer for part in parts[:others] for answer in part()))
 
 
-def _split_work(work: PictureWork) -> list[Part]:
+def split_work(work: PictureWork) -> list[Part]:
     """Return the parts of a work for any process in any order; those that take longest come first."""
     how = (work.plane, work.settings, work.mask)
     starts = range(0, len(work.pictures), _PICTURES_A_MESSAGE)

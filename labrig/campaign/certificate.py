@@ -8,7 +8,7 @@ from datetime import datetime
 
 from labrig.analysis.certificate import Arrivals, Certificate, Margin, NotTriedPart, TriedValue
 from labrig.analysis.outcome import TaskOutcome
-from labrig.campaign.inputs import ArmInputs, make_models
+from labrig.campaign.inputs import ArmInputs, describe_inputs, make_models
 from labrig.campaign.margin_search import (
     Tallies,
     Tally,
@@ -175,13 +175,7 @@ def _estimate_left(searches: Sequence[_Search], repetitions: int) -> int:
 
 def make_inputs(repeat: VirtualRepeat) -> ArmInputs:
     """Return protocol and rig of a virtual repetition as documents."""
-    return ArmInputs(
-        "certificate",
-        repeat.protocol.experiment,
-        repeat.protocol.model_dump_json(),
-        repeat.rig.model_dump_json(),
-        repeat.rig.folder / _RIG_FILE,
-    )
+    return describe_inputs("certificate", repeat.protocol, repeat.rig, repeat.rig.folder / _RIG_FILE)
 
 
 class _Progress:

@@ -1,6 +1,7 @@
 """What a task is made from: protocol and rig of its arm as documents, so that a worker needs none of their files."""
 
 import json
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -11,7 +12,7 @@ from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.sampling import Arm, Settings, list_arms, list_extremes, write_overrides
 from labrig.campaign.statistics import Judgement
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.errors import FileFormatError, InputError
+from labrig.errors import FileFormatError, InputError, WorkersError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.formatting import Plain
@@ -38,7 +39,9 @@ class ArmInputs:
     protocol, rig : str
         As JSON; the rig is None for an experiment that moves none.
     rig_file : Path or None
-        Where the rig file is: calibration files are beside it.
+        Where the rig file is: calibration files are beside it. Absolute, as a worker is in another working folder.
+    calibration : tuple
+        Name and SHA-256 of each calibration file that the rig names.
     """
 
     name: str
@@ -46,6 +49,7 @@ class ArmInputs:
     protocol: str
     rig: str | None
     rig_file: Path | None
+    calibration: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,8 +92,9 @@ class LoadedCampaign:
 
     @property
     def rig(self) -> Path | None:
-        """The rig file; None for an experiment that moves none."""
-        return self.inputs[0].rig_file
+        """The rig file, as seen from the working folder if it is below; None for an experiment that moves none."""
+        file, here = self.inputs[0].rig_file, Path.cwd()
+        return file.relative_to(here) if file is not None and file.is_relative_to(here) else file
 
 
 def load_campaign(
@@ -186,7 +191,21 @@ def _load(files: CampaignFiles, name: str, settings: Settings) -> ArmInputs:
             f"the rig {rig.name} is {rig.kind}, and a campaign moves simulated rigs only",
             "name a simulated rig as rig: in the campaign file",
         )
-    return ArmInputs(name, protocol.experiment, protocol.model_dump_json(), rig.model_dump_json(), file)
+    return describe_inputs(name, protocol, rig, file)
+
+
+def describe_inputs(name: str, protocol: ExperimentProtocol, rig: RigDescription, file: Path) -> ArmInputs:
+    """Return protocol and rig as documents. The rig's state file is left out: virtual needles leave nothing behind."""
+    document = rig.model_copy(update={"state_file": None}).model_dump_json()
+    calibration = {name: hash_file(path) for name, path in rig.calibration_files().items()}
+    return ArmInputs(
+        name,
+        protocol.experiment,
+        protocol.model_dump_json(),
+        document,
+        file.absolute(),
+        tuple(sorted(calibration.items())),
+    )
 
 
 def split_settings(settings: Settings) -> tuple[dict[str, object], dict[str, object]]:
@@ -235,7 +254,20 @@ def _place(tree: Tree, inputs: ArmInputs) -> RigDescription:
     return validate_tree(tree, RigDescription).placed_in(file.parent, file)
 
 
-def hash_calibration(inputs: ArmInputs) -> dict[str, str]:
-    """Return the SHA-256 of each calibration file that the rig of an arm names."""
+def require_calibration(inputs: ArmInputs) -> None:
+    """Refuse to compute where the calibration files are not those that the campaign began with.
+
+    Raises
+    ------
+    WorkersError
+        Names the computer and the folder.
+    """
     rig = _read_arm(inputs)[1]
-    return {} if rig is None else {name: hash_file(path) for name, path in rig.calibration_files().items()}
+    found = {} if rig is None else {name: hash_file(path) for name, path in rig.calibration_files().items()}
+    for name, sha256 in inputs.calibration:
+        if found.get(name) != sha256:
+            what = "has another" if name in found else "does not see the"
+            raise WorkersError(
+                f"a worker on {platform.node()} {what} calibration file {name} of {inputs.rig_file}",
+                "keep the lab folder where all workers have it under the same name, and leave it as it is meanwhile",
+            )

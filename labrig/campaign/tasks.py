@@ -7,7 +7,7 @@ from hashlib import sha256
 
 from labrig.analysis.outcome import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile
-from labrig.campaign.inputs import ArmInputs, LoadedCampaign, hash_calibration, make_models
+from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration
 from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms, show_value
 from labrig.campaign.whole_run import run_whole
 from labrig.errors import LabrigError
@@ -29,6 +29,7 @@ class TaskOrder:
 
 def compute_task(order: TaskOrder) -> TaskOutcome:
     """Return what comes of a task. Raises `LabrigError` when it cannot be computed."""
+    require_calibration(order.inputs)
     protocol, rig = make_models(order.inputs, order.settings, order.seed)
     experiment = find_experiment(order.inputs.experiment)
     if order.depth == "world":
@@ -139,6 +140,6 @@ def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:
         "campaign": loaded.file.model_dump(mode="json", exclude=free),
         "protocol": json.loads(first.protocol),
         "rig": None if first.rig is None else json.loads(first.rig),
-        "calibration": hash_calibration(first),
+        "calibration": dict(first.calibration),
         "arms_sha256": arms.hexdigest(),
     }

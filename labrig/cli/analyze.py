@@ -1,30 +1,39 @@
 """Measures runs and shows progress: the run that has just ended, or old runs again."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 from labrig.analysis.batch import analyze_runs
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
-from labrig.cli.progress import progress
+from labrig.cli.progress import hold_bar, progress
+from labrig.cli.worker_pool import open_pool
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import open_run
+from labrig.text import format_count
 from labrig.vision.mask import load_mask
 
 
 def analyze_several(
-    paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...], mask: Path | None
-) -> dict[Path, AnyResult | LabrigError]:
-    """Analyse several runs at once, with progress; a run that fails has its error in place of a result."""
-    runs = list(dict.fromkeys(paths))
+    runs: Sequence[Path],
+    command_line: tuple[str, ...],
+    overrides: tuple[str, ...],
+    mask: Path | None,
+    workers: int | None,
+    cluster: str | None,
+) -> Generator[tuple[Path, AnyResult | LabrigError], None, None]:
+    """Analyse several runs at once, with progress, and yield each with its result as it comes, or with its error."""
     excluded = None if mask is None else load_mask(mask)
-    with progress(f"measuring {len(runs)} runs", 1.0) as reporter:
+    title = f"measuring {format_count(len(runs), 'run')}"
+    with open_pool(workers, cluster, "analysed runs") as pool, progress(title, 1.0) as reporter:
         outcomes = analyze_runs(
             runs,
             find_run_experiment,
+            pool,
             overrides=overrides,
             progress=lambda done, total, run: reporter(
                 done / total, f"{done} of {total} pictures, {run.name}"
@@ -33,7 +42,10 @@ def analyze_several(
             provenance=collect_provenance(command_line),
             mask=excluded,
         )
-    return dict(zip(runs, outcomes, strict=True))
+        with closing(outcomes):
+            for outcome in outcomes:
+                with hold_bar():
+                    yield outcome
 
 
 def analyze(

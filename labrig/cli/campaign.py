@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import CampaignArgument, CertifyOption
+from labrig.cli.options import CampaignArgument, CertifyOption, ClusterOption, WorkersOption
 from labrig.cli.output import AsJson
 from labrig.errors import InputError
 
@@ -33,18 +33,8 @@ def campaign(
             show_default=False,
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=1000, help="Processes. Default: one for each core.", show_default=False),
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Workers of a dask scheduler (tcp://HOST:PORT), or of a dask-jobqueue file.",
-            show_default=False,
-        ),
-    ] = None,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: Annotated[
         str | None,
         typer.Option(
@@ -66,8 +56,9 @@ def campaign(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the campaign is done. Started again, it goes on; Ctrl+C ends it with what is done."""
-    if workers is not None and cluster is not None:
-        raise InputError("--workers and --cluster exclude each other", "a cluster has its own workers")
+    from labrig.cli.worker_pool import require_one_pool
+
+    require_one_pool(workers, cluster)
     if certify is not None:
         if file is not None or rig is not None or out is not None or settings:
             raise InputError(

@@ -7,10 +7,10 @@ from pathlib import Path
 from labrig.analysis.certificate import Certificate, Margin, write_certificate
 from labrig.analysis.engine import run_in_order
 from labrig.campaign.certificate import Found, certify, compute_repetition, make_certificate, prepare_repeat
-from labrig.cli.campaign_pool import open_pool
 from labrig.cli.damage import require_undamaged
 from labrig.cli.output import print_json, print_line, print_table, say
 from labrig.cli.progress import progress
+from labrig.cli.worker_pool import open_pool
 from labrig.devices.clocks import SystemClock
 from labrig.experiments.registry import load_run_result
 from labrig.record.provenance import collect_provenance
@@ -58,7 +58,10 @@ def _search(
 ) -> Found:
     """Search all margins, with progress."""
     repeat = prepare_repeat(run)
-    with open_pool(workers, cluster) as pool, progress(f"certifying {run.path.name}", 1.0) as reporter:
+    with (
+        open_pool(workers, cluster, "computed repetitions") as pool,
+        progress(f"certifying {run.path.name}", 1.0) as reporter,
+    ):
 
         def watch(done: int, left: int) -> None:
             reporter(done / (done + left), f"{done} virtual insertions, about {left} to go")

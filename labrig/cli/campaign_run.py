@@ -15,15 +15,15 @@ from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
 from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign
-from labrig.cli.campaign_pool import open_pool
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_json, print_line, print_table, say
 from labrig.cli.progress import Reporter, progress, progress_if_slow
 from labrig.cli.signals import Interruption
+from labrig.cli.worker_pool import open_pool
 from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 from labrig.durable import disk_errors
-from labrig.errors import DiskError
+from labrig.errors import DiskError, WorkersError
 from labrig.lab.folder import CAMPAIGNS, find_in_lab
 from labrig.record.urls import is_url
 from labrig.runner.run_control import RunControl
@@ -89,7 +89,7 @@ def _conduct(loaded: LoadedCampaign, store: CampaignStore, order: CampaignOrder)
     if store.done:
         say(f"{store.place}: {store.done} of {tasks.count} tasks are done; the campaign goes on behind them")
     with (
-        open_pool(order.workers, order.cluster) as pool,
+        open_pool(order.workers, order.cluster, "computed tasks") as pool,
         progress(loaded.file.campaign, float(max(1, tasks.count - store.done))) as reporter,
         _take_requests(store) as control,
     ):
@@ -102,7 +102,7 @@ def _conduct(loaded: LoadedCampaign, store: CampaignStore, order: CampaignOrder)
                 clock,
                 watch,
             )
-        except Interruption:
+        except (Interruption, WorkersError):
             say(f"{store.done} of {tasks.count} tasks are done; the same command goes on behind them")
             raise
     return end.by_rule

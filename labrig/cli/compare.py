@@ -10,8 +10,9 @@ import typer
 from labrig.cli.options import RunsDirOption, find_runs_dir, require_run_folder
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
 from labrig.cli.progress import progress_if_slow, show_working
+from labrig.cli.several_runs import find_matching_runs, require_runs_or_condition
 from labrig.devices.clocks import SystemClock
-from labrig.errors import InputError, RecordError
+from labrig.errors import RecordError
 from labrig.lab.folder import CAMPAIGNS, COMPARISONS, find_in_lab
 from labrig.text import interval, number
 
@@ -100,19 +101,10 @@ def compare(
 
 
 def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> list[Path]:
-    if bool(named) == (where is not None):
-        raise InputError(
-            "name the runs to compare, or a condition" + (", not both" if named else ""),
-            'for example labrig compare A B, or labrig compare --where "tag=pilot"',
-        )
+    require_runs_or_condition(named, where, "compare")
     if where is None:
         return [_find_campaign(run) or require_run_folder(run, runs_dir) for run in named]
-    from labrig.record.search import find_runs
-
-    found = [run.summary.run for run in find_runs(runs_dir, where)]
-    if not found:
-        raise InputError(f"no run in {runs_dir} matches {where!r}", "labrig runs lists the runs")
-    return found
+    return find_matching_runs(runs_dir, where)
 
 
 def _find_campaign(named: Path) -> Path | None:

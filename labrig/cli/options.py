@@ -247,6 +247,16 @@ RunsArgument = Annotated[
         autocompletion=_complete_run,
     ),
 ]
+LocalRunsOrNoneArgument = Annotated[
+    list[Path] | None,
+    typer.Argument(
+        metavar="RUN...",
+        help="Folders of runs, or their names in data/runs.",
+        callback=lambda given: _find_all_local(given or []),
+        autocompletion=_complete_run,
+        show_default=False,
+    ),
+]
 LocalRunArgument = Annotated[
     Path,
     typer.Argument(
@@ -317,6 +327,22 @@ MaskOption = Annotated[
         "--mask",
         metavar="FILE",
         help="Pixels that are not the needle: a picture that is white there, or polygons as JSON.",
+        show_default=False,
+    ),
+]
+
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", min=1, max=1000, help="Processes. Default: one for each core.", show_default=False
+    ),
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Workers of a dask scheduler (tcp://HOST:PORT), or of a dask-jobqueue file.",
         show_default=False,
     ),
 ]

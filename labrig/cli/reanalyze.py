@@ -1,19 +1,40 @@
 """`labrig reanalyze`: measures runs again and prints the new numbers beside the old ones."""
 
 import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labrig.cli.options import LocalRunsArgument, MaskOption
-from labrig.cli.output import AsJson
-from labrig.cli.several_runs import add_damage, do_for_each_run
-from labrig.errors import LabrigError
+from labrig.cli.options import (
+    ClusterOption,
+    LocalRunsOrNoneArgument,
+    MaskOption,
+    RunsDirOption,
+    WorkersOption,
+    find_runs_dir,
+)
+from labrig.cli.output import AsJson, say
+from labrig.cli.several_runs import do_each, find_matching_runs, require_runs_or_condition
+from labrig.cli.signals import Interruption
+from labrig.errors import WorkersError
+
+_Work = tuple[Path, Callable[[], Mapping[str, object]]]
 
 
 def reanalyze(
-    run_paths: LocalRunsArgument,
+    run_paths: LocalRunsOrNoneArgument = None,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CONDITION",
+            help="Measure the runs that fit, as for labrig runs --where.",
+            show_default=False,
+        ),
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -24,30 +45,39 @@ def reanalyze(
         ),
     ] = None,
     mask: MaskOption = None,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    runs_dir: RunsDirOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
     from labrig.cli.analyze import analyze, analyze_several
-    from labrig.cli.result_comparison import (
-        load_parent,
-        print_comparison,
-        print_old_and_new,
-        report_missing_needle,
-    )
+    from labrig.cli.result_comparison import show_result
+    from labrig.cli.worker_pool import require_one_pool
 
+    require_one_pool(workers, cluster)
+    require_runs_or_condition(run_paths or (), where, "reanalyze")
+    runs = list(dict.fromkeys(run_paths or find_matching_runs(find_runs_dir(runs_dir), where)))
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
-    at_once = len(set(run_paths)) > 1
-    several = analyze_several(run_paths, command_line, overrides, mask) if at_once else {}
+    show = partial(show_result, as_json=as_json)
+    if len(runs) == 1 and workers is None and cluster is None:
+        (run,) = runs
+        alone: _Work = (run, lambda: show(run, analyze(run, command_line, overrides, mask)))
+        return do_each([alone], as_json, key="analysis")
+    if cluster is not None:
+        runs = [run.absolute() for run in runs]
+    measured = 0
 
-    def reanalyze_run(path: Path) -> dict[str, object]:
-        outcome = several.get(path)
-        if isinstance(outcome, LabrigError):
-            raise outcome
-        new = analyze(path, command_line, overrides, mask) if outcome is None else outcome
-        old = load_parent(path, new.content.parent)
-        if not as_json:
-            print_old_and_new(path, old, new)
-        row: dict[str, object] = {"analysis": str(new.path), "reason": report_missing_needle(new.document)}
-        return add_damage(row | print_comparison(path, old, new.document, as_json), new.document["damage"])
+    def list_works() -> Iterator[_Work]:
+        nonlocal measured
+        outcomes = analyze_several(runs, command_line, overrides, mask, workers, cluster)
+        with closing(outcomes):
+            for run, outcome in outcomes:
+                measured += 1
+                yield run, partial(show, run, outcome)
 
-    return do_for_each_run(run_paths, reanalyze_run, as_json, key="analysis")
+    try:
+        return do_each(list_works(), as_json, key="analysis")
+    except (Interruption, WorkersError):
+        say(f"{measured} of {len(runs)} runs are measured; their results are kept")
+        raise

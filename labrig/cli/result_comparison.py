@@ -8,7 +8,8 @@ from typing import Any
 from labrig.analysis.divergence import Divergence, find_divergence
 from labrig.analysis.result import AnyResult
 from labrig.cli.output import print_line, print_table, say
-from labrig.errors import RecordError
+from labrig.cli.several_runs import add_damage
+from labrig.errors import LabrigError, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import open_run
 
@@ -71,3 +72,17 @@ def print_old_and_new(path: Path, old: AnyResult | None, new: AnyResult) -> None
     before = {} if old is None else experiment.summarise(old.document).values
     now = experiment.summarise(new.document).values
     print_table(("", "old", "new"), [[name, before.get(name), value] for name, value in now.items()])
+
+
+def show_result(run: Path, outcome: AnyResult | LabrigError, *, as_json: bool) -> dict[str, object]:
+    """Print a new result beside the old one, and return its row. Raises the error that took its place."""
+    if isinstance(outcome, LabrigError):
+        raise outcome
+    old = load_parent(run, outcome.content.parent)
+    if not as_json:
+        print_old_and_new(run, old, outcome)
+    row: dict[str, object] = {
+        "analysis": str(outcome.path),
+        "reason": report_missing_needle(outcome.document),
+    }
+    return add_damage(row | print_comparison(run, old, outcome.document, as_json), outcome.document["damage"])

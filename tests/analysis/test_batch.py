@@ -1,14 +1,22 @@
 """Several runs analysed at once."""
 
+import platform
 import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
+from typing import Any
 
-from labrig.analysis.batch import analyze_runs
+import pytest
+
+from labrig.analysis.batch import Outcome, analyze_runs
 from labrig.analysis.divergence import find_divergence
+from labrig.analysis.engine import Pool, open_process_pool
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
-from labrig.errors import FileFormatError, RecordError
+from labrig.errors import FileFormatError, RecordError, WorkersError
 from labrig.experiments.registry import find_run_experiment, load_run_result
+from labrig.record.layout import MANIFEST
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
@@ -16,17 +24,23 @@ from tests.analysis.synthetic import NOW, PROVENANCE
 FIRST = Path(__file__).parents[2] / "data" / "first-record"
 
 
+def analyze(runs: Sequence[Path], **options: Any) -> list[Outcome]:
+    """Analyse runs on two processes; each comes with its outcome, in the order given."""
+    with open_process_pool(2, "analysed runs") as pool:
+        pairs = list(
+            analyze_runs(runs, find_run_experiment, pool, created=NOW, provenance=PROVENANCE, **options)
+        )
+    assert [run for run, _ in pairs] == list(runs)
+    return [outcome for _, outcome in pairs]
+
+
 def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     """Results stand in the order of the runs, each linked to its parent; a folder that is no run has its error."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b", "c")]
     updates: list[tuple[int, int, str]] = []
-    outcomes = analyze_runs(
+    outcomes = analyze(
         [*runs, tmp_path / "none"],
-        find_run_experiment,
-        workers=2,
         progress=lambda done, total, run: updates.append((done, total, run.name)),
-        created=NOW,
-        provenance=PROVENANCE,
     )
     pictures = [len(open_run(run).frames) for run in runs]
     assert updates == sorted(updates)
@@ -47,14 +61,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
 def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
     """An error with several places comes back whole from a worker process, for each run."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
-    outcomes = analyze_runs(
-        runs,
-        find_run_experiment,
-        overrides=["analysis.window_start_mm=-1"],
-        workers=2,
-        created=NOW,
-        provenance=PROVENANCE,
-    )
+    outcomes = analyze(runs, overrides=["analysis.window_start_mm=-1"])
     assert [type(outcome) for outcome in outcomes] == [FileFormatError, FileFormatError]
     assert all(isinstance(outcome, FileFormatError) and outcome.problems for outcome in outcomes)
 
@@ -76,11 +83,65 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
         )
         for run in runs
     ]
-    together = analyze_runs(
-        runs, find_run_experiment, workers=2, created=NOW, provenance=PROVENANCE, mask=mask
-    )
+    together = analyze(runs, mask=mask)
     for run, single, other in zip(runs, alone, together, strict=True):
         assert isinstance(other, AnalysisResult)
         assert find_divergence(single.document, other.document) is None
         assert (run / "analysis" / "003" / "mask.json").read_bytes() == mask.content
         assert other.document["settings"]["mask_sha256"] == mask.sha256
+
+
+class _FarExecutor(Executor):
+    """Does what is submitted where the manifest of a run is not."""
+
+    def __init__(self, run: Path) -> None:
+        self._run = run
+
+    def submit(self, call: Callable[..., Any], /, *given: Any, **named: Any) -> "Future[Any]":
+        """Do a call at once, without the manifest."""
+        future: Future[Any] = Future()
+        away = (self._run / MANIFEST).rename(self._run / "elsewhere.json")
+        try:
+            future.set_result(call(*given, **named))
+        except WorkersError as error:
+            future.set_exception(error)
+        away.rename(self._run / MANIFEST)
+        return future
+
+
+class _FarPool(Pool):
+    """A worker on a computer that does not have a run."""
+
+    installation = None
+
+    def __init__(self, run: Path) -> None:
+        super().__init__("analysed runs")
+        self._executor = _FarExecutor(run)
+
+    @property
+    def executor(self) -> Executor:
+        return self._executor
+
+    def count_workers(self) -> int:
+        return 1
+
+    def count_deaths(self, error: BaseException) -> None:
+        """No worker dies."""
+
+    def renew(self) -> None:
+        """No worker is lost."""
+
+    def require_workers(self) -> None:
+        """There is one."""
+
+    def require_usable(self, error: BaseException) -> None:
+        """It stays as it is."""
+
+
+def test_a_worker_that_does_not_see_a_run_ends_the_analysis(tmp_path: Path) -> None:
+    """Its pictures would be called missing: the worker's computer and the run are named, and nothing is measured."""
+    runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
+    with pytest.raises(WorkersError, match=rf"{platform.node()} does not see {runs[0]}"):
+        list(analyze_runs(runs, find_run_experiment, _FarPool(runs[0]), created=NOW, provenance=PROVENANCE))
+    for run in runs:
+        assert [path.name for path in (run / "analysis").iterdir()] == ["001"]

@@ -61,6 +61,32 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
     assert "new: analysis/005, analysis.window_start_mm=6" in printed
 
 
+def test_the_runs_that_fit_a_condition_are_reanalyzed(labrig: Labrig, tmp_path: Path) -> None:
+    """`--where` chooses as `labrig runs --where` does, from the folder of runs that is named; results are the same."""
+    for name in ("one", "two", "other"):
+        shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
+    for name in ("one", "two"):
+        labrig("runs", "tag", tmp_path / name, "-t", "pilot")
+    where = ("--where", "tag=pilot", "--runs-dir", tmp_path)
+    rows = labrig("reanalyze", *where, "--workers", "1", "--json").json()
+    assert {Path(row["run"]).name for row in rows} == {"one", "two"}
+    assert {row["first_divergence"] for row in labrig("reanalyze", *where, "--json").json()} == {None}
+    assert not (tmp_path / "other" / "analysis" / "002").exists()
+
+
+def test_runs_to_reanalyze_are_named_or_chosen(labrig: Labrig, tmp_path: Path) -> None:
+    """Neither runs nor a condition, or both, is refused, as is a condition that no run fits."""
+    shutil.copytree(ROOT / "data" / "first-record", tmp_path / "one")
+    here = ("--runs-dir", tmp_path)
+    for wrong in ((), (tmp_path / "one", "--where", "tag=pilot"), ("--where", "needle=none")):
+        done = labrig("reanalyze", *wrong, *here)
+        assert done.exit_code == 2
+        assert not (tmp_path / "one" / "analysis" / "002").exists()
+    both = labrig("reanalyze", tmp_path / "one", "--workers", "2", "--cluster", "tcp://127.0.0.1:1")
+    assert both.exit_code == 2
+    assert "exclude each other" in both.err
+
+
 @pytest.mark.parametrize("setting", ["analyis.window_start_mm=5", "analysis.window_strt_mm=5"])
 def test_a_setting_with_a_slip_is_refused_with_the_nearest(
     labrig: Labrig, tmp_path: Path, setting: str

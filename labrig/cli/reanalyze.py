@@ -79,5 +79,6 @@ def reanalyze(
     try:
         return do_each(list_works(), as_json, key="analysis")
     except (Interruption, WorkersError):
-        say(f"{measured} of {len(runs)} runs are measured; their results are kept")
+        if measured:
+            say(f"{measured} of {len(runs)} runs are measured; their results are kept")
         raise

@@ -1,6 +1,7 @@
 """The engine on workers of a cluster: a dask scheduler on the loopback, and jobs of a batch system."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,9 +12,18 @@ import dask
 import pytest
 from dask.distributed import Client, LocalCluster
 
+from labrig.analysis.batch import analyze_runs
 from labrig.analysis.cluster import open_cluster
+from labrig.analysis.divergence import find_divergence
 from labrig.analysis.engine import run_in_order
+from labrig.analysis.result import AnalysisResult
+from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, InputError, MachineError, WorkersError
+from labrig.experiments.registry import find_run_experiment
+from labrig.record.reader import open_run
+from tests.analysis.synthetic import NOW, PROVENANCE
+
+FIRST = Path(__file__).parents[2] / "data" / "first-record"
 
 _LOOPBACK = {
     "host": "127.0.0.1",
@@ -56,6 +66,20 @@ def test_a_cluster_has_the_results_of_one_process(cluster: LocalCluster) -> None
             if len(outcomes) == 20:
                 os.kill(cluster.workers[0].pid, signal.SIGKILL)
     assert outcomes == [square(task) for task in range(200)]
+
+
+def test_a_cluster_measures_the_pictures_of_runs(cluster: LocalCluster, tmp_path: Path) -> None:
+    """The numbers are those of this computer alone."""
+    runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
+    alone = analyze_run(
+        open_run(runs[0]), find_run_experiment(open_run(runs[0])), created=NOW, provenance=PROVENANCE
+    )
+    with open_cluster(cluster.scheduler_address, "analysed runs") as pool:
+        measured = list(analyze_runs(runs, find_run_experiment, pool, created=NOW, provenance=PROVENANCE))
+    assert [run for run, _ in measured] == runs
+    for _, outcome in measured:
+        assert isinstance(outcome, AnalysisResult)
+        assert find_divergence(alone.document, outcome.document) is None
 
 
 def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster) -> None:

@@ -149,7 +149,7 @@ def open_cluster(
     answer_s : float
         How long the scheduler and its first worker may take to answer [s]; jobs may take as long as their file says.
     lost_s : float
-        How long there may be no worker later [s]; at least as long as the first one may take.
+        How long there may be no worker later [s]; of jobs, at least as long as the first one may take to begin.
 
     Raises
     ------
@@ -166,9 +166,10 @@ def open_cluster(
         else:
             file = load_yaml_model(Path(place), ClusterFile)
             client, wait_s = held.enter_context(_start_jobs(place, file)), file.wait_s
+            lost_s = max(wait_s, lost_s)
         _wait_for_workers(client, place, wait_s)
         _require_same_installation(client)
-        pool = _Cluster(client, place, work, max(wait_s, lost_s))
+        pool = _Cluster(client, place, work, lost_s)
         held.callback(pool.close)
         yield pool
 

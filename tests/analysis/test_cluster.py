@@ -119,14 +119,14 @@ def test_a_cluster_that_has_lost_every_worker_ends_the_work() -> None:
     """Tasks that nobody does are not waited for without end; those that were done came back before."""
     with (
         LocalCluster(n_workers=1, threads_per_worker=1, silence_logs=50, **_LOOPBACK) as started,
-        open_cluster(started.scheduler_address, "squared", answer_s=2.0, lost_s=2.0) as pool,
+        open_cluster(started.scheduler_address, "squared", answer_s=60.0, lost_s=0.1) as pool,
     ):
         pool.patience_s = 0.1
         outcomes = run_in_order(pool, square, range(200))
         assert [next(outcomes) for _ in range(20)] == [square(task) for task in range(20)]
         started.scale(0)
         started.sync(started._correct_state)
-        with pytest.raises(WorkersError, match=r"has no worker after 2 s"):
+        with pytest.raises(WorkersError, match=r"has no worker after 0.1 s"):
             list(outcomes)
 
 

@@ -13,8 +13,8 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from types import NoneType
-from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args
+from types import NoneType, UnionType
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -300,8 +300,9 @@ def list_quantities(content: Result) -> dict[str, Quantity]:
 
 
 def _is_quantity(kind: Any) -> bool:
-    """Return whether a field of this type holds a number, a truth value or a word."""
-    return all(part in {bool, int, float, str, NoneType} for part in get_args(kind) or (kind,))
+    """Return whether a field of this type holds a number, a truth value or a word, and no collection of them."""
+    parts = get_args(kind) if get_origin(kind) in {Union, UnionType} else (kind,)
+    return all(part in {bool, int, float, str, NoneType} for part in parts)
 
 
 def find_newest_result_folder(run: Run) -> Path | None:

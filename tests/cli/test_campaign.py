@@ -105,6 +105,24 @@ def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_p
     assert 25 < document["arms"][0]["mean"] < 32
 
 
+def test_whole_insertions_give_a_table_like_that_of_virtual_ones(labrig: Labrig, tmp_path: Path) -> None:
+    """With the same quantities of where the needle ended; what is counted by name is no column."""
+    short = {**FAST, "target.position_mm": [0, 0, 25]}
+    tables = []
+    for depth in ("rig", "world"):
+        file, out = write_campaign(tmp_path, **ARMS, depth=depth, set=short), tmp_path / depth
+        done = labrig("campaign", file, "--rig", RIG, "--out", out, "--workers", 2)
+        assert done.exit_code == 0, done.err
+        tables.append(load_runs(runs_dir=out))
+    rig, world = tables
+    assert len(rig) == len(world) == 2
+    same = ["arm", "seed", "exit_status", "true_target_error_mm", "replans", "length_mm"]
+    for table in tables:
+        assert table[same].notna().all().all()
+    assert rig["seed"].tolist() == world["seed"].tolist()
+    assert "causes" not in rig
+
+
 def test_a_campaign_pauses_continues_and_ends_with_what_is_done(labrig: Labrig, tmp_path: Path) -> None:
     """By labrig pause and continue from another terminal, and by Ctrl+C; it goes on when it is started again."""
     file = write_campaign(tmp_path, set=FAST, repetitions=100_000)

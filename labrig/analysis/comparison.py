@@ -75,8 +75,8 @@ def compare_runs(
     left_out : sequence of LeftOut
         Runs that could not be opened, to be listed.
     quantity : str or None
-        A column of a table of the results, or `TABLE.COLUMN`; None: the radius, or else the target error, that all
-        runs have which measure anything.
+        A column of a table of the results, or `TABLE.COLUMN`; None: that of the campaigns' pages, if all are
+        campaigns and these agree, else the radius, or else the target error, that all runs have which measure anything.
     by : sequence of str
         Fields whose values make the groups: columns of the table, or keys of manifest and protocol. Empty: needle and
         gel; the runs where these are not known, or are the same in all of them.
@@ -104,25 +104,32 @@ def compare_runs(
         *unit_notes,
         *notes,
         *_note_shared_blocks(grouped),
-        *_note_shared_seeds(used),
+        *_note_campaigns(used),
         *_list_warnings(comparison),
     )
     final = comparison.model_copy(update={"warnings": told, "left_out": omitted})
     return ComparedRuns(final, grouped)
 
 
-def _note_shared_seeds(runs: Sequence[Measured]) -> Iterable[str]:
-    """Yield what has to be read with the groups of a campaign."""
-    shared = [run.name for run in runs if isinstance(run, MeasuredCampaign)]
-    if shared:
+def _note_campaigns(runs: Sequence[Measured]) -> Iterable[str]:
+    """Yield what has to be read with the groups of campaigns."""
+    campaigns = [run for run in runs if isinstance(run, MeasuredCampaign)]
+    for campaign in campaigns:
+        if campaign.left:
+            done = len(campaign.tasks)
+            yield f"The campaign {campaign.name} is not finished: {done} of {done + campaign.left} tasks are done."
+    if campaigns:
         yield (
-            f"The arms of {_list_some(shared)} share their seeds. Here they count as independent; the campaign's own "
-            "page has the differences of pairs, whose intervals are narrower."
+            f"The arms of {_list_some([run.name for run in campaigns])} share their seeds. Here they count as "
+            "independent; the campaign's own page has the differences of pairs, whose intervals are narrower."
         )
 
 
 def _choose_quantity(runs: Sequence[Measured]) -> str:
     measuring = [run for run in runs if run.quantities]
+    own = {run.measure if isinstance(run, MeasuredCampaign) else None for run in measuring}
+    if len(own) == 1 and (measure := own.pop()) is not None:
+        return measure
     for name in DEFAULT_QUANTITIES:
         if measuring and all(run.find_table(name) is not None for run in measuring):
             return name

@@ -20,6 +20,8 @@ from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.fields import manifest_fields
 from labrig.record.layout import CAMPAIGN
 
+BY_RULE = "by_rule"
+"""How a campaign ended that its rule ended before all of its tasks were done."""
 PART = re.compile(r"part-(\d{6})\.parquet")
 TABLE = "tasks"
 _NOT_MEASURED = frozenset(
@@ -40,6 +42,10 @@ class MeasuredCampaign:
         Its name; its path, where several have that name.
     document : Mapping
         What decided its rows.
+    plan : Mapping
+        How many tasks it is to have, and the quantity that its page compares; empty where it was not kept.
+    ended_by_rule : bool
+        Whether its rule ended it before all of them were done.
     tasks : DataFrame
         A row for each task.
     """
@@ -47,6 +53,8 @@ class MeasuredCampaign:
     path: Path
     name: str
     document: Mapping[str, object]
+    plan: Mapping[str, object]
+    ended_by_rule: bool
     tasks: pd.DataFrame
     number: int = 0
     settings: Mapping[str, object] = field(default_factory=dict)
@@ -62,9 +70,21 @@ class MeasuredCampaign:
         return str(protocol.get("experiment")) if isinstance(protocol, Mapping) else "unknown"
 
     @property
+    def left(self) -> int:
+        """How many of its tasks are still to be done; 0 where its rule ended it."""
+        planned = self.plan.get("tasks")
+        return 0 if self.ended_by_rule or not isinstance(planned, int) else max(0, planned - len(self.tasks))
+
+    @property
+    def measure(self) -> str | None:
+        """The quantity that its page compares; None where that was not kept."""
+        measure = self.plan.get("measure")
+        return measure if isinstance(measure, str) else None
+
+    @property
     def exit_status(self) -> str:
-        """Always success: a campaign can be read at any time."""
-        return "success"
+        """`incomplete` while tasks are to be done, as of a run that has not ended; else `success`."""
+        return "incomplete" if self.left else "success"
 
     @property
     def calibration(self) -> Mapping[str, str]:
@@ -128,15 +148,13 @@ def open_measured_campaign(folder: Path) -> MeasuredCampaign:
         {"task": pa.array([], pa.int64()), "arm": pa.array([], pa.string()), "error": pa.nulls(0)}
     )
     tasks = pa.concat_tables(parts, promote_options="permissive") if parts else empty
-    return MeasuredCampaign(folder, folder.resolve().name, _read_document(folder), tasks.to_pandas())
-
-
-def _read_document(folder: Path) -> Mapping[str, object]:
     try:
         kept: Any = parse_json(read_file(folder / CAMPAIGN, MAX_RESULT_BYTES))
-        return {**kept["document"]}
+        document, plan = {**kept["document"]}, {**kept.get("plan", {})}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordError(f"{folder / CAMPAIGN} is damaged: {error}", _AGAIN) from error
+    by_rule = kept.get("ended") == BY_RULE
+    return MeasuredCampaign(folder, folder.resolve().name, document, plan, by_rule, tasks.to_pandas())
 
 
 def _read_part(path: Path) -> pa.Table:

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 import pandas as pd
 
 from labrig.analysis.comparison_result import Unit
+from labrig.analysis.measured_campaign import MeasuredCampaign
 from labrig.analysis.measurements import Measured
 from labrig.errors import InputError
 from labrig.record.condition import BLOCK_NAME, find_paths
@@ -24,7 +25,8 @@ def group_rows(
     """Put measurements into groups by the values of some fields.
 
     Without fields these are needle and gel, or the arm of a campaign. A measurement that names neither, as an imported
-    one, is in the group of its run, and so are all where needle and gel are the same in all runs.
+    one, is in the group of its run, and so are all where needle and gel are the same in all runs. Arms of different
+    campaigns are different arms, whatever their names.
 
     Returns
     -------
@@ -40,8 +42,9 @@ def group_rows(
     InputError
         When a field is not known, or there is only one group.
     """
-    fields = by or tuple(
-        name for name in (*DEFAULT_FIELDS, _ARM) if name in rows and rows[name].notna().any()
+    fields = _tell_campaigns_apart(
+        by or tuple(name for name in (*DEFAULT_FIELDS, _ARM) if name in rows and rows[name].notna().any()),
+        runs,
     )
     grouped = _label_rows(rows, runs, fields, fill=not by)
     notes = []
@@ -57,6 +60,15 @@ def group_rows(
     if _count_groups(grouped) < 2:
         raise _refuse_single_group(grouped, fields)
     return grouped, fields, notes
+
+
+def _tell_campaigns_apart(fields: tuple[str, ...], runs: Sequence[Measured]) -> tuple[str, ...]:
+    """Return the fields, with the run before the arm where several campaigns have arms."""
+    several = sum(isinstance(run, MeasuredCampaign) for run in runs) > 1
+    if _ARM not in fields or _FALLBACK in fields or not several:
+        return fields
+    at = fields.index(_ARM)
+    return (*fields[:at], _FALLBACK, *fields[at:])
 
 
 def _label_rows(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from labrig.analysis.outcome import TaskOutcome
-from labrig.campaign.statistics import WidthRule
+from labrig.campaign.statistics import WidthRule, require_measure
 from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks, Row, TaskOrder
 from labrig.clock import Clock
@@ -58,9 +58,12 @@ def conduct_campaign(
 
     Raises
     ------
+    InputError
+        When tasks do not have the quantity by which they are judged.
     DiskError, MachineError
         When rows cannot be kept, or no task can be computed.
     """
+    _require_measure(tasks, store)
     rule = _WatchedRule.of(tasks)
     if rule.take_all(_list_rows(store)):
         return CampaignEnd(store.done, by_rule=True)
@@ -75,6 +78,13 @@ def conduct_campaign(
                     return CampaignEnd(done, by_rule=True)
                 watch.note(done, tasks.count)
     return CampaignEnd(done, by_rule=False)
+
+
+def _require_measure(tasks: CampaignTasks, store: CampaignStore) -> None:
+    """Refuse a measure that the rows that are kept do not have; rows of failures tell nothing."""
+    known = [name for name in store.quantities if name not in tasks.campaign.varied_keys]
+    if known:
+        require_measure(tasks.loaded.by, dict.fromkeys(known))
 
 
 def _list_rows(store: CampaignStore) -> Iterator[Row]:

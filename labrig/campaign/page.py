@@ -22,8 +22,11 @@ from labrig.campaign.figures import (
 from labrig.campaign.inputs import LoadedCampaign, make_models
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.tasks import find_numeric_keys
-from labrig.durable import write_atomically
+from labrig.durable import disk_errors, write_atomically
+from labrig.errors import OutputExistsError
+from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.json_lines import encode_document
+from labrig.record.layout import CAMPAIGN
 from labrig.report.figure_files import write_figure
 from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import format_time, number, signed
@@ -81,6 +84,38 @@ def write_page(
     page = render(TEMPLATE, shown, _make_filters(result))
     write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
     return folder / REPORT_FILE
+
+
+def require_own_page(folder: Path, table: str) -> None:
+    """Refuse a folder that holds anything but the page of a table elsewhere.
+
+    Parameters
+    ----------
+    folder : Path
+        It need not be there.
+    table : str
+        The URL of the table.
+
+    Raises
+    ------
+    OutputExistsError
+    """
+    with disk_errors(folder):
+        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    if names and (CAMPAIGN in names or _read_table(folder / RESULT_FILE) != table):
+        raise OutputExistsError(
+            f"{folder} would get the page of {table}, and holds something else",
+            "name the campaign otherwise with --set campaign=NAME, or move that folder away",
+        )
+
+
+def _read_table(file: Path) -> object:
+    """Return where the table of a page lies; None where no page is."""
+    try:
+        document = parse_json(read_file(file, MAX_RESULT_BYTES))
+    except (OSError, ValueError):
+        return None
+    return document.get("table") if isinstance(document, Mapping) else None
 
 
 def _draw_key(file: CampaignFile, result: CampaignResult) -> DrawnFigure | None:

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 
 from labrig.durable import disk_errors, find_temporaries, write_atomically
-from labrig.errors import DiskError, LockedError, RecordError
+from labrig.errors import DiskError, InputError, LockedError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, read_file
 from labrig.record.layout import LOCK
 from labrig.record.lock import FileLock
@@ -94,6 +94,11 @@ class _RemoteFolder(Place):
 
     def __init__(self, url: str) -> None:
         self._url = restore_url(url).rstrip("/")
+        if self._url.rpartition("::")[2].startswith("memory:"):
+            raise InputError(
+                f"{self._url} is the memory of this process, and the table would be lost with it",
+                "name a folder, or a URL that stays, such as s3://BUCKET/NAME",
+            )
         self._files, self._root = open_filesystem(self._url)
 
     def __str__(self) -> str:
@@ -149,7 +154,7 @@ def open_place(place: str) -> Place:
     LockedError
         When another process of this computer writes in the folder.
     InputError
-        When the kind of URL is unknown, or its package is not installed.
+        When the kind of URL is unknown, or forgets what is written, or its package is not installed.
     DiskError
         When the folder cannot be made.
     """

@@ -54,12 +54,14 @@ class Failure(Model):
 class CampaignResult(Model):
     """What a campaign found.
 
-    `ended` says whether all of its tasks are done, a rule ended it before, or it can go on.
+    `table` is the folder or URL of its rows. `ended` says whether all of its tasks are done, a rule ended it before, or
+    it can go on.
     """
 
     schema_version: Literal[1] = 1
     campaign: str
     title: str
+    table: str
     base: str
     rig: str | None
     experiment: str
@@ -78,7 +80,7 @@ class CampaignResult(Model):
 
 
 def make_result(
-    loaded: LoadedCampaign, table: pd.DataFrame, *, tasks: int, by_rule: bool = False
+    loaded: LoadedCampaign, table: pd.DataFrame, *, tasks: int, place: str, by_rule: bool = False
 ) -> CampaignResult:
     """Return what the table of a campaign says.
 
@@ -88,6 +90,8 @@ def make_result(
         One row for each task that is done, in order.
     tasks : int
         The number of tasks if no rule ends it earlier.
+    place : str
+        The folder or URL of the table.
     by_rule : bool
         Whether a rule ended it.
     """
@@ -99,6 +103,7 @@ def make_result(
     return CampaignResult(
         campaign=campaign.campaign,
         title=campaign.title,
+        table=place,
         base=str(loaded.files.base),
         rig=None if loaded.rig is None else str(loaded.rig),
         experiment=loaded.experiment,

@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from scipy.special import ndtri, stdtrit
 from scipy.stats import binomtest
 
 from labrig.analysis.statistics import compute_spread
+from labrig.errors import InputError
 from labrig.protocol.model import Model
 
 Interval = tuple[float, float]
@@ -72,6 +74,28 @@ class Judgement:
 
     measure: str
     tolerance: float | None
+
+
+def require_measure(by: Judgement, values: Mapping[str, object]) -> None:
+    """Refuse a measure that tasks do not have, or that is a word.
+
+    Parameters
+    ----------
+    values : Mapping of str to object
+        The quantities of a task by name; None where it has no value.
+
+    Raises
+    ------
+    InputError
+        Lists the quantities that there are.
+    """
+    known = [name for name, value in values.items() if not isinstance(value, str)]
+    if by.measure not in known:
+        near = get_close_matches(by.measure, known, 1)
+        meant = f"did you mean {near[0]}? " if near else ""
+        raise InputError(
+            f"measure: the tasks have no number {by.measure!r}", f"{meant}name one of: {', '.join(known)}"
+        )
 
 
 def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by: Judgement) -> ArmResult:

@@ -1,5 +1,8 @@
 """The table of a campaign as it grows: Parquet parts in a folder or at a URL, and the file that says whose they are.
 
+That file also has the plan: how many tasks there are to be, and the rule that may end it earlier. More tasks may be
+added to a plan; a rule is fixed before the first of them.
+
 A part holds the rows of consecutive tasks and is written once, whole; its footer names the campaign. So what is there
 after a kill, a full disk or a lost connection is the beginning of the table, and the next start goes on behind it.
 """
@@ -9,6 +12,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import pandas as pd
@@ -16,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from labrig.analysis.installation import describe_installation
-from labrig.analysis.measured_campaign import PART
+from labrig.analysis.measured_campaign import BY_RULE, PART
 from labrig.campaign.places import Place, open_place
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import parse_json
@@ -40,6 +44,27 @@ _FIXED = {
 _NULLABLE = {pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype(), pa.string(): pd.StringDtype()}
 
 
+@dataclass(frozen=True)
+class CampaignPlan:
+    """How much of a campaign there is to be; unlike what decides its rows, it may grow.
+
+    Attributes
+    ----------
+    arms : int
+    tasks : int
+        All of them, if no rule ends it earlier.
+    measure : str
+        The quantity that its page compares.
+    rule : Mapping or None
+        The rule that may end it earlier, as JSON, with all that it looks at; None: there is none.
+    """
+
+    arms: int
+    tasks: int
+    measure: str
+    rule: Mapping[str, Any] | None
+
+
 class CampaignStore:
     """The rows of a campaign at a place, of which this process is the only writer.
 
@@ -56,6 +81,7 @@ class CampaignStore:
     def __init__(self, place: Place, owner: str) -> None:
         self._place = place
         self._owner = owner
+        self._content: dict[str, Any] = {}
         self._parts: list[str] = []
         self._columns = dict(_FIXED)
         self.place = str(place)
@@ -63,7 +89,7 @@ class CampaignStore:
         self.torn: str | None = None
 
     @classmethod
-    def open(cls, place: str, document: Mapping[str, Any]) -> Self:
+    def open(cls, place: str, document: Mapping[str, Any], plan: CampaignPlan) -> Self:
         """Begin a campaign, or go on with it.
 
         Parameters
@@ -72,13 +98,16 @@ class CampaignStore:
             A folder, made if it is not there, or a URL. Once in use, it holds nothing but this campaign.
         document : Mapping
             All that decides the rows, as JSON holds it.
+        plan : CampaignPlan
+            How many rows there are to be, and when it ends.
 
         Raises
         ------
         OutputExistsError
             When something else is there.
         InputError
-            When another campaign is there, or this one begun by another installation; names the difference.
+            When another campaign is there, or this one begun by another installation or with another rule, or more
+            tasks of it are done than are planned; names the difference.
         RecordError
             When a part is damaged, missing or of another campaign.
         LockedError
@@ -91,8 +120,9 @@ class CampaignStore:
             opened = open_place(place)
             held.callback(opened.close)
             store = cls(opened, hashlib.sha256(text.encode()).hexdigest())
-            store._begin(json.loads(text))
+            store._begin(json.loads(text), plan)
             store._find_done()
+            store._keep_plan(plan)
             held.pop_all()
         return store
 
@@ -142,6 +172,19 @@ class CampaignStore:
         self.done += len(rows)
         self.torn = None
 
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The columns of the rows that are done, but for those that every row has, and for words."""
+        return tuple(
+            name
+            for name, kind in self._columns.items()
+            if name not in _FIXED and name != "point" and not pa.types.is_string(kind)
+        )
+
+    def note_end(self) -> None:
+        """Keep that a rule ended the campaign before all of its tasks were done. Raises `DiskError`."""
+        self._write_document({**self._content, "ended": BY_RULE})
+
     def iter_parts(self) -> Iterator[pd.DataFrame]:
         """Yield the rows in order, a part at a time, all with the same columns and types. Raises `RecordError`."""
         schema = pa.schema(list(self._columns.items()))
@@ -162,17 +205,22 @@ class CampaignStore:
         parts = list(self.iter_parts())
         return pd.concat(parts, ignore_index=True) if parts else empty
 
-    def _begin(self, document: Mapping[str, Any]) -> None:
+    def _begin(self, document: Mapping[str, Any], plan: CampaignPlan) -> None:
         """Write the file of the campaign, or compare it with the one that is there."""
         names = self._place.list_names()
         if CAMPAIGN not in names:
             if names:
                 raise OutputExistsError(f"{self.place} holds {names[0]} and no campaign", _ELSEWHERE)
-            content = {"sha256": self._owner, "installation": describe_installation(), "document": document}
             self._place.make()
-            self._place.write(CAMPAIGN, encode_document(content), replace=False)
+            content = {
+                "sha256": self._owner,
+                "installation": describe_installation(),
+                "plan": asdict(plan),
+                "document": document,
+            }
+            self._write_document(content)
             return
-        kept = self._read_document()
+        kept = self._content = dict(self._read_document())
         if kept.get("sha256") != self._owner:
             difference = _find_difference(kept.get("document"), document)
             raise InputError(f"{self.place} holds another campaign: {difference}", _ELSEWHERE)
@@ -182,6 +230,29 @@ class CampaignStore:
                 f"{self.place} was begun by another installation, whose rows may differ: {difference}",
                 f"install that one again, or {_ELSEWHERE}",
             )
+
+    def _keep_plan(self, plan: CampaignPlan) -> None:
+        """Compare the plan with the one that is kept, and keep it if it has changed."""
+        kept, here = self._content.get("plan"), asdict(plan)
+        if kept == here:
+            return
+        if self.done > plan.tasks:
+            raise InputError(
+                f"{self.place} holds {self.done} tasks, and the file asks for {plan.tasks}",
+                f"ask for as many as there are, or more; or {_ELSEWHERE}",
+            )
+        rule = {"rule": here["rule"]}
+        if self.done and isinstance(kept, Mapping) and kept.get("rule") != rule["rule"]:
+            difference = _find_difference({"rule": kept.get("rule")}, rule)
+            raise InputError(
+                f"{self.place} was begun with another rule to stop: {difference}",
+                f"a rule is fixed before the first task: put it back as it was, or {_ELSEWHERE}",
+            )
+        self._write_document({**self._content, "plan": here})
+
+    def _write_document(self, content: Mapping[str, Any]) -> None:
+        self._place.write(CAMPAIGN, encode_document(content), replace=bool(self._content))
+        self._content = dict(content)
 
     def _read_document(self) -> Mapping[str, Any]:
         try:

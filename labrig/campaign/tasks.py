@@ -9,6 +9,8 @@ from labrig.analysis.outcome import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration
 from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms, show_value
+from labrig.campaign.statistics import require_measure
+from labrig.campaign.store import CampaignPlan
 from labrig.campaign.whole_run import run_whole
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_experiment
@@ -77,9 +79,11 @@ class CampaignTasks:
             yield TaskOrder(self.loaded.inputs[address.arm], point, address.seed, self.campaign.depth)
 
     def make_rows(self, begin: int, outcomes: Iterable[TaskOutcome | LabrigError]) -> Iterator[Row]:
-        """Yield the rows of consecutive tasks."""
+        """Yield the rows of consecutive tasks. Raises `InputError` when they do not have the measure."""
         arms, numeric = self.arms, find_numeric_keys(self.campaign)
         for number, outcome in enumerate(outcomes, start=begin):
+            if isinstance(outcome, TaskOutcome) and outcome.values:
+                require_measure(self.loaded.by, outcome.values)
             address = find_task(self.campaign, number)
             arm = arms[address.arm]
             settings = {**arm.settings, **find_point(self.campaign, address.point)}
@@ -143,3 +147,17 @@ def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:
         "calibration": dict(first.calibration),
         "arms_sha256": arms.hexdigest(),
     }
+
+
+def plan_campaign(loaded: LoadedCampaign) -> CampaignPlan:
+    """Return how many tasks a campaign has, and the rule that may end it earlier."""
+    campaign, measure = loaded.file, loaded.by.measure
+    rule = campaign.stop_when
+    return CampaignPlan(
+        arms=campaign.arm_count,
+        tasks=CampaignTasks(loaded).count,
+        measure=measure,
+        rule=None
+        if rule is None
+        else {**rule.model_dump(mode="json"), "first_look": campaign.first_look(), "measure": measure},
+    )

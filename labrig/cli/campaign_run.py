@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.engine import run_in_order
-from labrig.campaign.campaign_file import CampaignFile, load_campaign_file
+from labrig.campaign.campaign_file import load_campaign_file
 from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
-from labrig.campaign.page import write_page
+from labrig.campaign.page import require_own_page, write_page
 from labrig.campaign.result import CampaignResult, make_result
 from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign
+from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign, plan_campaign
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_json, print_line, print_table, say
 from labrig.cli.progress import Reporter, progress, progress_if_slow
@@ -25,7 +25,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.durable import disk_errors
 from labrig.errors import DiskError, WorkersError
 from labrig.lab.folder import CAMPAIGNS, find_in_lab
-from labrig.record.urls import is_url
+from labrig.record.urls import is_url, restore_url
 from labrig.runner.run_control import RunControl
 from labrig.text import format_count, interval, number
 
@@ -55,14 +55,48 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
     """
     loaded = _load(order)
     place = str(find_in_lab(CAMPAIGNS) / loaded.file.campaign) if order.out is None else order.out
-    with CampaignStore.open(place, describe_campaign(loaded)) as store:
-        by_rule = _conduct(loaded, store, order)
-        table = store.read()
-    result = make_result(loaded, table, tasks=CampaignTasks(loaded).count, by_rule=by_rule)
-    say("writing the report")
-    report = write_page(_choose_page_folder(place, loaded.file), loaded, result, table, SystemClock().utc())
-    _print(result, place, report, as_json=as_json)
+    page = _find_page_folder(place, loaded.file.campaign)
+    with CampaignStore.open(place, describe_campaign(loaded), plan_campaign(loaded)) as store:
+        try:
+            by_rule = _conduct(loaded, store, order)
+        except Interruption:
+            if store.done:
+                _, report = _write_report(loaded, store, page, by_rule=False)
+                say(f"report  {report}")
+            raise
+        if by_rule:
+            store.note_end()
+        result, report = _write_report(loaded, store, page, by_rule=by_rule)
+    _print(result, report, as_json=as_json)
     return 0 if result.failed < result.done else 1
+
+
+def _write_report(
+    loaded: LoadedCampaign, store: CampaignStore, folder: Path, *, by_rule: bool
+) -> tuple[CampaignResult, Path]:
+    """Write the page of the tasks that are done, and return what it says and where it is."""
+    say("writing the report")
+    table = store.read()
+    tasks = CampaignTasks(loaded).count
+    result = make_result(loaded, table, tasks=tasks, place=store.place, by_rule=by_rule)
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return result, write_page(folder, loaded, result, table, SystemClock().utc())
+
+
+def _find_page_folder(place: str, name: str) -> Path:
+    """Return the folder of the page: that of the table, or one of this computer for a table at a URL.
+
+    Raises
+    ------
+    OutputExistsError
+        When that folder holds anything but the page of the table.
+    """
+    if not is_url(place):
+        return Path(place)
+    folder = find_in_lab(CAMPAIGNS) / name
+    require_own_page(folder, restore_url(place).rstrip("/"))
+    return folder
 
 
 def _load(order: CampaignOrder) -> LoadedCampaign:
@@ -149,19 +183,9 @@ class _Watch:
             say("labrig continue: the campaign goes on")
 
 
-def _choose_page_folder(place: str, file: CampaignFile) -> Path:
-    """Return the folder of the page: that of the table, or a new one of this computer for a table at a URL."""
-    if not is_url(place):
-        return Path(place)
-    folder = find_in_lab(CAMPAIGNS) / file.campaign
-    with disk_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def _print(result: CampaignResult, place: str, report: Path, *, as_json: bool) -> None:
+def _print(result: CampaignResult, report: Path, *, as_json: bool) -> None:
     if as_json:
-        print_json(_make_document(result, place, report))
+        print_json(_make_document(result, report))
         return
     judged = result.tolerance is not None
     heads = (
@@ -190,10 +214,10 @@ def _print(result: CampaignResult, place: str, report: Path, *, as_json: bool) -
     for failure in result.failures[:3]:
         count = format_count(failure.tasks, "task")
         say(f"note: {count} failed, task {failure.first} first: {failure.error}")
-    print_line(f"table   {place}\nreport  {report}")
+    print_line(f"table   {result.table}\nreport  {report}")
 
 
-def _make_document(result: CampaignResult, place: str, report: Path) -> Mapping[str, Any]:
+def _make_document(result: CampaignResult, report: Path) -> Mapping[str, Any]:
     mean, ci95 = ("mean_error_mm", "ci95_mm") if result.measure.endswith("error_mm") else ("mean", "ci95")
     arms = [
         {
@@ -205,9 +229,8 @@ def _make_document(result: CampaignResult, place: str, report: Path) -> Mapping[
     ]
     whole = result.model_dump(mode="json", exclude={"arms", "settling", "campaign"})
     return {
-        "campaign": place,
+        "campaign": result.table,
         "name": result.campaign,
-        "table": place,
         "report": str(report),
         "arms": arms,
         **whole,

@@ -36,7 +36,8 @@ def compare(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="A column of the results' tables, or TABLE.COLUMN. Default: radius_mm, else target_error_mm.",
+            help="A column of the results' tables, or TABLE.COLUMN. Default: that of a campaign's page; of runs "
+            "radius_mm, else target_error_mm.",
             show_default=False,
         ),
     ] = None,

@@ -18,7 +18,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from dask.distributed import LocalCluster
 
-from labrig.campaign.store import CampaignStore
+from labrig.campaign.store import CampaignPlan, CampaignStore
 from labrig.record.layout import CAMPAIGN as DOCUMENT
 from tests.benchmarks.engine import open_local_cluster
 from tests.benchmarks.table import print_rows
@@ -126,8 +126,8 @@ def _count_done(out: Path) -> int:
 
 def _digest(out: Path) -> str:
     """Return the digest of the table, whatever its parts: its columns, types and all bits of its values."""
-    document = json.loads((out / DOCUMENT).read_text(encoding="utf-8"))["document"]
-    with CampaignStore.open(str(out), document) as store:
+    kept = json.loads((out / DOCUMENT).read_text(encoding="utf-8"))
+    with CampaignStore.open(str(out), kept["document"], CampaignPlan(**kept["plan"])) as store:
         table = store.read()
     digest = hashlib.sha256(repr(list(table.dtypes.items())).encode())
     for row in table.itertuples(index=False):

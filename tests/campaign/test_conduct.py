@@ -10,9 +10,9 @@ from labrig.analysis.outcome import TaskOutcome
 from labrig.campaign.conduct import CampaignEnd, conduct_campaign
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, TaskOrder, describe_campaign
+from labrig.campaign.tasks import CampaignTasks, TaskOrder, describe_campaign, plan_campaign
 from labrig.devices.clocks import SimulatedClock
-from labrig.errors import LabrigError
+from labrig.errors import InputError, LabrigError
 from tests.campaign.campaigns import Law, computing, load, write_campaign
 
 
@@ -33,7 +33,7 @@ class Told:
 
 def conduct(loaded: LoadedCampaign, place: Path, law: Law, told: Told | None = None) -> CampaignEnd:
     """Conduct a campaign whose tasks follow a law."""
-    with CampaignStore.open(str(place), describe_campaign(loaded)) as store:
+    with CampaignStore.open(str(place), describe_campaign(loaded), plan_campaign(loaded)) as store:
         return conduct_campaign(
             CampaignTasks(loaded), store, computing(law), SimulatedClock(), told or Told()
         )
@@ -41,7 +41,7 @@ def conduct(loaded: LoadedCampaign, place: Path, law: Law, told: Told | None = N
 
 def read(loaded: LoadedCampaign, place: Path) -> pd.DataFrame:
     """Return the table of a campaign."""
-    with CampaignStore.open(str(place), describe_campaign(loaded)) as store:
+    with CampaignStore.open(str(place), describe_campaign(loaded), plan_campaign(loaded)) as store:
         return store.read()
 
 
@@ -104,7 +104,9 @@ def test_a_rule_ends_it_at_the_same_task_however_often_it_was_interrupted(tmp_pa
     def never(_: Iterable[TaskOrder]) -> Generator[TaskOutcome | LabrigError, None, None]:
         raise AssertionError("nothing is left to compute")
 
-    with CampaignStore.open(str(tmp_path / "broken"), describe_campaign(loaded)) as store:
+    with CampaignStore.open(
+        str(tmp_path / "broken"), describe_campaign(loaded), plan_campaign(loaded)
+    ) as store:
         again = conduct_campaign(CampaignTasks(loaded), store, never, SimulatedClock(), Told())
     assert again == whole
 
@@ -117,3 +119,17 @@ def test_it_goes_on_with_more_repetitions_but_not_with_other_values(tmp_path: Pa
     other = load(write_campaign(tmp_path, repetitions=5, set={"target.sd_mm": 1}))
     with pytest.raises(LabrigError, match="another campaign"):
         conduct(other, tmp_path / "out", by_seed)
+
+
+def test_a_measure_that_no_task_has_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    """At the first task, or at the rows that are there; what is done stays done."""
+    misspelt = load(write_campaign(tmp_path, repetitions=2, measure="true_target_eror_mm"))
+    with pytest.raises(InputError, match="no number 'true_target_eror_mm'") as refused:
+        conduct(misspelt, tmp_path / "out", by_seed)
+    assert "did you mean true_target_error_mm? name one of: true_target_error_mm" in refused.value.hint
+    assert len(read(misspelt, tmp_path / "out")) == 0
+    sound = load(write_campaign(tmp_path, repetitions=2))
+    conduct(sound, tmp_path / "out", by_seed)
+    with pytest.raises(InputError, match="true_target_eror_mm"):
+        conduct(misspelt, tmp_path / "out", by_seed)
+    assert len(read(sound, tmp_path / "out")) == 2

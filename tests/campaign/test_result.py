@@ -21,7 +21,7 @@ def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFram
     """Return the result and the table of a campaign whose tasks follow a law."""
     tasks = CampaignTasks(loaded)
     table = pd.DataFrame(list(tasks.make_rows(0, computing(law)(tasks.list_orders(0)))))
-    return make_result(loaded, table, tasks=tasks.count), table
+    return make_result(loaded, table, tasks=tasks.count, place="out"), table
 
 
 def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:

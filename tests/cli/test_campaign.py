@@ -144,6 +144,25 @@ def test_a_campaign_pauses_continues_and_ends_with_what_is_done(labrig: Labrig, 
     assert "Traceback" not in rest
     assert "the same command goes on behind them" in rest
     assert labrig("pause", out).exit_code == 2
+    assert "not finished" in (out / "report.html").read_text(encoding="utf-8")
+    assert f"report  {out / 'report.html'}" in rest
+
+
+def test_the_page_of_a_table_at_a_url_replaces_no_other(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It lies on this computer, in the folder of the campaign's name; that may hold the page of another table."""
+    monkeypatch.chdir(tmp_path)
+    file = write_campaign(tmp_path, base=str(PROTOCOLS / "design.yaml"))
+    command = ("campaign", file, "--workers", 1, "--out")
+    for place in (f"file://{tmp_path}/shelf", f"file://{tmp_path}/shelf/"):
+        assert labrig(*command, place).exit_code == 0
+    page = (tmp_path / "data/campaigns/tried/report.html").read_bytes()
+    refused = labrig(*command, f"file://{tmp_path}/other")
+    assert refused.exit_code == 2
+    assert "data/campaigns/tried would get the page of" in refused.err
+    assert not (tmp_path / "other").exists()
+    assert (tmp_path / "data/campaigns/tried/report.html").read_bytes() == page
 
 
 @pytest.mark.parametrize(

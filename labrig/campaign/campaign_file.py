@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from labrig.campaign.key_rules import find_key_conflicts, find_repeated_values
 from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm, Seed
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
@@ -127,16 +128,21 @@ class CampaignFile(Model):
         return tuple(dict.fromkeys(chain(*self.arms.values(), self.vary, drawn)))
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield keys that are given twice, and campaigns that are too large."""
-        sections = {"set": self.set.keys(), "arms": set(chain(*self.arms.values())), "vary": self.vary.keys()}
-        if self.sample is not None:
-            sections["sample.keys"] = self.sample.keys.keys()
+        """Yield keys and values that are given twice or mean nothing, and campaigns that are too large."""
+        sections: dict[str, Iterable[str]] = {
+            "set": self.set,
+            "arms": dict.fromkeys(chain(*self.arms.values())),
+            "vary": self.vary,
+            "sample.keys": () if self.sample is None else self.sample.keys,
+        }
         owners: dict[str, str] = {}
         for section, keys in sections.items():
             for key in keys:
                 other = owners.setdefault(key, section)
                 if other != section:
                     yield Conflict(section, f"{key} is in {section} and in {other}", "give it in one of them")
+        yield from find_key_conflicts(sections, self.depth)
+        yield from find_repeated_values(self.vary)
         if self.arm_count > MOST_ARMS:
             yield Conflict(
                 "vary",

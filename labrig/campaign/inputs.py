@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import cast
 
 from labrig.campaign.campaign_file import CampaignFile
+from labrig.campaign.key_rules import find_arm_problems
 from labrig.campaign.sampling import Arm, Settings, list_arms, list_extremes, write_overrides
 from labrig.campaign.statistics import Judgement
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -161,6 +162,11 @@ def _load_arm(files: CampaignFiles, campaign: CampaignFile, arm: Arm) -> ArmInpu
     settings = {**campaign.set, **arm.settings}
     try:
         inputs = _load(files, arm.name, settings)
+        sampled = () if campaign.sample is None else campaign.sample.keys
+        if problems := tuple(
+            find_arm_problems(str(SET), campaign.depth, sampled, inputs.protocol, inputs.rig)
+        ):
+            raise FileFormatError(problems)
         for extreme in list_extremes(campaign.sample):
             make_models(inputs, extreme, campaign.seed)
     except FileFormatError as error:

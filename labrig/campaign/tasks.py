@@ -145,7 +145,7 @@ def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:
         "protocol": json.loads(first.protocol),
         "rig": None if first.rig is None else json.loads(first.rig),
         "calibration": dict(first.calibration),
-        "arms_sha256": arms.hexdigest(),
+        "sha256_of_arms": arms.hexdigest(),
     }
 
 

@@ -22,6 +22,11 @@ GRID = {f"policy.{name}": list(range(1000)) for name in ("near_mm", "final_mm", 
         ({"repetitions": 9_000_000, "vary": {"target.sd_mm": [0, 1]}}, "18000000 tasks"),
         ({"repetitions": 40, "stop_when": {"ci95_width_mm": 0.1, "at_most": 39}}, "must be at least 40"),
         ({"stop_when": {"ci95_width_mm": 0.1, "at_most": 20}}, "must be at least 30"),
+        ({"vary": {"policy.near_mm": [20, 5, 20.0]}}, "policy.near_mm has the value 20 more than once"),
+        ({"vary": {"policy.turning": ["20", 20]}}, "policy.turning has the value 20 more than once"),
+        ({"vary": {"seed": [1, 2]}}, "seed is drawn by the campaign"),
+        ({"vary": {"rig.world.noise_sd": [1, 9]}}, "rig.world.noise_sd changes nothing at depth: world"),
+        ({"set": {"rig.camera.exposure_us": 3}}, "rig.camera.exposure_us changes nothing at depth: world"),
         ({"campaign": "../elsewhere"}, "campaign"),
         ({"depth": "picture"}, "depth"),
     ],
@@ -29,7 +34,7 @@ GRID = {f"policy.{name}": list(range(1000)) for name in ("near_mm", "final_mm", 
 def test_a_campaign_that_cannot_be_meant_is_refused(
     tmp_path: Path, keys: dict[str, object], message: str
 ) -> None:
-    """Too many arms or tasks, empty ranges, a key given twice, a rule that looks too early, a name that is a path."""
+    """Too large, empty, given twice, without effect, a rule that looks too early, a name that is a path."""
     with pytest.raises(FileFormatError) as caught:
         load_campaign_file(write_campaign(tmp_path, **keys))
     assert message in str(caught.value.problems)
@@ -63,6 +68,12 @@ def test_the_largest_grid_is_taken(tmp_path: Path) -> None:
             "world.noise",
             "unknown key",
         ),
+        (
+            {"sample": {"method": "sobol", "n": 8, "keys": {"planner.max_arcs": [2, 8]}}},
+            "sample.keys.planner.max_arcs",
+            "takes whole numbers",
+        ),
+        ({"set": {"repetitions": 3}}, "arm base: repetitions", "makes 3 insertions"),
     ],
 )
 def test_a_key_or_value_that_the_base_protocol_does_not_take_is_refused_with_its_arm(
@@ -76,6 +87,14 @@ def test_a_key_or_value_that_the_base_protocol_does_not_take_is_refused_with_its
     assert str(path) in problem.where
     assert where in problem.where
     assert message in problem.message
+
+
+def test_keys_of_pictures_and_whole_numbers_are_taken_where_they_count(tmp_path: Path) -> None:
+    """At depth rig; whole numbers in a grid; the size of the picture goes with the lens at either depth."""
+    pictures = {"vary": {"rig.world.noise_sd": [1, 9]}, "set": {"repetitions": 3}, "depth": "rig"}
+    assert len(load(write_campaign(tmp_path, **pictures)).inputs) == 2
+    lens = {"rig.camera.width_px": 1200, "rig.world.lens.width_px": 1200, "planner.max_arcs": 4}
+    assert len(load(write_campaign(tmp_path, set=lens)).inputs) == 1
 
 
 def test_only_simulated_rigs_take_part(tmp_path: Path) -> None:

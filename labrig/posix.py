@@ -16,7 +16,9 @@ import socket
 import stat
 import struct
 import sys
-from contextlib import suppress
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -369,6 +371,30 @@ def control_device(descriptor: int, request: int, argument: bytes) -> bytes:
     if sys.platform == "win32":
         raise OSError("Windows has no ioctl")
     return fcntl.ioctl(descriptor, request, argument)
+
+
+@contextmanager
+def hold_signals() -> Iterator[None]:
+    """Hold signals that request an end until the block has ended; their handlers are called then.
+
+    Python drops what a handler raises inside a hook of a fork. A mask would not keep the signal from the handler: the
+    kernel gives it to another thread, such as that of a progress bar, and Python calls the handler in this one.
+    """
+    if threading.current_thread() is not threading.main_thread():  # handlers are called in no other thread
+        yield
+        return
+    held: list[int] = []
+    found = {number: signal.getsignal(number) for number in INTERRUPT_SIGNALS}
+    handlers = {number: handler for number, handler in found.items() if handler is not None}
+    try:
+        for number in handlers:
+            signal.signal(number, lambda number, _frame: held.append(number))
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in held:
+            signal.raise_signal(number)
 
 
 def end_with_parent() -> None:

@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 from labrig.analysis.installation import require_installation
 from labrig.clock import Clock
 from labrig.errors import BugError, LabrigError, MachineError, WorkersError
-from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_parent
+from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_parent, hold_signals
 
 DEFAULT_WORKERS = min(count_usable_cores(), 8)
 
@@ -264,7 +264,8 @@ class WorkQueue:
     ) -> "Future[Answer[_Result]]":
         future: Future[Answer[_Result]] = Future()
         try:
-            future = self._pool.executor.submit(_do_batch, call, tasks, clock, self._pool.installation)
+            with hold_signals():  # it may fork
+                future = self._pool.executor.submit(_do_batch, call, tasks, clock, self._pool.installation)
         except Exception as error:  # noqa: BLE001 - as if it came a moment later, whatever the executor
             future.set_exception(error)
         return future

@@ -1,6 +1,5 @@
 """Prints results and failures: a JSON document or text for people, and errors with their hints."""
 
-import io
 import json
 import math
 import os
@@ -71,16 +70,22 @@ _INDENT = "  "
 _NUMBER = (int, float, NoneType)
 
 
-class SafeStandardError(io.TextIOBase):
+class SafeStandardError:
     """Standard error without errors if its reader has gone.
 
     A log, a pipe or a terminal that has gone must not end a run with a needle in tissue. The stream is fixed when this
     is made: a progress bar takes the place of `sys.stderr`, and what the bar writes must not come back to it.
+
+    Its base is none of `io`: those flush in a finaliser, in which Python drops what the handler of a signal raises.
     """
 
     def __init__(self) -> None:
-        super().__init__()
         self._stream = sys.stderr
+
+    @property
+    def encoding(self) -> str | None:
+        """The encoding, by which it is chosen what a bar is drawn with; None if it is not known."""
+        return self._stream.encoding
 
     def write(self, text: str) -> int:
         """Write, and ignore errors."""

@@ -1,15 +1,19 @@
 """Standard streams that are closed, full or without a reader, and signals: never a traceback, never a lost run."""
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
 
+from labrig.cli.output import say
 from labrig.cli.signals import Interruption, note_signals, raise_on_signals
+from labrig.posix import hold_signals
 from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, SweepRun, sweep_command
 
 LABRIG = f'"{sys.executable}" -m labrig'
@@ -80,6 +84,81 @@ def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.
     assert not issubclass(Interruption, Exception)
     with raise_on_signals(), pytest.raises(Interruption, match=number.name):
         import_guarded()
+
+
+class InterruptedStream(io.StringIO):
+    """A stream that a signal interrupts in its second flush."""
+
+    flushes = 0
+
+    def flush(self) -> None:
+        """Flush."""
+        self.flushes += 1
+        if self.flushes == 2:
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_a_signal_between_two_messages_is_not_dropped() -> None:
+    """A message leaves no flush to a finaliser, in which Python drops a signal: the next one is the next message's."""
+
+    def say_both() -> None:
+        say("one")
+        say("two")
+
+    with (
+        redirect_stderr(InterruptedStream()),
+        raise_on_signals(),
+        pytest.raises(Interruption, match="SIGINT"),
+    ):
+        say_both()
+
+
+_INTERRUPTED_FORK = """
+import os, signal
+from threading import Thread
+from labrig.analysis.engine import WorkQueue, open_process_pool
+from labrig.cli.signals import Interruption, raise_on_signals
+
+def interrupt():
+    thread = Thread(target=signal.raise_signal, args=(signal.SIGINT,))
+    thread.start()
+    thread.join()
+
+os.register_at_fork({when}=interrupt)
+try:
+    with raise_on_signals(), open_process_pool(1, "counted") as pool:
+        WorkQueue(pool).submit(abs, [-1])
+except Interruption as interruption:
+    print(interruption)
+"""
+
+
+@pytest.mark.parametrize("when", ["before", "after_in_parent"])
+def test_a_signal_while_a_worker_is_forked_is_not_dropped(when: str) -> None:
+    """Python drops what a handler raises in a hook of a fork, in whichever thread the signal arrived."""
+    code = _INTERRUPTED_FORK.format(when=when)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert (done.stdout, done.stderr) == ("SIGINT\n", "")
+
+
+def test_held_signals_come_after_the_block() -> None:
+    """Signals during a block that holds them raise nothing in it, and the first of them raises at its end."""
+    reached = []
+
+    def work() -> None:
+        with hold_signals():
+            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(signal.SIGINT)
+            reached.append("end of the block")
+
+    with raise_on_signals():
+        with pytest.raises(Interruption, match="SIGTERM"):
+            work()
+        with pytest.raises(Interruption, match="SIGINT"):
+            signal.raise_signal(signal.SIGINT)
+    assert reached == ["end of the block"]
 
 
 def test_a_signal_is_only_noted_while_a_rig_is_open() -> None:

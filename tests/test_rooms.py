@@ -78,6 +78,7 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
         ("labrig.protocol.load", ("cv2", "numpy", "pandas", "scipy", "matplotlib", "rerun", "can", "typer", "jinja2")),
         ("labrig.devices.clocks", ("numpy", "cv2", "can", "canopen", "pydantic")),
         ("labrig.runner.experiment", ("matplotlib", "jinja2")),
+        ("labrig.analysis.comparison, labrig.experiments.roll_zero.analysis", ("scipy.stats",)),
         *((module, ("can", "canopen", "labrig.devices")) for module in ANALYSES),
     ],
 )  # fmt: skip

@@ -1,8 +1,8 @@
 """Tests of means of several groups that do not assume equal variances, and of drift within blocks.
 
-scipy has the tests. What it does not return is computed here: the degrees of freedom of Welch's test, the interval of
-Hedges' g, and the quantile of the studentized range for a single pair, which scipy's table of all pairs takes a fifth
-of a second each for.
+scipy has the tests; the first of them loads `scipy.stats`, which takes half a second. What it does not return is
+computed here: the degrees of freedom of Welch's test, the interval of Hedges' g, and the quantile of the studentized
+range for a single pair, which scipy's table of all pairs takes a fifth of a second each for.
 """
 
 import math
@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, special, stats
+from scipy import optimize, special
 
 FloatArray = NDArray[np.float64]
 Samples = Sequence[Sequence[float]]
@@ -67,7 +68,7 @@ def has_spread(sample: Sequence[float]) -> bool:
 
 def compare_means(samples: Samples) -> WelchTest:
     """Return Welch's ANOVA (1951) of samples that all have a spread."""
-    found = stats.f_oneway(*samples, equal_var=False)
+    found = scipy.stats.f_oneway(*samples, equal_var=False)
     return WelchTest(
         float(found.statistic), len(samples) - 1.0, _find_welch_freedom(samples), float(found.pvalue)
     )
@@ -87,7 +88,7 @@ def compare_pairs(samples: Samples) -> dict[tuple[int, int], PairTest | None]:
     Each sample has at least two values. Keys are the numbers of two samples, the smaller first.
     """
     with np.errstate(all="ignore"):  # a pair without spread is 0 / 0
-        p = stats.tukey_hsd(*samples, equal_var=False).pvalue
+        p = scipy.stats.tukey_hsd(*samples, equal_var=False).pvalue
     return {
         (a, b): _compare_pair(samples[a], samples[b], float(p[a, b]), len(samples))
         if has_spread(samples[a]) or has_spread(samples[b])
@@ -114,7 +115,10 @@ def _find_range_quantile(groups: int, df: float) -> float:
     high = math.sqrt(2.0) * float(special.stdtrit(df, 1.0 - alpha / (groups * (groups - 1))))
     return float(
         optimize.brentq(
-            lambda q: stats.studentized_range.sf(q, groups, df) - alpha, 0.999 * low, 1.001 * high, xtol=1e-5
+            lambda q: scipy.stats.studentized_range.sf(q, groups, df) - alpha,
+            0.999 * low,
+            1.001 * high,
+            xtol=1e-5,
         )
     )
 
@@ -151,7 +155,7 @@ def check_normality(sample: Sequence[float]) -> tuple[float, float] | None:
     """Return W and p of Shapiro and Wilk; None for fewer than three values or no spread."""
     if len(sample) < 3 or not has_spread(sample):
         return None
-    found = stats.shapiro(sample)
+    found = scipy.stats.shapiro(sample)
     return float(found.statistic), float(found.pvalue)
 
 
@@ -159,7 +163,7 @@ def check_spreads(samples: Samples) -> tuple[float, float] | None:
     """Return the statistic and p of Brown and Forsythe, whether spreads differ; None for too few values."""
     if len(samples) < 2 or any(len(sample) < 3 or not has_spread(sample) for sample in samples):
         return None
-    found = stats.levene(*samples, center="median")
+    found = scipy.stats.levene(*samples, center="median")
     return float(found.statistic), float(found.pvalue)
 
 
@@ -178,7 +182,7 @@ def fit_slope(x: ArrayLike, y: ArrayLike, blocks: Sequence[object]) -> Slope | N
     df = len(inside) - len(set(blocks)) - 1
     if df < 1 or not has_spread(list(inside[:, 0])):
         return None
-    fit = stats.linregress(inside[:, 0], inside[:, 1])
+    fit = scipy.stats.linregress(inside[:, 0], inside[:, 1])
     error = float(fit.stderr) * math.sqrt((len(inside) - 2) / df)
     slope = float(fit.slope)
     half = error * float(special.stdtrit(df, (1 + LEVEL) / 2))

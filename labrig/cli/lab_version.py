@@ -1,10 +1,8 @@
 """What is said of a lab folder whose files another version of labrig wrote."""
 
-from labrig import __version__
 from labrig.cli.output import say_wrapped
 from labrig.errors import InputError
 from labrig.lab.folder import find_lab_folder
-from labrig.lab.making import suggest_update
 from labrig.lab.marker import read_marker
 
 
@@ -20,10 +18,14 @@ def remark_on_lab_version() -> None:
         return
     if marker is None:
         return
+    from labrig import __version__  # the metadata of the package takes 10 ms to read
+
     if marker.is_newer_than(__version__):
         why, remedy = marker.explain_newer(__version__)
         say_wrapped(f"note: this lab folder was made {why}; {remedy}")
     elif marker.is_older_than(__version__):
+        from labrig.lab.making import suggest_update
+
         say_wrapped(
             f"note: schemas and examples of this lab folder are of labrig {marker.labrig}, this is {__version__}; "
             f"bring them up to date: {suggest_update(lab)}"

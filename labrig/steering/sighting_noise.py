@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.cavities import start_belief
@@ -78,7 +78,7 @@ def judge_nis(nis: Sequence[float], observed: int) -> NisJudgement | None:
         return None
     freedom = observed * len(nis)
     low, high = (
-        float(chi2.ppf(share, freedom)) / len(nis)
+        2.0 * float(gammaincinv(freedom / 2, share)) / len(nis)  # quantiles of chi-square
         for share in ((1.0 - _USUAL_SHARE) / 2, (1.0 + _USUAL_SHARE) / 2)
     )
     mean = math.fsum(nis) / len(nis)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.needle.kinematics import FloatArray
@@ -115,7 +115,7 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
     _refuse_unexpected(radius, radius_mm, lag_rad, lag_rad + per_mm * depths_mm[-1])
     residuals, slopes = np.asarray(solved.fun), np.asarray(solved.jac)
     freedom = len(residuals) - slopes.shape[1]
-    widened = float(t.ppf(0.975, freedom) / norm.ppf(0.975))
+    widened = float(stdtrit(freedom, 0.975) / ndtri(0.975))
     scatter_mm2 = float(residuals @ residuals) / freedom * widened**2
     covariance = scatter_mm2 * np.linalg.inv(slopes.T @ slopes)[:2, :2]
     best_mm = -covariance[0, 1] / covariance[1, 1]

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from tests.cli.conftest import RIG, SWEEP
+
 COMMANDS = (
     "run",
     "pause",
@@ -91,12 +93,13 @@ def test_brackets_are_no_markup(columns: int) -> None:
     [
         (["--help"], (*HEAVY, "pydantic", "rich.markdown", "rich.traceback")),
         (["runs"], (*HEAVY, "pydantic")),
-        (["runs", "--where", "seed=1"], ("numpy", "cv2", "pandas", "pydantic")),
+        (["runs", "--where", "seed=1"], ("numpy", "cv2", "pandas", "pydantic", "importlib.metadata")),
+        (["check", str(SWEEP), "--rig", str(RIG)], ("scipy.stats", "matplotlib", "jinja2", "rerun")),
         (["manual"], (*HEAVY, "pydantic")),
     ],
 )
 def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: tuple[str, ...]) -> None:
-    """Help and the lists of runs and pages import no numpy, OpenCV or pandas, and help no more than it shows."""
+    """Help and lists import no numpy, OpenCV or pandas, help no more than it shows; a check draws nothing."""
     code = (
         "import sys, os, io, contextlib, json\n"
         "os.environ['LABRIG_RUNS_DIR'] = 'none'\n"

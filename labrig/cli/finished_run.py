@@ -13,6 +13,7 @@ from labrig.cli.output import (
     print_json,
     print_line,
     print_table,
+    print_wrapped,
     say,
     say_wrapped,
 )
@@ -83,4 +84,4 @@ def print_summary(summary: Summary) -> None:
         if isinstance(line, TextTable):
             print_table(line.heads, line.rows)
         else:
-            print_line(line)
+            print_wrapped(line)

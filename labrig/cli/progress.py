@@ -83,6 +83,9 @@ def _report_nothing(share: float) -> None:
 
 
 class _Bar(Protocol):
+    @property
+    def live(self) -> Any: ...
+
     def start(self) -> None: ...
 
     def stop(self) -> None: ...
@@ -94,9 +97,9 @@ _shown: list[_Bar] = []
 
 @contextmanager
 def hold_bar() -> Iterator[None]:
-    """Let the bar stand still during the block, so that it draws over no question and no answer."""
+    """Take the bar off the terminal during the block, so that it stands beside no question and no answer."""
     for bar in _shown:
-        bar.stop()
+        _remove(bar)
     try:
         yield
     finally:
@@ -104,8 +107,19 @@ def hold_bar() -> Iterator[None]:
             bar.start()
 
 
+def _remove(bar: _Bar) -> None:
+    """Stop a bar and leave nothing of it, whether or not it stays in the end."""
+    transient = bar.live.transient
+    bar.live.transient = True
+    bar.stop()
+    bar.live.transient = transient
+
+
 _LEAST_BAR_COLUMNS = 70
 """Columns that bar, times and description need; a narrower terminal gets no bar."""
+
+_BAR_AND_TIMES_COLUMNS = 40
+"""What a description leaves to percentage, bar and times, so that none of them is cut."""
 
 
 @contextmanager
@@ -115,7 +129,7 @@ def _show_bar(title: str, total: float | None, *, transient: bool = False) -> It
     from rich.progress import Progress
 
     console = Console(file=cast("IO[str]", SafeStandardError()))
-    columns = _list_columns(counted=total is not None, narrow=console.width < _LEAST_BAR_COLUMNS)
+    columns = _list_columns(console.width, counted=total is not None)
     with Progress(*columns, console=console, transient=transient) as bar:
         task = bar.add_task(escape_controls(title), total=total)
 
@@ -129,14 +143,14 @@ def _show_bar(title: str, total: float | None, *, transient: bool = False) -> It
             _shown.remove(bar)
 
 
-def _list_columns(*, counted: bool, narrow: bool) -> tuple[Any, ...]:
-    """Return rich's columns of a bar; it is imported only where a bar is shown."""
+def _list_columns(width: int, *, counted: bool) -> tuple[Any, ...]:
+    """Return rich's columns of a bar on a terminal so wide; it is imported only where a bar is shown."""
     from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.table import Column
 
     if not counted:
         return SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    if narrow:
+    if width < _LEAST_BAR_COLUMNS:
         return (
             TextColumn(
                 "{task.percentage:>3.0f} % {task.description}",
@@ -144,13 +158,18 @@ def _list_columns(*, counted: bool, narrow: bool) -> tuple[Any, ...]:
                 table_column=Column(no_wrap=True, overflow="ellipsis"),
             ),
         )
+    most = width - _BAR_AND_TIMES_COLUMNS
     return (
         TextColumn("{task.percentage:>3.0f} %"),
         BarColumn(bar_width=None),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        TextColumn("{task.description}", markup=False),
+        TextColumn(
+            "{task.description}",
+            markup=False,
+            table_column=Column(no_wrap=True, overflow="ellipsis", max_width=most),
+        ),
     )
 
 

@@ -1,6 +1,7 @@
 """Output on a terminal: lines wrapped to its width between words, and no control characters from data."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -38,6 +39,19 @@ def _read(screen: int) -> bytes:
         return b""
 
 
+def _show(code: str, columns: int) -> str:
+    """Return all that a Python prints on a terminal of a given width, with what moves the cursor."""
+    screen, program = os.openpty()
+    environment = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=program, stderr=program, env=environment) as running:
+        os.close(program)
+        shown = b"".join(iter(lambda: _read(screen), b"")).decode()
+        assert running.wait(timeout=30) == 0
+    os.close(screen)
+    return shown
+
+
 @pytest.mark.parametrize("columns", [20, 40, 80])
 def test_progress_is_shown_and_ends(columns: int) -> None:
     """The progress bar and its text are printed once and end; the percentage always fits."""
@@ -48,16 +62,39 @@ def test_progress_is_shown_and_ends(columns: int) -> None:
         "    reporter(50.0, 'gel 10 %, insertion 3 of 18, withdrawing')\n"
         "    say('mount the needle')\n"
     )
-    screen, program = os.openpty()
-    environment = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
-    command = [sys.executable, "-c", code]
-    with subprocess.Popen(command, stdout=program, stderr=program, env=environment) as running:
-        os.close(program)
-        shown = b"".join(iter(lambda: _read(screen), b"")).decode()
-        assert running.wait(timeout=30) == 0
-    os.close(screen)
+    shown = _show(code, columns)
     assert shown.count("mount the needle") == 1
     assert " 50 %" in shown
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_the_bar_is_gone_while_a_question_is_asked_and_comes_back(columns: int) -> None:
+    """Before the question the line of the bar is erased; it is drawn again after the answer, and stays in the end."""
+    code = (
+        "from labrig.cli.output import say\n"
+        "from labrig.cli.progress import hold_bar, progress\n"
+        "with progress('steerability', 100.0) as reporter:\n"
+        "    reporter(50.0, 'inserting')\n"
+        "    with hold_bar():\n"
+        "        say('which hole?')\n"
+        "        say('the answer')\n"
+        "print('result')\n"
+    )
+    before, _, rest = _show(code, columns).partition("which hole?\r\nthe answer\r\n")
+    assert re.fullmatch(r"\r?\x1b\[1A\x1b\[2K", before.rpartition("\n")[2].replace("\x1b[?25h", ""))
+    bar, _, result = rest.rpartition("\n")[0].rpartition("\n")
+    assert " 50 %" in bar.rpartition("\x1b[2K")[2]
+    assert re.sub(r"\x1b\[\?25h|\r", "", result) == "result"
+
+
+def test_a_long_description_cuts_neither_bar_nor_times() -> None:
+    """What is being done gives way on a terminal of 80 columns: elapsed and remaining time stay whole."""
+    code = (
+        "from labrig.cli.progress import progress\n"
+        "with progress('steerability', 100.0) as reporter: reporter(50.0, 'gel 10 %, insertion 3 of 18, ' * 3)\n"
+    )
+    shown = re.sub(r"\x1b\[[0-9;?]*\w", "", _show(code, 80))
+    assert re.search(r" 50 % \S{12,} \d:\d\d:\d\d left [-\d]:[-\d]+:[-\d]+ gel 10 %, insertion 3 .*…", shown)
 
 
 @pytest.mark.parametrize(("seconds", "share", "shown"), [(0.6, " 50 %", True), (0.4, "", False)])
@@ -126,6 +163,19 @@ def test_what_cannot_run_is_folded_between_words(columns: int, tmp_path: Path) -
     assert " ".join(" ".join(lines).split()).count("cannot run on rig simulated") == 1
     first = next(number for number, line in enumerate(lines) if "insertion.length_mm" in line)
     assert lines[first + 1].startswith("  ")
+
+
+def test_the_sentences_of_a_result_are_folded_between_words() -> None:
+    """No word of a result is cut at the edge of the terminal."""
+    sentence = "Our contour is not the paper's: it shows trends, and is not for cutting."
+    code = (
+        "from labrig.analysis.summary import Summary\n"
+        "from labrig.cli.finished_run import print_summary\n"
+        f"print_summary(Summary(({sentence!r},), {{}}))\n"
+    )
+    lines = _show(code, 40).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert " ".join(" ".join(lines).split()) == sentence
 
 
 def test_the_rig_is_checked_on_a_narrow_terminal() -> None:

@@ -1,5 +1,6 @@
 """Figures of a campaign: its arms, the measure over the keys that were varied or drawn, and how means settled."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -110,7 +111,7 @@ def _draw_line(axes: Axes, arms: Sequence[ArmResult], key: str, look: Mark, labe
     ordered = sorted(arms, key=lambda arm: float(str(arm.settings[key])))
     x = [float(str(arm.settings[key])) for arm in ordered]
     means = np.array([arm.mean for arm in ordered], dtype=np.float64)
-    limits = np.array([arm.ci95 or (arm.mean, arm.mean) for arm in ordered], dtype=np.float64)
+    limits = np.array([arm.ci95 or (math.nan, math.nan) for arm in ordered], dtype=np.float64)
     axes.errorbar(
         x,
         means,

@@ -21,6 +21,7 @@ from labrig.campaign.figures import (
 )
 from labrig.campaign.inputs import LoadedCampaign, make_models
 from labrig.campaign.result import CampaignResult
+from labrig.campaign.statistics import ArmResult
 from labrig.campaign.tasks import find_numeric_keys
 from labrig.durable import disk_errors, write_atomically
 from labrig.errors import OutputExistsError
@@ -36,14 +37,17 @@ from labrig.text import format_count
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
 _SIGNIFICANT = 2
+_SHARE = 0.01
+"""Of the largest mean, that is shown where no mean has an interval."""
 
 
 @dataclass(frozen=True)
 class MapOfArm:
-    """A map of an arm: what it is called, and the drawing."""
+    """A map of an arm: what it is called, the drawing, and whether that shows obstacles."""
 
     arm: str
     figure: DrawnFigure
+    has_circles: bool
 
 
 def write_page(
@@ -151,7 +155,7 @@ def _draw_maps(loaded: LoadedCampaign, result: CampaignResult, table: pd.DataFra
         if len(rows):
             name = "map" if len(result.arms) == 1 else f"map-{index + 1}"
             drawn = draw_map(rows, (horizontal, vertical), loaded.by, circles, name)
-            maps.append(MapOfArm(arm.name, drawn))
+            maps.append(MapOfArm(arm.name, drawn, bool(circles)))
     return maps
 
 
@@ -162,28 +166,44 @@ def _summarise(result: CampaignResult) -> Sequence[str]:
     ends = {
         "complete": "All tasks are done.",
         "by_rule": "The rule of the campaign ended it.",
-        "incomplete": f"{result.tasks - result.done} more are to be done.",
+        "incomplete": f"{result.done} of {result.tasks} are done.",
     }
     failed = f" {format_count(result.failed, 'task')} failed with an error." if result.failed else ""
-    return (f"{whole} {ends[result.ended]}{failed}", *_name_best(result))
+    return f"{whole} {ends[result.ended]}{failed}", _state_finding(result)
 
 
-def _name_best(result: CampaignResult) -> Sequence[str]:
-    known = [arm for arm in result.arms if arm.mean is not None]
-    if len(known) < 2:
-        return ()
-    best = min(known, key=lambda arm: arm.mean or 0.0)
-    worst = max(known, key=lambda arm: arm.mean or 0.0)
+def _state_finding(result: CampaignResult) -> str:
+    """Return in a sentence what the intervals allow to be said, and no more."""
+    if not any(arm.n for arm in result.arms):
+        return f"No task has a value of {result.measure}."
+    if not result.pairs:
+        return _state_mean(result, result.arms[0])
+    bounded = [pair for pair in result.pairs if pair.ci95 is not None]
+    first = result.pairs[0].a
+    if not bounded:
+        return f"No difference from {first} has an interval, which takes two pairs of values."
+    apart = sum(not low <= 0.0 <= high for low, high in (pair.ci95 for pair in bounded if pair.ci95))
+    of = f"of {format_count(len(bounded), 'arm')} with an interval"
+    if not apart:
+        return f"No difference of the mean of {result.measure} from {first} is known: the intervals hold 0."
     return (
-        f"Mean {result.measure} from {number(best.mean)} ({best.name}) to {number(worst.mean)} ({worst.name}).",
+        f"{apart} {of} {'differs' if apart == 1 else 'differ'} from {first} in the mean of {result.measure}: "
+        "the 95 % interval of the difference excludes 0."
     )
+
+
+def _state_mean(result: CampaignResult, arm: ArmResult) -> str:
+    if arm.ci95 is None:
+        return f"One task has a value of {result.measure}: {number(arm.mean)}. That tells no spread."
+    low, high = (number(limit) for limit in arm.ci95)
+    return f"Mean {result.measure} of {arm.n} tasks with a value: {number(arm.mean)}, 95 % interval {low} to {high}."
 
 
 def _make_filters(result: CampaignResult) -> Mapping[str, object]:
     """Return filters that write numbers with as many decimals as the narrowest interval of a mean deserves."""
     widths = [arm.ci95[1] - arm.ci95[0] for arm in result.arms if arm.ci95 is not None]
     sizes = [abs(arm.mean) for arm in result.arms if arm.mean is not None]
-    least = min((width for width in widths if width > 0), default=max(sizes, default=1.0))
+    least = min((width for width in widths if width > 0), default=_SHARE * max(sizes, default=1.0))
     decimals = min(max(_SIGNIFICANT - 1 - math.floor(math.log10(least or 1.0)), 0), 6)
     return {
         "digits": lambda value: number(value, decimals),

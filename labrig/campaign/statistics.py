@@ -23,6 +23,8 @@ from labrig.protocol.model import Model
 Interval = tuple[float, float]
 FloatArray = NDArray[np.float64]
 
+_LEAST_FOR_QUANTILE = 10
+"""Values; the 90 % quantile of fewer lies between the two largest, whatever the others are."""
 _LOOK_AGAIN = 1.25
 """Ratio of the numbers of repetitions at which a rule looks: each further look is a chance to stop too early."""
 
@@ -31,8 +33,8 @@ class ArmResult(Model):
     """What came of an arm.
 
     `tasks` are done, of which `failed` ended with an error and count for nothing else; `n` have a value of the measure.
-    `within_tolerance` are those at most as large as the tolerance; None without one. A task without a value has not
-    reached it. `ends` counts how they ended, `success` or the reason.
+    `q90` is None below ten of them. `within_tolerance` are those at most as large as the tolerance; None without one. A
+    task without a value has not reached it. `ends` counts how they ended, `success` or the reason.
     """
 
     name: str
@@ -121,7 +123,7 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
         ci95=spread.ci95,
         sd=spread.sd,
         median=float(np.median(known)) if len(known) else None,
-        q90=float(np.quantile(known, 0.9)) if len(known) else None,
+        q90=float(np.quantile(known, 0.9)) if len(known) >= _LEAST_FOR_QUANTILE else None,
         within_tolerance=reached,
         share=None if reached is None or not len(sound) else reached / len(sound),
         share_ci95=None if reached is None else bound_share(reached, len(sound)),
@@ -196,7 +198,8 @@ def _compare_shares(
     lost = int((reached[:, 0] & ~reached[:, 1]).sum())
     b, c, n = gained + 0.5, lost + 0.5, len(values) + 2.0
     centre, half = (b - c) / n, float(ndtri(level)) * math.sqrt(b + c - (b - c) ** 2 / n) / n
-    return (gained - lost) / len(values), (max(-1.0, centre - half), min(1.0, centre + half))
+    share = (gained - lost) / len(values)
+    return share, (max(-1.0, centre - half), min(1.0, centre + half)) if len(values) > 1 else None
 
 
 @dataclass

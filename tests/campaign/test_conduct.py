@@ -133,3 +133,16 @@ def test_a_measure_that_no_task_has_is_refused_with_those_there_are(tmp_path: Pa
     with pytest.raises(InputError, match="true_target_eror_mm"):
         conduct(misspelt, tmp_path / "out", by_seed)
     assert len(read(sound, tmp_path / "out")) == 2
+
+
+def test_a_file_that_was_changed_is_refused_with_the_key_that_differs(tmp_path: Path) -> None:
+    """Not with a checksum; what is done stays."""
+    sound = load(write_campaign(tmp_path, vary={"policy.near_mm": [5, 10]}))
+    conduct(sound, tmp_path / "out", by_seed)
+    for keys, difference in (
+        ({"vary": {"policy.near_mm": [5, 20]}}, r"policy\.near_mm is \[5, 10\] there and \[5, 20\] here"),
+        ({"vary": {"policy.near_mm": [5, 10]}, "seed": 2}, "campaign.seed is 1 there and 2 here"),
+    ):
+        with pytest.raises(InputError, match=difference):
+            conduct(load(write_campaign(tmp_path, **keys)), tmp_path / "out", by_seed)
+    assert len(read(sound, tmp_path / "out")) == 2

@@ -9,7 +9,7 @@ import pytest
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
-from labrig.campaign.tasks import CampaignTasks
+from labrig.campaign.tasks import CampaignTasks, TaskOrder
 from tests.campaign.campaigns import Law, computing, load, write_campaign
 from tests.report.conftest import HOSTILE
 
@@ -74,6 +74,64 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
         assert text in page
     assert (tmp_path / "map-1.pdf").is_file()
     assert "mathdefault" not in page
+
+
+ARMS = {"vary": {"policy.replan_every_mm": [5, 10, 20]}}
+
+
+def spread(order: TaskOrder) -> float:
+    """Return a value that depends on the seed."""
+    return order.seed % 100 / 30.0
+
+
+def worse_at_20(order: TaskOrder) -> float:
+    """Return a value that is larger by 5 in one of the arms."""
+    return spread(order) + 5.0 * ('"replan_every_mm":20.0' in order.inputs.protocol)
+
+
+@pytest.mark.parametrize(
+    ("keys", "law", "stated"),
+    [
+        (
+            {**ARMS, "repetitions": 9},
+            worse_at_20,
+            "1 of 2 arms with an interval differs from replan_every_mm=5",
+        ),
+        ({**ARMS, "repetitions": 9}, spread, "No difference of the mean of true_target_error_mm from replan"),
+        (ARMS, worse_at_20, "No difference from replan_every_mm=5 has an interval"),
+        ({"repetitions": 9}, spread, "Mean true_target_error_mm of 9 tasks with a value: 1."),
+        ({}, lambda _: 1.25, "One task has a value of true_target_error_mm: 1.25. That tells no spread."),
+        ({**ARMS, "repetitions": 2}, lambda _: None, "No task has a value of true_target_error_mm."),
+        (ARMS, lambda _: INFINITE, "No task has a value of true_target_error_mm."),
+    ],
+)
+def test_the_page_claims_what_its_intervals_hold(
+    tmp_path: Path, keys: dict[str, object], law: Law, stated: str
+) -> None:
+    """A difference whose interval excludes 0, or that none does; no arm is called the best."""
+    loaded = load(write_campaign(tmp_path, **keys))
+    page = write_page(tmp_path, loaded, *found(loaded, law), NOW).read_text(encoding="utf-8")
+    assert stated in page
+
+
+def test_one_value_has_neither_an_interval_nor_a_quantile(tmp_path: Path) -> None:
+    """Nor has one pair; a dash stands there, and the caption says why."""
+    result, _ = found(load(write_campaign(tmp_path, **ARMS)), spread)
+    assert {(arm.ci95, arm.sd, arm.q90) for arm in result.arms} == {(None, None, None)}
+    assert {(pair.ci95, pair.share_ci95) for pair in result.pairs} == {(None, None)}
+    assert all(pair.mean == pair.share == 0.0 for pair in result.pairs)
+
+
+def test_an_unfinished_page_says_so_beside_its_intervals(tmp_path: Path) -> None:
+    """A look that nobody planned is one more chance to stop too early."""
+    loaded = load(write_campaign(tmp_path, **ARMS, repetitions=4))
+    result, table = found(loaded, spread)
+    part = table.head(7)
+    half = make_result(loaded, part, tasks=CampaignTasks(loaded).count, place="out")
+    page = write_page(tmp_path, loaded, half, part, NOW).read_text(encoding="utf-8")
+    assert result.ended == "complete"
+    assert "7 of 12 are done." in page
+    assert "makes them hold less often than 95 %" in page
 
 
 def test_a_page_without_a_single_value_is_written_too(tmp_path: Path) -> None:

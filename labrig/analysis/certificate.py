@@ -3,6 +3,7 @@
 `labrig campaign --certify` computes it. It is no result of the record: nothing of it was measured.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -103,6 +104,16 @@ class Margin(Model):
     def main_end(self) -> str | None:
         """How most of those ended that did not arrive, where fewer than half do."""
         return None if self.misses_at is None else next(iter(self.misses_at.ends), None)
+
+
+def describe_half(margin: Margin, shorten: Callable[[float | None], str]) -> str:
+    """Return in words between which values half of the repetitions arrive for sure; `shorten` writes a value."""
+    more, fewer = margin.half_between
+    if more is None and fewer is None:
+        return shorten(None)
+    if fewer is None:
+        return f"beyond {shorten(more)}"
+    return f"before {shorten(fewer)}" if more is None else f"{shorten(more)} to {shorten(fewer)}"
 
 
 class NotTriedPart(Model):

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from labrig.analysis.certificate import Certificate, Margin, write_certificate
+from labrig.analysis.certificate import Certificate, Margin, describe_half, write_certificate
 from labrig.analysis.engine import run_in_order
 from labrig.campaign.certificate import Found, certify, compute_repetition, make_certificate, prepare_repeat
 from labrig.cli.damage import require_undamaged
@@ -23,6 +23,7 @@ _HEADS = (
     "stated",
     "SD",
     "fewer than half arrive at",
+    "surely between",
     "margin",
     "in SDs",
     "arrive there",
@@ -105,13 +106,14 @@ def _print(certificate: Certificate) -> None:
 def _make_row(margin: Margin) -> Sequence[str]:
     missed, sign = margin.misses_at, "<" if margin.direction < 0 else ">"
     stated, sd = (_shorten(value) for value in (margin.stated, margin.sd))
-    head = (margin.name, margin.unit, stated, sd)
+    head, between = (margin.name, margin.unit, stated, sd), describe_half(margin, _shorten)
     if missed is None:
-        return (*head, f"{sign} {_shorten(margin.farthest)}, the last tried", "-", "-", "-", "-")
+        return (*head, f"{sign} {_shorten(margin.farthest)}, the last tried", between, "-", "-", "-", "-")
     there = missed.arrivals
     return (
         *head,
         _shorten(missed.value),
+        between,
         _shorten(margin.margin),
         number(margin.margin_sds, 1),
         f"{there.arrived} of {there.n}",

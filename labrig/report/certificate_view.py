@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labrig.analysis.certificate import Arrivals, Certificate, Margin, load_certificate
+from labrig.analysis.certificate import Arrivals, Certificate, Margin, describe_half, load_certificate
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 from labrig.report.formatting import UNKNOWN, format_time, interval
@@ -133,7 +133,7 @@ def _make_row(margin: Margin, name: str) -> MarginRow:
         sd=_shorten(margin.sd),
         misses_at=beyond if missed is None else _shorten(missed.value),
         never=missed is None,
-        half_between=_describe_sides(*margin.half_between),
+        half_between=describe_half(margin, _shorten),
         margin=_shorten(margin.margin),
         margin_sds=UNKNOWN if margin.margin_sds is None else f"{margin.margin_sds:.1f}",
         there=None if missed is None else _describe_share(missed.arrivals),
@@ -141,17 +141,6 @@ def _make_row(margin: Margin, name: str) -> MarginRow:
         arrives_to=_shorten(margin.arrives_to),
         end=UNKNOWN if margin.main_end is None else margin.main_end.replace("_", " "),
     )
-
-
-def _describe_sides(more: float | None, fewer: float | None) -> str:
-    if more is None or fewer is None:
-        known = [
-            f"{word} {_shorten(value)}"
-            for word, value in (("beyond", more), ("before", fewer))
-            if value is not None
-        ]
-        return "".join(known) or UNKNOWN
-    return f"{_shorten(more)} to {_shorten(fewer)}"
 
 
 def _describe_share(arrivals: Arrivals) -> Share:

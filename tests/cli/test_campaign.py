@@ -1,5 +1,6 @@
 """`labrig campaign`: what it prints, writes, goes on with and refuses."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -20,6 +21,15 @@ FAST = {
     "obstacles": [],
     "target.position_mm": [0, 2, 60],
 }
+
+TINY = {
+    **FAST,
+    "target.position_mm": [0, 1, 12],
+    "insertion.frame_every_mm": 6,
+    "roll_zero.rolls": 4,
+    "roll_zero.length_mm": 12,
+}
+"""The shortest insertion, for whole runs."""
 
 
 @pytest.fixture(scope="module")
@@ -107,10 +117,9 @@ def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_p
 
 def test_whole_insertions_give_a_table_like_that_of_virtual_ones(labrig: Labrig, tmp_path: Path) -> None:
     """With the same quantities of where the needle ended; what is counted by name is no column."""
-    short = {**FAST, "target.position_mm": [0, 0, 25]}
     tables = []
     for depth in ("rig", "world"):
-        file, out = write_campaign(tmp_path, **ARMS, depth=depth, set=short), tmp_path / depth
+        file, out = write_campaign(tmp_path, **ARMS, depth=depth, set=TINY), tmp_path / depth
         done = labrig("campaign", file, "--rig", RIG, "--out", out, "--workers", 2)
         assert done.exit_code == 0, done.err
         tables.append(load_runs(runs_dir=out))
@@ -180,6 +189,28 @@ def test_what_cannot_be_computed_is_refused(
     assert done.exit_code == 2
     assert message in done.err
     assert not (made / "none").exists()
+
+
+EXAMPLES = {
+    "campaign-camera": ("vary={rig.world.noise_sd: [18]}", f"set={json.dumps(TINY)}"),
+    "campaign-hinge": (),
+    "campaign-policy": ("set={target.position_mm: [0, 0, 40], obstacles: []}",),
+    "campaign-reach": ("sample.n=2",),
+    "campaign-replanning": ("vary={policy.replan_every_mm: [10, 80]}", "stop_when=null"),
+}
+"""What each example needs to be computed in seconds, besides one repetition."""
+
+
+@pytest.mark.parametrize("path", sorted(PROTOCOLS.glob("campaign-*.yaml")), ids=lambda path: path.stem)
+def test_every_example_gives_a_table_and_a_page(labrig: Labrig, tmp_path: Path, path: Path) -> None:
+    """Shortened to a few tasks, none of which fails."""
+    changes = (word for change in ("repetitions=1", *EXAMPLES[path.stem]) for word in ("--set", change))
+    done = labrig("campaign", path, *changes, "--workers", 1, "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.err
+    document = done.json()
+    assert (document["done"], document["failed"], document["ended"]) == (document["tasks"], 0, "complete")
+    assert len(load_runs(runs_dir=tmp_path / "out")) == document["tasks"] > 0
+    assert Path(document["report"]).is_file()
 
 
 def test_a_campaign_needs_a_name(labrig: Labrig) -> None:

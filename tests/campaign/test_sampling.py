@@ -79,6 +79,7 @@ def test_an_override_keeps_the_type_of_its_value() -> None:
 def test_a_worker_gets_the_protocol_and_rig_that_labrig_run_would_read(tmp_path: Path) -> None:
     """With the values of arm and point, and the seed of the task."""
     keys = {
+        "depth": "rig",
         "vary": {"policy.replan_every_mm": [5, 10]},
         "sample": {
             "method": "latin-hypercube",

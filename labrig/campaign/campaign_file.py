@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from labrig.campaign.key_rules import find_key_conflicts, find_repeated_values
+from labrig.campaign.key_rules import find_double_keys, find_key_conflicts, find_repeated_values
 from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm, Seed
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
@@ -135,12 +135,7 @@ class CampaignFile(Model):
             "vary": self.vary,
             "sample.keys": () if self.sample is None else self.sample.keys,
         }
-        owners: dict[str, str] = {}
-        for section, keys in sections.items():
-            for key in keys:
-                other = owners.setdefault(key, section)
-                if other != section:
-                    yield Conflict(section, f"{key} is in {section} and in {other}", "give it in one of them")
+        yield from find_double_keys(sections)
         yield from find_key_conflicts(sections, self.depth)
         yield from find_repeated_values(self.vary)
         if self.arm_count > MOST_ARMS:

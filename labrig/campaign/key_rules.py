@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate
 
 from labrig.errors import Problem
 from labrig.protocol.model import Conflict
@@ -61,11 +62,34 @@ def find_key_conflicts(sections: Mapping[str, Iterable[str]], depth: str) -> Ite
                 )
 
 
+def find_double_keys(sections: Mapping[str, Iterable[str]]) -> Iterable[Conflict]:
+    """Yield keys that stand in two sections, and those that a later section replaces as part of a larger one.
+
+    Parameters
+    ----------
+    sections : Mapping
+        The dotted keys of each section, in the order in which they take effect.
+    """
+    order = list(sections)
+    given = [(key, section) for section, keys in sections.items() for key in keys]
+    last = dict(given)
+    for key, section in given:
+        for whole in accumulate(key.split("."), "{}.{}".format):
+            later = last.get(whole, section)
+            if order.index(later) > order.index(section):
+                second = f"in {later}" if whole == key else f"{whole} in {later}"
+                yield Conflict(later, f"{key} is in {section} and {second}", "give it in one of them")
+
+
+def _holds(key: str, other: str) -> bool:
+    return other == key or other.startswith(f"{key}.")
+
+
 def needs_pictures(key: str) -> bool:
     """Return whether a key changes nothing in a run that is computed without pictures, bus and record."""
     if key.startswith(f"{_CAMERA}."):
         return key not in _OF_LENS
-    return any(key == known or key.startswith(f"{known}.") for known in _NEED_PICTURES)
+    return any(_holds(known, key) for known in _NEED_PICTURES)
 
 
 def find_repeated_values(vary: Mapping[str, Sequence[object]]) -> Iterable[Conflict]:

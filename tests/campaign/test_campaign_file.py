@@ -18,7 +18,11 @@ GRID = {f"policy.{name}": list(range(1000)) for name in ("near_mm", "final_mm", 
         ({"vary": GRID}, "1000000000 arms"),
         ({"sample": {"method": "sobol", "n": 100, "keys": {"target.sd_mm": [0, 1]}}}, "no power of two"),
         ({"sample": {"method": "sobol", "n": 64, "keys": {"target.sd_mm": [1, 1]}}}, "the range is empty"),
-        ({"vary": {"target.sd_mm": [0, 1]}, "set": {"target.sd_mm": 1}}, "in vary and in set"),
+        ({"vary": {"target.sd_mm": [0, 1]}, "set": {"target.sd_mm": 1}}, "in set and in vary"),
+        (
+            {"vary": {"policy": [{}, {"near_mm": 1}]}, "set": {"policy.near_mm": 5}},
+            "policy.near_mm is in set and policy in vary",
+        ),
         ({"repetitions": 9_000_000, "vary": {"target.sd_mm": [0, 1]}}, "18000000 tasks"),
         ({"repetitions": 40, "stop_when": {"ci95_width_mm": 0.1, "at_most": 39}}, "must be at least 40"),
         ({"stop_when": {"ci95_width_mm": 0.1, "at_most": 20}}, "must be at least 30"),
@@ -90,9 +94,11 @@ def test_a_key_or_value_that_the_base_protocol_does_not_take_is_refused_with_its
 
 
 def test_keys_of_pictures_and_whole_numbers_are_taken_where_they_count(tmp_path: Path) -> None:
-    """At depth rig; whole numbers in a grid; the size of the picture goes with the lens at either depth."""
+    """At depth rig; a part of what is set; whole numbers; the size of the picture goes with the lens."""
     pictures = {"vary": {"rig.world.noise_sd": [1, 9]}, "set": {"repetitions": 3}, "depth": "rig"}
     assert len(load(write_campaign(tmp_path, **pictures)).inputs) == 2
+    part = {"set": {"policy": {"near_mm": 1}}, "vary": {"policy.near_mm": [2, 3]}}
+    assert len(load(write_campaign(tmp_path, **part)).inputs) == 2
     lens = {"rig.camera.width_px": 1200, "rig.world.lens.width_px": 1200, "planner.max_arcs": 4}
     assert len(load(write_campaign(tmp_path, set=lens)).inputs) == 1
 

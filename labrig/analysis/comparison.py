@@ -128,9 +128,8 @@ def _note_campaigns(runs: Sequence[Measured]) -> Iterable[str]:
 def _choose_quantity(runs: Sequence[Measured]) -> str:
     measuring = [run for run in runs if run.quantities]
     own = {run.measure if isinstance(run, MeasuredCampaign) else None for run in measuring}
-    if len(own) == 1 and (measure := own.pop()) is not None:
-        return measure
-    for name in DEFAULT_QUANTITIES:
+    of_pages = [name for name in own if name is not None and len(own) == 1]
+    for name in (*of_pages, *DEFAULT_QUANTITIES):
         if measuring and all(run.find_table(name) is not None for run in measuring):
             return name
     raise InputError(

@@ -181,9 +181,15 @@ class CampaignStore:
             if name not in _FIXED and name != "point" and not pa.types.is_string(kind)
         )
 
+    @property
+    def ended_by_rule(self) -> bool:
+        """Whether a rule ended the campaign before all of its tasks were done."""
+        return self._content.get("ended") == BY_RULE
+
     def note_end(self) -> None:
         """Keep that a rule ended the campaign before all of its tasks were done. Raises `DiskError`."""
-        self._write_document({**self._content, "ended": BY_RULE})
+        if not self.ended_by_rule:
+            self._write_document({**self._content, "ended": BY_RULE})
 
     def iter_parts(self) -> Iterator[pd.DataFrame]:
         """Yield the rows in order, a part at a time, all with the same columns and types. Raises `RecordError`."""

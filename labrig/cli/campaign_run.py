@@ -120,7 +120,11 @@ def _conduct(loaded: LoadedCampaign, store: CampaignStore, order: CampaignOrder)
     tasks, clock = CampaignTasks(loaded), SystemClock()
     if store.torn is not None:
         say(f"note: {store.place}/{store.torn} was cut short; its tasks are computed again")
-    if store.done:
+    if store.done == tasks.count or store.ended_by_rule:
+        say(
+            f"{store.place}: the campaign has ended with {format_count(store.done, 'task')}; nothing is left to do"
+        )
+    elif store.done:
         say(f"{store.place}: {store.done} of {tasks.count} tasks are done; the campaign goes on behind them")
     with (
         open_pool(order.workers, order.cluster, "computed tasks") as pool,

@@ -84,7 +84,7 @@ def test_a_worker_gets_the_protocol_and_rig_that_labrig_run_would_read(tmp_path:
         "sample": {
             "method": "latin-hypercube",
             "n": 3,
-            "keys": {"target.position_mm.1": [0, 8], "rig.world.noise_sd": [1, 5]},
+            "keys": {"target.position_mm.1": [0, 8], "rig.world.needle.backlash_mm": [1, 2]},
         },
     }
     loaded = load(write_campaign(tmp_path, **keys))
@@ -96,5 +96,5 @@ def test_a_worker_gets_the_protocol_and_rig_that_labrig_run_would_read(tmp_path:
     assert protocol.model_dump()["target"]["position_mm"][1] == point["target.position_mm.1"]
     assert rig is not None
     assert rig.world is not None
-    assert rig.world.noise_sd == point["rig.world.noise_sd"]
+    assert rig.world.needle.backlash_mm == point["rig.world.needle.backlash_mm"]
     assert rig.calibration_files()

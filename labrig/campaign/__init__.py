@@ -11,6 +11,8 @@ What is decided here:
   known more exactly than the two means.
 - **Repetition changes slowest.** Whatever number of tasks is done, all arms have been repeated equally often.
 - **A rule that stops a campaign is in its file**, and looks only after whole repetitions, at numbers fixed beforehand.
+  It is kept with the rows, and another one does not go on with them.
+- **A page claims what its intervals hold.** It says which differences have an interval without 0, and no best arm.
 - **A task that fails is a row with its error.** It counts for no mean and no share, and the page says how many failed.
 - **A certificate** (`labrig campaign --certify`) repeats one run in worlds in which one of its assumptions is wrong.
   What is turned is the experiment's to say (`list_assumptions`); each value is repeated until it is known on which side

@@ -135,7 +135,7 @@ def _format_setting(value: object, *, numeric: bool) -> Cell:
 def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:
     """Return all that decides the rows of a campaign, as JSON; not how many there are, nor how they are judged.
 
-    So a campaign can go on with more repetitions, or another rule.
+    So a campaign can go on with more repetitions. What may be changed of these is the store's to say (`CampaignPlan`).
     """
     free = {"title", "repetitions", "stop_when", "measure", "tolerance", "base", "rig"}
     first = loaded.inputs[0]

@@ -74,7 +74,17 @@ def find_runs_dir(given: Path | None) -> Path:
 
 
 def _find_protocol(given: Path) -> Path:
-    """Return a protocol file: the given one, or the one of that name in the lab folder.
+    """Return a protocol file as `_find_file`; the name of a campaign tells itself by its beginning."""
+    return _find_file(given, is_campaign=given.name.startswith(_CAMPAIGN))
+
+
+def _find_campaign(given: Path | None) -> Path | None:
+    """Return a campaign file as `_find_file`; None if none is given."""
+    return None if given is None else _find_file(given, is_campaign=True)
+
+
+def _find_file(given: Path, *, is_campaign: bool) -> Path:
+    """Return the file of a protocol or campaign: the given one, or the one of that name in the lab folder.
 
     Raises
     ------
@@ -83,25 +93,27 @@ def _find_protocol(given: Path) -> Path:
     """
     with suppress(OSError):  # a name that no file can have: whoever reads it says so
         if len(given.parts) == 1 and not given.is_file():
-            return _find_in_lab_folder(given)
+            return _find_in_lab_folder(given, is_campaign=is_campaign)
     return given
 
 
-def _find_in_lab_folder(name: Path) -> Path:
+def _find_in_lab_folder(name: Path, *, is_campaign: bool) -> Path:
     folder = find_in_lab(PROTOCOLS)
     file = folder / (name if name.suffix else f"{name}{_YAML}")
     if file.is_file() or name.suffix:
         return file if file.is_file() else name
-    wants_campaign = name.name.startswith(_CAMPAIGN)
-    known = _list_campaigns() if wants_campaign else _list_protocols()
-    near = get_close_matches(name.name, known, 1)
+    known = _list_campaigns() if is_campaign else _list_protocols()
+    # The beginning that all campaigns share makes no two names alike.
+    by_rest = {full.removeprefix(_CAMPAIGN): full for full in known}
+    near = [by_rest[rest] for rest in get_close_matches(name.name.removeprefix(_CAMPAIGN), by_rest, 1)]
     if near:
         hint = f"did you mean {near[0]}?"
     elif find_lab_folder() is None:
         hint = "there is no lab folder here or above; make one, with example protocols: labrig init FOLDER"
     else:
         hint = f"there are {', '.join(known)}" if known else "labrig init --update adds the examples"
-    raise InputError(f"there is no protocol {name}, neither here nor in {folder}", hint)
+    kind = "campaign" if is_campaign else "protocol"
+    raise InputError(f"there is no {kind} {name}, neither here nor in {folder}", hint)
 
 
 def _list_protocols() -> list[str]:
@@ -138,7 +150,7 @@ CampaignArgument = Annotated[
     typer.Argument(
         metavar="FILE",
         help="Campaign file (YAML), or its name in the lab folder's protocols.",
-        callback=lambda given: None if given is None else _find_protocol(given),
+        callback=_find_campaign,
         autocompletion=lambda incomplete: [name for name in _list_campaigns() if name.startswith(incomplete)],
         show_default=False,
     ),

@@ -59,7 +59,7 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
     with CampaignStore.open(place, describe_campaign(loaded), plan_campaign(loaded)) as store:
         try:
             by_rule = _conduct(loaded, store, order)
-        except Interruption:
+        except (Interruption, WorkersError):
             if store.done:
                 _, report = _write_report(loaded, store, page, by_rule=False)
                 say(f"report  {report}")

@@ -31,9 +31,10 @@ check-code: $(READY)
 	$(BIN)/deptry .
 
 # Tests start labrig some hundred times: it is compiled once, also where the environment forbids that. Rehearsals and
-# served drives wait in real time, so four processes keep two cores busy.
+# served drives wait in real time, so three processes keep two cores busy; a fourth one would slow the others down. The
+# tests of a file stay together: what they share, such as a sweep, is made once.
 check-tests: $(READY) $(OUTSIDE)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 4 --dist worksteal $(COVERAGE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile $(COVERAGE)
 
 coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests

@@ -178,7 +178,7 @@ def test_a_batch_goes_on_after_a_bad_picture(labrig: Labrig, tmp_path: Path, swe
     """One unreadable picture in a batch is listed as refused, and the exit code is 1."""
     bad = tmp_path / "bad.png"
     bad.write_bytes(b"\x89PNG\r\n")
-    good = sweep.run / "frames" / "000009.png"
+    good = sweep.run / "frames" / "000005.png"
     calibration = sweep.run / "calibration"
     done = labrig(
         "measure", "curvature", good, bad, "--intrinsics", calibration / "intrinsics.json", "--plane",

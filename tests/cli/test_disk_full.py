@@ -54,7 +54,12 @@ def test_the_axes_stop_and_the_record_says_why(
     """On a full disk: exit code 3, and a readable run closed as failed with the reason."""
     # Pictures so noisy take more than the estimate that is made beforehand, so that the run begins.
     document, run = _run_on_small_disk(
-        tmp_path, size, *settings, "rig.world.noise_sd=25", "insertions_per_specimen=1"
+        tmp_path,
+        size,
+        *settings,
+        "rig.world.noise_sd=25",
+        "insertions_per_specimen=1",
+        "insertion.frame_every_mm=5",
     )
     assert document["exit_status"] == "failed"
     opened, verdict = open_run(run), check_run(run)

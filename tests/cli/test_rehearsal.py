@@ -22,6 +22,7 @@ FAST = {
     "sheath.speed_mm_s": 30,
     "insertion.speed_mm_s": 10,
     "insertion.withdraw_speed_mm_s": 30,
+    "insertion.frame_every_mm": 4,
     "roll_zero.length_mm": 10,
     "rig.axes.insertion.max_speed": 40,
     "rig.axes.insertion.acceleration": 200,

@@ -19,7 +19,7 @@ def test_a_sweep_is_identical(sweep: SweepRun, labrig: Labrig) -> None:
     assert done.exit_code == 0
     document = done.json()
     assert (document["identical"], document["first_difference"], document["bit_exact"]) == (True, None, True)
-    assert document["compared"]["frames"] == 40
+    assert document["compared"]["frames"] == 24
     assert "identical, to the last bit" in labrig("replay", sweep.run).out
 
 

@@ -32,8 +32,9 @@ def radii(document: dict[str, Any]) -> dict[int, float]:
 @pytest.fixture(scope="module")
 def cut(sweep: SweepRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a sweep of four insertions, killed in the second while its needle is deep in the gel."""
-    start_s = float(open_run(sweep.run).trials["start_t_s"][1])
-    return cut_short(sweep.run, tmp_path_factory.mktemp("runs") / "cut, é", start_s + 30.0)
+    pictures = open_run(sweep.run).frame_table
+    deep_s = float(pictures[(pictures["trial"] == 1) & (pictures["role"] == "advance")]["t_s"].iloc[-1])
+    return cut_short(sweep.run, tmp_path_factory.mktemp("runs") / "cut, é", deep_s + 0.5)
 
 
 def test_a_sweep_goes_on_and_gives_what_it_would_have_given(

@@ -40,9 +40,9 @@ def test_the_measured_radii_are_the_drawn_ones(sweep: SweepRun) -> None:
 
 
 def test_every_insertion_leaves_its_pictures(sweep: SweepRun) -> None:
-    """An insertion of 40 mm has pictures of the hole, the sheath, every 5 mm, and the final shape."""
+    """An insertion of 40 mm has pictures of the hole, the sheath, every 10 mm, and the final shape."""
     roles = [line["role"] for line in _lines(sweep.run / "frames.jsonl") if line["trial"] == 0]
-    assert roles == ["hole", "sheath", *["advance"] * 7, "final"]
+    assert roles == ["hole", "sheath", *["advance"] * 3, "final"]
 
 
 def test_the_closed_record_is_covered_by_checksums(sweep: SweepRun) -> None:

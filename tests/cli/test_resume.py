@@ -79,9 +79,10 @@ def test_a_run_that_failed_goes_on_without_its_fault(
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     one_gel = "specimens=[{name: gel-13, gelatin_percent: 13}]"
-    fault = "rig.faults=[{fault: boot-up, axis: linear, at_s: 20, once: moving}]"
+    fault = "rig.faults=[{fault: boot-up, axis: linear, at_s: 6, once: moving}]"
+    quick = ("--set", "insertion.speed_mm_s=8", "--set", "insertion.frame_every_mm=10")
     words = ["--runs-dir", tmp_path, "--run-name", "a run", "--set", "insertions_per_specimen=1"]
-    failed = labrig("run", SWEEP, "--rig", RIG, *words, "--set", one_gel, "--set", fault)
+    failed = labrig("run", SWEEP, "--rig", RIG, *words, *quick, "--set", one_gel, "--set", fault)
     assert failed.exit_code == 3
     assert "nothing is to be taken out" in failed.err
     assert f"continue it: labrig resume '{tmp_path}/a run'" in failed.err

@@ -69,6 +69,7 @@ def test_the_same_seed_gives_the_same_bytes(sweep: SweepRun, labrig: Labrig, tmp
 def test_another_seed_gives_other_radii(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
     """--seed changes the draws of the simulated world, and is recorded."""
     shortened = (
+        *SHORT_SWEEP,
         "--set",
         "insertions_per_specimen=1",
         "--set",

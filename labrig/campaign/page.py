@@ -31,7 +31,8 @@ from labrig.record.layout import CAMPAIGN
 from labrig.report.figure_files import write_figure
 from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import format_time, number, signed
-from labrig.report.writing import REPORT_FILE, render
+from labrig.report.rendering import render
+from labrig.report.writing import REPORT_FILE
 from labrig.text import format_count
 
 RESULT_FILE = "result.json"

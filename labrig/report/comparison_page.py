@@ -17,7 +17,8 @@ from labrig.report.comparison_figure import draw_drift, draw_groups, mark_groups
 from labrig.report.figure_files import write_figure
 from labrig.report.formatting import UNKNOWN, format_time, interval, join_words, number, signed
 from labrig.report.latex import make_latex_table
-from labrig.report.writing import REPORT_FILE, TEMPLATES, render
+from labrig.report.rendering import TEMPLATES, render
+from labrig.report.writing import REPORT_FILE
 from labrig.text import format_count
 
 TABLE_FILES = ("measurements.csv", "measurements.json")

@@ -18,7 +18,7 @@ from labrig.report.manual import (
     is_elsewhere,
 )
 from labrig.report.markdown import find_headings, find_links, make_html, parse
-from labrig.report.writing import TEMPLATES, render
+from labrig.report.rendering import TEMPLATES, render
 
 
 def write_html(pages: Sequence[ManualPage], folder: Path, version: str) -> None:

@@ -11,7 +11,7 @@ from datetime import datetime
 import segno
 
 from labrig.protocol.specimen_file import SpecimenFile
-from labrig.report.writing import TEMPLATES, render
+from labrig.report.rendering import TEMPLATES, render
 
 WIDTH_MM, HEIGHT_MM = 62, 29
 _CODE_MM, _MARGIN_MM = 27.0, 1.0

@@ -1,33 +1,21 @@
 """The page `RUN/report.html`, whose content comes from the experiment."""
 
 import shlex
-from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from labrig.analysis.result import AnyResult
 from labrig.durable import write_atomically
 from labrig.record.reader import Run
-from labrig.report.formatting import interval, mark_breaks, number, signed
 from labrig.report.heading import make_heading
 from labrig.report.load_figure import draw_load_figure
 from labrig.report.page import Page
 from labrig.report.provenance import make_provenance
-from labrig.text import format_count
+from labrig.report.rendering import TEMPLATES, render
 
 REPORT_FILE = "report.html"
-TEMPLATES = Path(__file__).parent / "templates"
-_FILTERS = {
-    "number": number,
-    "signed": signed,
-    "interval": interval,
-    "count_of": format_count,
-    "breakable": mark_breaks,
-}
 
 
 def write_report(
@@ -74,16 +62,3 @@ def _state_no_result(run: Run) -> Markup:
         "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
     )
     return nothing.format(shlex.quote(run.shown_path))
-
-
-def render(template: Path, context: Mapping[str, Any], filters: Mapping[str, Any] = _FILTERS) -> str:
-    """Return a page; text in it is escaped, and a variable that is missing is refused. `filters` are added to ours."""
-    environment = Environment(
-        loader=FileSystemLoader([template.parent, TEMPLATES]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update({**_FILTERS, **filters})
-    return environment.get_template(template.name).render(context)

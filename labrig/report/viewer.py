@@ -14,7 +14,7 @@ from typing import Literal
 
 from labrig.clock import Clock
 from labrig.errors import MachineError
-from labrig.posix import end_with_parent
+from labrig.posix import end_with_parent, hold_signals
 from labrig.report.web_page import LOCALHOST, serve_page
 
 DEFAULT_PORT, DEFAULT_WEB_PORT = 9876, 9090
@@ -150,15 +150,16 @@ def _listens(port: int) -> bool:
 
 
 def _start(command: Sequence[str], *, with_parent: bool) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(  # noqa: S603 - the viewer that was found, with paths and ports that labrig made
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        env=_without_usage_data(os.environ),
-        preexec_fn=end_with_parent if with_parent else None,  # noqa: PLW1509 - this process has no threads
-    )
+    with hold_signals():  # it forks
+        return subprocess.Popen(  # noqa: S603 - the viewer that was found, with paths and ports that labrig made
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            env=_without_usage_data(os.environ),
+            preexec_fn=end_with_parent if with_parent else None,  # noqa: PLW1509 - this process has no threads
+        )
 
 
 def _without_usage_data(environment: Mapping[str, str]) -> dict[str, str]:

@@ -8,7 +8,7 @@ and every burst of up to 32 bits.
 import json
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -59,6 +59,35 @@ def decode_line(line: bytes) -> dict[str, object]:
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
     return fields
+
+
+def decode_lines(lines: Sequence[bytes]) -> list[dict[str, object] | None]:
+    """Decode lines as `decode_line`, together, which is faster; None for each that is damaged."""
+    bodies = [_read_body_or_none(line) for line in lines]
+    whole = [body for body in bodies if body is not None]
+    try:
+        values = parse_json(b"[%s]" % b",".join(whole))
+    except ValueError:
+        values = None
+    if not isinstance(values, list) or len(values) != len(whole):  # one is no JSON, or several
+        return [_decode_or_none(line) for line in lines]
+    decoded = iter(values)
+    fields = [None if body is None else next(decoded) for body in bodies]
+    return [value if isinstance(value, dict) else None for value in fields]
+
+
+def _read_body_or_none(line: bytes) -> bytes | None:
+    try:
+        return _read_body(line)
+    except ValueError:
+        return None
+
+
+def _decode_or_none(line: bytes) -> dict[str, object] | None:
+    try:
+        return decode_line(line)
+    except ValueError:
+        return None
 
 
 def as_recorded(fields: Mapping[str, object]) -> dict[str, object]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TypeAlias, TypeVar
 
 from labrig.record.condition import Condition, find_paths
-from labrig.record.json_lines import decode_line, encode_line
+from labrig.record.json_lines import decode_line, decode_lines, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
 NO_FILE = "-"
@@ -81,9 +81,10 @@ class RunIndex:
             for name, signature, line in self._index.execute("SELECT name, signature, line FROM runs")
         }
         gone = [os.fsencode(name) for name in kept if name not in signatures]
+        intact = _read_intact_rows(kept, signatures)
         rows, fresh = {}, []
         for number, (name, signature) in enumerate(signatures.items(), start=1):
-            row = _read_intact_row(kept.get(name), signature)
+            row = intact.get(name)
             if row is None:
                 _report(progress, number, len(signatures))
                 line = encode_line(read(name))
@@ -239,14 +240,18 @@ def _format_value(value: Value, kind: str) -> str:
     return kind if kind in {"null", "true", "false"} else str(value)
 
 
-def _read_intact_row(row: tuple[str, bytes] | None, signature: str) -> Row | None:
-    """Return the summary of a row; None if it is missing, or its signature or checksum does not fit."""
-    if row is None or row[0] != signature:
-        return None
+def _read_intact_rows(
+    kept: Mapping[str, tuple[str, bytes]], signatures: Mapping[str, str]
+) -> dict[str, Row | None]:
+    """Return the summaries whose signatures fit; None for one whose checksum does not."""
+    fitting = {
+        name: kept[name][1] for name, signature in signatures.items() if kept.get(name, ("",))[0] == signature
+    }
     try:
-        return decode_line(row[1][:-1])
-    except (ValueError, TypeError):
-        return None
+        rows = decode_lines([line[:-1] for line in fitting.values()])
+    except TypeError:  # a corrupt index may hold anything
+        return {}
+    return dict(zip(fitting, rows, strict=True))
 
 
 def signature_of(run: str, files: Iterable[str]) -> str:

@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError, RecordError
-from labrig.record.json_lines import check_lines, decode_line, encode_document, encode_line, read_lines
+from labrig.record.json_lines import (
+    check_lines,
+    decode_line,
+    decode_lines,
+    encode_document,
+    encode_line,
+    read_lines,
+)
 
 # Any text that Python can hold: lone surrogates stand for file names that are no UTF-8.
 TEXTS = st.text(st.characters(exclude_categories=()), max_size=12)
@@ -32,6 +39,24 @@ def test_a_line_gives_back_what_was_said(fields: dict[str, object]) -> None:
     decoded = decode_line(line[:-1])
     assert decoded == fields
     assert list(decoded) == list(fields)
+
+
+def crc_line(body: bytes) -> bytes:
+    """Return a line whose checksum fits, whatever it holds."""
+    return b'%s,"crc32":"%08x"}' % (body[:-1], zlib.crc32(body))
+
+
+_DAMAGED = (b"", b"{}", b'{"a":1,"crc32":"00000000"}', crc_line(b'{"a":1},{"b":2}'), crc_line(b'{"a":}'))
+
+
+@given(st.lists(FIELDS.map(lambda fields: encode_line(fields)[:-1]) | st.sampled_from(_DAMAGED), max_size=6))
+def test_lines_that_are_decoded_together_are_those_decoded_alone(lines: list[bytes]) -> None:
+    """A damaged one, or one that would be taken for two, changes none of the others."""
+    for line, fields in zip(lines, decode_lines(lines), strict=True):
+        try:
+            assert fields == decode_line(line)
+        except ValueError:
+            assert fields is None
 
 
 @given(FIELDS, st.data())

@@ -245,7 +245,9 @@ def _read_intact_rows(
 ) -> dict[str, Row | None]:
     """Return the summaries whose signatures fit; None for one whose checksum does not."""
     fitting = {
-        name: kept[name][1] for name, signature in signatures.items() if kept.get(name, ("",))[0] == signature
+        name: kept[name][1]
+        for name, signature in signatures.items()
+        if name in kept and kept[name][0] == signature
     }
     try:
         rows = decode_lines([line[:-1] for line in fitting.values()])

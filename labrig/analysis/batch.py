@@ -133,7 +133,7 @@ def _start(
         experiment = find_experiment(opened)
         if not isgeneratorfunction(experiment.analyze):
             wait = queue.begin(partial(_analyze_whole, run, find_experiment, settings))
-            return _StartedRun(run, [lambda: [wait()]], partial(_finish_whole, wait))
+            return _StartedRun(run, [lambda: [wait()]], lambda _: wait())
         analysis = start_analysis(opened, experiment, settings, workers=1, progress=None)
         work = next(analysis)
     except LabrigError as error:
@@ -143,31 +143,24 @@ def _start(
 
 
 def _finish(started: _StartedRun, meter: _ProgressMeter) -> tuple[Path, Outcome]:
-    outcome = started.conclude(meter.report)
+    """Return a run and its outcome. Raises `WorkersError`, which is no outcome of one run."""
+    outcome: Outcome
+    try:
+        outcome = started.conclude(meter.report)
+    except WorkersError:
+        raise
+    except LabrigError as error:
+        outcome = error
     meter.end_run()
     return started.run, outcome
 
 
 def _finish_measured(
     analysis: Analysis[AnyResult], work: PictureWork, parts: Sequence[Part], progress: Progress
-) -> Outcome:
+) -> AnyResult:
     """Wait for the answers and continue the analysis with them."""
-    try:
-        answers = gather_answers(work, parts, progress)
-        return finish_analysis(analysis, lambda more: measure_pictures(more, 1, None), answers)
-    except WorkersError:
-        raise
-    except LabrigError as error:
-        return error
-
-
-def _finish_whole(wait: Callable[[], AnyResult], _: Progress) -> Outcome:
-    try:
-        return wait()
-    except WorkersError:
-        raise
-    except LabrigError as error:
-        return error
+    answers = gather_answers(work, parts, progress)
+    return finish_analysis(analysis, lambda more: measure_pictures(more, 1, None), answers)
 
 
 def _return_error(error: LabrigError, _: Progress) -> Outcome:

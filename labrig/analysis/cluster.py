@@ -120,9 +120,6 @@ class _Cluster(Pool):
             raise WorkersError(f"the cluster {self._place} does not answer any more", _CONNECT_HINT)
         _wait_for_workers(self._client, self._place, self._wait_s)
 
-    def require_workers(self) -> None:
-        self.renew()
-
     def require_usable(self, error: BaseException) -> None:  # noqa: ARG002 - what it says differs by version
         self.renew()
         _require_same_installation(self._client)

@@ -56,8 +56,7 @@ class Pool(ABC):
     work : str
         What they do, in the past tense, for messages.
     patience_s : float or None
-        How long a batch may be waited for before `require_workers` is asked [s]; None where batches of lost workers
-        come back by themselves.
+        How long a batch is waited for before `renew` [s]; None where batches of lost workers come back by themselves.
     """
 
     patience_s: float | None = None
@@ -92,10 +91,6 @@ class Pool(ABC):
         WorkersError
             When no worker can be had.
         """
-
-    @abstractmethod
-    def require_workers(self) -> None:
-        """Return when there is a worker. Raises `WorkersError` when none comes."""
 
     @abstractmethod
     def require_usable(self, error: BaseException) -> None:
@@ -133,9 +128,6 @@ class _ProcessPool(Pool):
     def renew(self) -> None:
         self.close()
         self._executor = self._open()
-
-    def require_workers(self) -> None:
-        """Forked workers are there as long as their parent."""
 
     def require_usable(self, error: BaseException) -> None:
         """Forked workers have the code of their parent: what one cannot do, the next one cannot either."""
@@ -256,7 +248,7 @@ class WorkQueue:
             When no worker is left to do it.
         """
         while not wait([future], self._pool.patience_s).done:
-            self._pool.require_workers()
+            self._pool.renew()
         return _find_error(future)
 
     def _send(

@@ -8,7 +8,7 @@ from datetime import datetime
 
 from labrig.analysis.certificate import Arrivals, Certificate, Margin, NotTriedPart, TriedValue
 from labrig.analysis.outcome import TaskOutcome
-from labrig.campaign.inputs import ArmInputs, describe_inputs, make_models
+from labrig.campaign.inputs import ArmInputs, describe_inputs, make_models, require_calibration
 from labrig.campaign.margin_search import (
     Tallies,
     Tally,
@@ -43,6 +43,7 @@ class RepeatOrder:
 
 def compute_repetition(order: RepeatOrder) -> TaskOutcome:
     """Return what comes of a repetition. Raises `LabrigError` when it cannot be made."""
+    require_calibration(order.inputs)
     protocol, rig = make_models(order.inputs, order.settings, order.seed)
     return order.simulate(protocol, rig, order.seed)
 

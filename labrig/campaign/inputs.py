@@ -203,15 +203,19 @@ def _load(files: CampaignFiles, name: str, settings: Settings) -> ArmInputs:
 def describe_inputs(name: str, protocol: ExperimentProtocol, rig: RigDescription, file: Path) -> ArmInputs:
     """Return protocol and rig as documents. The rig's state file is left out: virtual needles leave nothing behind."""
     document = rig.model_copy(update={"state_file": None}).model_dump_json()
-    calibration = {name: hash_file(path) for name, path in rig.calibration_files().items()}
     return ArmInputs(
         name,
         protocol.experiment,
         protocol.model_dump_json(),
         document,
         file.absolute(),
-        tuple(sorted(calibration.items())),
+        tuple(sorted(_hash_calibration(rig).items())),
     )
+
+
+def _hash_calibration(rig: RigDescription) -> dict[str, str]:
+    """Return the SHA-256 of each calibration file of a rig that is there."""
+    return {name: hash_file(path) for name, path in rig.calibration_files().items()}
 
 
 def split_settings(settings: Settings) -> tuple[dict[str, object], dict[str, object]]:
@@ -269,7 +273,7 @@ def require_calibration(inputs: ArmInputs) -> None:
         Names the computer and the folder.
     """
     rig = _read_arm(inputs)[1]
-    found = {} if rig is None else {name: hash_file(path) for name, path in rig.calibration_files().items()}
+    found = {} if rig is None else _hash_calibration(rig)
     for name, sha256 in inputs.calibration:
         if found.get(name) != sha256:
             what = "has another" if name in found else "does not see the"

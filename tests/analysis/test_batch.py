@@ -131,9 +131,6 @@ class _FarPool(Pool):
     def renew(self) -> None:
         """No worker is lost."""
 
-    def require_workers(self) -> None:
-        """There is one."""
-
     def require_usable(self, error: BaseException) -> None:
         """It stays as it is."""
 

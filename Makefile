@@ -1,5 +1,6 @@
 # make run    set up .venv and run the paper's steerability sweep on the simulated rig
 # make test   set up .venv and run every check
+# make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
 # make coverage   run the tests with branch coverage, which takes half as long again
 # make hashes     write constraints-hashes.txt anew, after a change of constraints.txt
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
@@ -12,8 +13,9 @@ READY := $(VENV)/.labrig-ready
 OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
 UV := $(VENV)/uv
+ROOMS := geometry vision needle steering protocol record analysis simulation campaign experiments runner
 
-.PHONY: run test check-code check-tests coverage benchmarks manual wheels hashes licenses clean
+.PHONY: run test check-code check-tests check-rooms test-processors coverage benchmarks manual wheels hashes licenses clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
@@ -35,6 +37,13 @@ check-code: $(READY)
 # tests of a file stay together: what they share, such as a sweep, is made once.
 check-tests: $(READY) $(OUTSIDE)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile $(COVERAGE)
+
+# What another Python could change, without the tests that start processes or wait in real time; CI runs it with a newer one.
+check-rooms: $(READY)
+	$(BIN)/pytest -n 3 --dist loadfile $(addprefix tests/,$(ROOMS))
+
+test-processors: $(READY)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors
 
 coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests

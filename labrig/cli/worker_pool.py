@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 from labrig.analysis.engine import Pool, open_process_pool
 from labrig.cli.missing_package import require_package
+from labrig.cli.output import say
 from labrig.errors import InputError
 from labrig.posix import count_usable_cores
 
@@ -38,4 +39,6 @@ def open_pool(workers: int | None, cluster: str | None, work: str) -> Iterator[P
     from labrig.analysis.cluster import open_cluster
 
     with open_cluster(cluster, work) as pool:
+        for sentence in pool.unlike:
+            say(f"note: {sentence}")
         yield pool

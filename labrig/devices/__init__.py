@@ -30,8 +30,8 @@ What is decided here
   opened after a labrig that was killed.
 - One labrig uses a rig at a time, by a lock on its state and one on its bus, which holds among all accounts;
   `labrig devices stop` reaches it through a socket that it polls between two bus transactions.
-- Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera is a folder
-  (`uvc/`, `mjpeg/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
+- Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera (`uvc/`,
+  `files`) stands behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
 - A picture is never older than its command. If the camera gives the time of exposure, positions of the axes are
   interpolated between the readings before and after it; the bound of that time is recorded with the picture.
 - One thread supervises: it talks to the drives, looks for signals, and alone sends heartbeats (`heartbeat`), also

@@ -4,8 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from labrig.devices.camera import Exposure
-from labrig.devices.camera_kind import CameraContext, CameraKind
+from labrig.devices.camera import CameraContext, CameraKind, Exposure
 from labrig.devices.camera_settings import ControlledCameraDescription, RigKind, Setting
 from labrig.errors import CameraError
 from labrig.simulation.world import World

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import PictureSource
-from labrig.devices.camera_kind import CameraContext, find_camera_kind
+from labrig.devices.camera import CameraContext, PictureSource, find_camera_kind
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription

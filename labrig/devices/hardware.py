@@ -68,6 +68,10 @@ class BenchHardware:
         self.disk_worker = WorkerThread("disk", self.clock)
         self._rig = rig
 
+    def accompany(self, person: Operator) -> Operator:
+        """Return the person."""
+        return person
+
     def open_link(self) -> CanLink:
         """Connect to the CAN interface. Raises `BusError`."""
         return open_can(self._rig.can, self.clock)
@@ -90,7 +94,7 @@ class BenchHardware:
         self.disk_worker.close()
 
 
-def make_hardware(rig: RigDescription, seed: int) -> Hardware:
+def make_hardware(rig: RigDescription, seed: int) -> BenchHardware | SimulatedHardware:
     """Return the hardware that the rig file describes; nothing is opened yet.
 
     Parameters

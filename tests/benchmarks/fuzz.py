@@ -597,7 +597,7 @@ devices home --rig RIG --axis linear --needle none --method 1 --current-ma 0 --y
 devices jog --rig RIG --axis linear --distance 1 --speed 1 --current-ma 0 --yes
 devices withdraw --rig RIG --run runs/insertion --insertion-mm 3 --rotation-rad 0 --linear-mm 1
 devices stop --rig RIG
-devices simulate --interface virtual --nodes 1,2 --port 1 --bitrate 1 --journal j
+devices simulate --interface virtual --nodes 1,2 --port 1 --bitrate 1
 """.splitlines()
 ]
 _WORDS = (

@@ -38,7 +38,7 @@ What is decided here
   between two answers of drives. Whatever may block is done by a worker while it goes on supervising (`Rig.do_aside`,
   `worker`): one reads the camera, one does the rest, which is disk and long computations. The recorder has a third for
   its fsyncs. A supervisor that hangs sends no beat, and the drives stop. Simulated and recorded time stand still while
-  something blocks, so that those rigs have no workers.
+  something blocks, so that those rigs have no workers; a rehearsal, in real time, has one for the disk.
 - A camera that does not answer is given up and named; a suspended computer shows in the kernel's clocks, and is named
   when it goes on. A bit rate at which the drives cannot be looked after does not open.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can has one on a real bus).

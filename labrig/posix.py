@@ -1,10 +1,9 @@
 """Calls that only POSIX systems have, or that differ on Windows; no other file of labrig makes them.
 
-labrig has never been tried on Windows. There the simulated serial adapter cannot be made (no pseudo-terminals), a
-running labrig cannot be asked to stop (Python has no Unix sockets), nobody can be asked while drives are watched,
-camera controls cannot be set, and the names of new files are not made durable. Only Linux keeps accounts from claiming
-one name (such as that of a bus) at a time. Each function raises an error there, or
-does nothing if that does no harm.
+labrig has never been tried on Windows. There a running labrig cannot be asked to stop (Python has no Unix sockets),
+nobody can be asked while drives are watched, camera controls cannot be set, and the names of new files are not made
+durable. Only Linux keeps accounts from claiming one name (such as that of a bus) at a time. Each function raises an
+error there, or does nothing if that does no harm.
 """
 
 import ctypes

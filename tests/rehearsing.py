@@ -3,7 +3,6 @@
 import fcntl
 import os
 import re
-import socket
 import subprocess
 import sys
 import termios
@@ -102,9 +101,3 @@ def _converse(keyboard: int, answer: Callable[[str], str], press: Callable[[str]
         for question in questions[answered:]:
             os.write(keyboard, f"{answer(' '.join(question.split()))}\n".encode())
         answered = len(questions)
-
-
-def free_port() -> int:
-    """Return a TCP port that nobody uses now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])

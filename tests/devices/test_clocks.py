@@ -48,7 +48,7 @@ def test_the_system_clock_never_goes_back_and_starts_near_zero() -> None:
 
 
 def test_a_watched_clock_tells_of_the_computers_time_while_somebody_waits() -> None:
-    """Its listeners hear of a sleep before it, at its end, and often between; the sleep is as long as the computer's."""
+    """Its listeners hear of a sleep before it, at its end and often between, and the computer sleeps as long."""
     clock, computer, heard = WatchedClock(), SystemClock(), []
     clock.on_advance(lambda: heard.append(clock.now_s()))
     clock.sleep(0.05)

@@ -1,10 +1,9 @@
 """Calls that only POSIX systems have, or that differ on Windows; no other file of labrig makes them.
 
-labrig has never been tried on Windows. There the simulated serial adapter cannot be made (no pseudo-terminals), a
-running labrig cannot be asked to stop (Python has no Unix sockets), nobody can be asked while drives are watched,
-camera controls cannot be set, and the names of new files are not made durable. Only Linux keeps accounts from claiming
-one name (such as that of a bus) at a time. Each function raises an error there, or
-does nothing if that does no harm.
+labrig has never been tried on Windows. There a running labrig cannot be asked to stop (Python has no Unix sockets),
+nobody can be asked while drives are watched, camera controls cannot be set, and the names of new files are not made
+durable. Only Linux keeps accounts from claiming one name (such as that of a bus) at a time. Each function raises an
+error there, or does nothing if that does no harm.
 """
 
 import ctypes
@@ -29,9 +28,7 @@ if sys.platform == "win32":
     import msvcrt
 else:
     import fcntl
-    import pty
     import termios
-    import tty
 
 INTERRUPT_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -61,49 +58,6 @@ _MOST_READS = 16
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, account and group of a peer, as SO_PEERCRED gives them."""
-
-
-@dataclass(frozen=True)
-class PseudoTerminal:
-    """Both ends of a pseudo-terminal; programs open `path` as if it were a serial port."""
-
-    path: str
-    own_end: int
-    other_end: int
-
-    def read(self, timeout_s: float) -> bytes:
-        """Return what was written at the other end; wait at most `timeout_s` for it."""
-        readable, _, _ = select.select([self.own_end], [], [], max(0.0, timeout_s))
-        return os.read(self.own_end, _CHUNK_BYTES) if readable else b""
-
-    def write(self, data: bytes) -> None:
-        """Write for the other end to read; if nobody reads and the terminal is full, `data` is dropped."""
-        try:
-            os.write(self.own_end, data)
-        except BlockingIOError:
-            return
-
-    def close(self) -> None:
-        """Remove the terminal, as if a USB plug was pulled."""
-        for end in (self.other_end, self.own_end):
-            os.close(end)
-
-
-def open_pseudo_terminal() -> PseudoTerminal:
-    """Return a new pseudo-terminal in raw mode.
-
-    Raises
-    ------
-    MachineError
-        On Windows, which has none.
-    """
-    if sys.platform == "win32":
-        raise MachineError("Windows has no pseudo-terminals", "use udp_multicast instead of slcan")
-    own_end, other_end = pty.openpty()
-    tty.setraw(other_end)
-    os.set_blocking(own_end, False)
-    # Our copy of the other end stays open, so that clients can connect again.
-    return PseudoTerminal(os.ttyname(other_end), own_end, other_end)
 
 
 class LineSocket:

@@ -92,7 +92,9 @@ def _explain(provenance: object, verdict: Verdict) -> list[str]:
     now = collect_provenance(())
     sentences = [describe_change(recorded.get("processor"), now["processor"])]
     if any(recorded.get(key) != now[key] for key in ("labrig", "source_sha256")):
-        sentences.insert(0, f"other code made this record: {_describe_code(recorded)}; this is {_describe_code(now)}")
+        sentences.insert(
+            0, f"other code made this record: {_describe_code(recorded)}; this is {_describe_code(now)}"
+        )
     return [sentence for sentence in sentences if sentence]
 
 

@@ -156,9 +156,11 @@ def _compare_texts(name: str, recorded: str, now: str) -> Iterator[Deviation]:
         return
     for before, after in zip(_NUMBER.findall(recorded), _NUMBER.findall(now), strict=True):
         if before != after:
-            size, digit = abs(float(after) - float(before)), _last_digit(before)
-            # Whole numbers count something: holes, pictures, arcs.
-            yield Deviation(name, recorded, now, size, 1.001 * digit if digit < 1 else None)
+            digit = _last_digit(before)
+            if digit >= 1:  # whole numbers count something: holes, pictures, arcs
+                yield Deviation(name, recorded, now)
+            else:
+                yield Deviation(name, recorded, now, abs(float(after) - float(before)), 1.001 * digit)
 
 
 def _last_digit(number: str) -> float:

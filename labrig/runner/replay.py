@@ -145,7 +145,9 @@ def _replay_session(replayed: _Replayed, part: SessionPart, progress: Progress, 
     except TapeEndsError:
         if tape.peek() is None:
             begin_s, end_s = part.t0_s, tape.total_t_s
-            found.ended_early = f"the session that began at t = {begin_s:.3f} s was interrupted at t = {end_s:.3f} s"
+            found.ended_early = (
+                f"the session that began at t = {begin_s:.3f} s was interrupted at t = {end_s:.3f} s"
+            )
 
 
 def _conduct(

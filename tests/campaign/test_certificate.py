@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import pytest
+from labrig.devices.replayed.opening import load_recorded_rig
 
 from labrig.analysis.certificate import Certificate, Margin, load_certificate, write_certificate
 from labrig.analysis.outcome import TaskOutcome
@@ -20,7 +21,6 @@ from labrig.campaign.certificate import (
     prepare_repeat,
 )
 from labrig.campaign.statistics import bound_share
-from labrig.devices.replayed.opening import load_recorded_rig
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.check import check_run

@@ -124,8 +124,9 @@ class ReplayedRig:
     def take_picture(self) -> Photograph:
         """Return the next recorded picture; its SHA-256 is verified."""
         line = self._tape.expect("frame", "one more picture")
-        image = self._run.read_frame(int(line["frame"]))
-        return self._parse(lambda: _parse_photograph(image, line, self._tape))
+        return self._parse(
+            lambda: _parse_photograph(self._run.read_frame(int(line["frame"])), line, self._tape)
+        )
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Return what was sent for the next recorded move, which has to be of this axis."""
@@ -194,8 +195,11 @@ class ReplayedRig:
         """Return what a line holds. Raises `RecordError` where it lacks a value."""
         try:
             return read()
+        except RecordError:
+            self._tape.is_over = True
+            raise
         except (KeyError, TypeError, ValueError) as error:
-            line = self._tape.peek()
+            self._tape.is_over, line = True, self._tape.peek()
             what = "line" if line is None else line.what
             raise RecordError(
                 f"{self._run.path} cannot be replayed: a {what} at t = {self._tape.total_t_s:.3f} s or after it "

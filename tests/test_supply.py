@@ -26,7 +26,7 @@ def test_every_pinned_version_has_hashes() -> None:
 
 def test_all_that_labrig_needs_is_pinned() -> None:
     """What labrig and its development need, whoever asks for it, is in constraints.txt."""
-    assert find_needed("labrig", ("dev", "mcap", "testing")) <= read_pins(ROOT / "constraints.txt").keys()
+    assert find_needed("labrig", ("dev", "testing")) <= read_pins(ROOT / "constraints.txt").keys()
 
 
 def test_no_file_of_pins_names_an_index() -> None:

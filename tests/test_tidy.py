@@ -146,7 +146,6 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
         "record/line_file.py",  # appended to
         "record/lock.py",  # locked before it is written
         "record/opening.py",  # the reserve of a new run
-        "report/mcap_file.py",  # filled by a library, in the temporary folder of an export
         "report/rerun_view.py",  # filled by a library, under a temporary name
     }
 

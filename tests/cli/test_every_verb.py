@@ -20,7 +20,6 @@ FORMATS = {
     "--csv": "frames.csv",
     "--parquet": "frames.parquet",
     "--mat": "run.mat",
-    "--mcap": "run.mcap",
     "--record": "manifest.json",
 }
 
@@ -238,7 +237,7 @@ def test_a_killed_run_is_read_by_every_command(
     for words in (
         ("report", killed),
         ("view", killed, "--no-open"),
-        ("export", killed, "--csv", "--parquet", "--mat", "--mcap", "--out", tmp_path / "out"),
+        ("export", killed, "--csv", "--parquet", "--mat", "--out", tmp_path / "out"),
         ("export", killed, "--record", "--out", tmp_path / "copy"),
         ("runs", "check", tmp_path / "copy"),
         ("runs", "tag", killed, "-t", "killed"),

@@ -3,7 +3,6 @@
 # make coverage   run the tests with branch coverage, which takes half as long again
 # make hashes     write constraints-hashes.txt anew, after a change of constraints.txt
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
-# make wheels     build wheel and sdist of labrig and of labrig-core in .venv/wheels
 # make licenses   write LICENSES.md anew, from what the installed packages state
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
 VENV := .venv
@@ -13,7 +12,7 @@ OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
 UV := $(VENV)/uv
 
-.PHONY: run test check-code check-tests coverage benchmarks manual wheels hashes licenses clean
+.PHONY: run test check-code check-tests coverage benchmarks manual hashes licenses clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
@@ -41,9 +40,6 @@ coverage: check-tests
 
 manual: $(READY)
 	$(BIN)/python -m tests.manual.site $(VENV)/manual
-
-wheels: $(READY)
-	$(BIN)/python -m tests.distributions $(VENV)/wheels
 
 benchmarks: $(READY)
 	$(BIN)/python -m tests.benchmarks

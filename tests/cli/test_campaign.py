@@ -204,6 +204,17 @@ def test_what_cannot_be_computed_is_refused(
     assert not (made / "none").exists()
 
 
+def test_a_cluster_needs_its_extra(labrig: Labrig, made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it the command ends with the page that says how to install it."""
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
+    done = labrig(
+        "campaign", made / "campaign-tried.yaml", "--cluster", "tcp://127.0.0.1:1", "--out", made / "none"
+    )
+    assert done.exit_code == 2
+    assert "extra cluster" in done.err
+    assert "labrig manual install" in done.err
+
+
 EXAMPLES = {
     "campaign-camera": ("vary={rig.world.noise_sd: [18]}", f"set={json.dumps(TINY)}"),
     "campaign-hinge": (),

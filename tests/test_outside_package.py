@@ -128,7 +128,7 @@ def test_a_wheel_holds_the_code_the_examples_and_the_licence(installed: Installe
     where, *found = installed.call("python", "-c", described).splitlines()
     assert where.startswith(str(installed.environment))
     examples = hashlib.sha256(repr(read_examples()).encode()).hexdigest()
-    assert found == [digest_sources(), examples, "['LICENSE', 'LICENSES.md']", PROJECT["version"]]
+    assert found == [digest_sources(), examples, "['LICENSE']", PROJECT["version"]]
 
 
 def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: Installed) -> None:

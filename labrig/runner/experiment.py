@@ -18,7 +18,6 @@ from labrig.record.events import ValueMeasured
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import View
-from labrig.runner.assumption import VirtualRepeat
 from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.session import Session
 from labrig.runner.time_left import Workload
@@ -126,8 +125,6 @@ class Experiment(MeasuredExperiment):
         Whether it says which tracks a run left in specimens with a file.
     can_simulate : bool
         Whether a run of it can be computed without pictures.
-    can_certify : bool
-        Whether it says what a run of it took for granted.
     counts : str
         What the progress of its analysis counts: pictures, hinges.
     require_parts : callable
@@ -141,7 +138,6 @@ class Experiment(MeasuredExperiment):
     puts_needle_in_tissue: bool
     maps_tracks: bool
     can_simulate: bool
-    can_certify: bool
     counts: str
     require_parts: Callable[[], None]
 
@@ -176,18 +172,6 @@ class Experiment(MeasuredExperiment):
             When the experiment has no such part, or it cannot simulate what the protocol asks for.
         """
         return cast("TaskOutcome", self.part("simulate")(protocol, rig, seed))
-
-    def list_assumptions(self, run: Run, protocol: ExperimentProtocol, rig: RigDescription) -> VirtualRepeat:
-        """Return how a run is repeated virtually, and what it took for granted.
-
-        Raises
-        ------
-        InputError
-            When the experiment has no such part, or the run cannot be repeated virtually.
-        RecordError
-            When what it needs of the record is damaged.
-        """
-        return cast("VirtualRepeat", self.part("assumptions")(run, protocol, rig))
 
     def list_tracks(
         self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None

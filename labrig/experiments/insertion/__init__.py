@@ -17,7 +17,6 @@ EXPERIMENT = ExperimentDeclaration(
     follow="labrig.experiments.insertion.view:follow",
     compare="labrig.experiments.insertion.summary:compare",
     simulate="labrig.experiments.insertion.virtual:simulate",
-    assumptions="labrig.experiments.insertion.virtual_assumptions:list_assumptions",
     tracks="labrig.experiments.insertion.tracks:list_tracks",
     reanalysis_keys=("estimator", "planner", "policy", "out_of_plane", "markers"),
     puts_needle_in_tissue=True,

@@ -7,7 +7,7 @@ from typing import Any, cast
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.outcome import TaskOutcome
 from labrig.analysis.result import AnyResult
-from labrig.analysis.summary import ResultComparison, Summary
+from labrig.analysis.summary import Summary
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.plugins import Plugin
@@ -190,10 +190,6 @@ class Experiment(MeasuredExperiment):
     def summarise(self, result: Mapping[str, Any]) -> Summary:
         """Return the terminal summary of a result."""
         return cast("Summary", self.part("summary")(result))
-
-    def compare(self, old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
-        """Return what a reanalysis changed besides the numbers, such as commands that would have differed."""
-        return cast("ResultComparison", self.part("compare")(old, new))
 
 
 def total_duration_s(moves: Sequence[PlannedMove]) -> float:

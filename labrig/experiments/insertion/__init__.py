@@ -15,7 +15,6 @@ EXPERIMENT = ExperimentDeclaration(
     view="labrig.experiments.insertion.view:make_view",
     resume="labrig.experiments.insertion.resumption:resume",
     follow="labrig.experiments.insertion.view:follow",
-    compare="labrig.experiments.insertion.summary:compare",
     simulate="labrig.experiments.insertion.virtual:simulate",
     tracks="labrig.experiments.insertion.tracks:list_tracks",
     reanalysis_keys=("estimator", "planner", "policy", "out_of_plane", "markers"),

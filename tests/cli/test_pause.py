@@ -1,7 +1,6 @@
 """A gel on the rehearsed bench, with a person who pauses, skips, has repeated and takes back; by their keys."""
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,8 +10,6 @@ from labrig.record.events import TrialStart, TrialStop
 from labrig.record.reader import open_run
 from tests.cli.conftest import SWEEP, Labrig
 from tests.rehearsing import ServingRig, serve_rehearsal
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
 HOLES = {
     "specimens": "[{name: gel 13 %, gelatin_percent: 13}]",

@@ -14,8 +14,6 @@ import pytest
 from tests.cli.conftest import ROOT, Labrig
 from tests.rehearsing import PATIENCE_S, Ended, ServingRig, copy_rig, serve_rehearsal
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
-
 CHAPTER = ROOT / "labrig" / "manual" / "tutorials" / "commissioning.md"
 RIG = "calibration/rig-rehearsal.yaml"
 FAST = {

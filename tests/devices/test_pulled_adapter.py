@@ -1,6 +1,5 @@
 """An slcan adapter that is pulled in the middle of a move, over a real pseudo-terminal and in real time."""
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,8 +11,6 @@ from tests.devices.served import Served, served_drives
 
 HEARTBEAT_S, SPEED_MM_S, QUICK_STOP_MM_S2 = 3.0, 4.0, 50.0
 PATIENT = ("can.answer_timeout_ms=5000", f"can.heartbeat.timeout_ms={1000 * HEARTBEAT_S:.0f}")
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
 
 def _pull(served: Served) -> None:

@@ -1,5 +1,6 @@
 # make run    set up .venv and run the paper's steerability sweep on the simulated rig
 # make test   set up .venv and run every check
+# make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
 # make coverage   run the tests with branch coverage, which takes half as long again
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
@@ -8,8 +9,9 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.labrig-ready
 OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
+ROOMS := geometry vision needle steering protocol record analysis simulation campaign experiments runner
 
-.PHONY: run test check-code check-tests coverage benchmarks manual clean
+.PHONY: run test check-code check-tests check-rooms test-processors coverage benchmarks manual clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
@@ -31,6 +33,13 @@ check-code: $(READY)
 # tests of a file stay together: what they share, such as a sweep, is made once.
 check-tests: $(READY) $(OUTSIDE)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile $(COVERAGE)
+
+# What another Python could change, without the tests that start processes or wait in real time; CI runs it with a newer one.
+check-rooms: $(READY)
+	$(BIN)/pytest -n 3 --dist loadfile $(addprefix tests/,$(ROOMS))
+
+test-processors: $(READY)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors
 
 coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests

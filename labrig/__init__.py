@@ -34,30 +34,9 @@ interface.
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.
 """
 
-import os
-import platform
 from importlib import import_module
 
 __version__: str
-
-_PROCESSORS = "/proc/cpuinfo"
-
-
-def _choose_blas_kernels() -> None:
-    """Make OpenBLAS use the same kernels on every x86-64 computer with Linux that has them.
-
-    It otherwise chooses them by the processor when numpy is loaded. Then two processors round differently, and a replay
-    that steers by pictures magnifies the difference: it would be identical only on computers of one kind.
-    """
-    if platform.machine() != "x86_64" or not os.path.exists(_PROCESSORS):  # noqa: PTH110 - pathlib is not loaded yet
-        return
-    with open(_PROCESSORS, encoding="ascii", errors="replace") as file:  # noqa: PTH123
-        flags = next((line.split() for line in file if line.startswith("flags")), [])
-    if {"avx2", "fma"} <= set(flags):
-        os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
-
-
-_choose_blas_kernels()
 
 
 def __getattr__(name: str) -> str:

@@ -1,14 +1,12 @@
 """How the tests run here.
 
-Hypothesis makes the same examples every time and has no deadline, so that no test can fail for timing. Linear algebra
-uses the kernels that labrig uses. What was imported is never searched for garbage, which took a tenth of the time.
+Hypothesis makes the same examples every time and has no deadline, so that no test can fail for timing. What
+was imported is never searched for garbage, which took a tenth of the time.
 """
 
 import gc
 
 from hypothesis import settings
-
-import labrig  # noqa: F401 - chooses the kernels of OpenBLAS, which it can only do before numpy is loaded
 
 gc.disable()
 settings.register_profile("labrig", deadline=None, derandomize=True, max_examples=60)

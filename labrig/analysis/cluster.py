@@ -4,7 +4,6 @@ This is the only module that imports dask, which is installed with the extra `cl
 """
 
 import logging
-import os
 import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Executor
@@ -26,10 +25,11 @@ from dask_jobqueue.slurm import SLURMCluster
 from pydantic import Field, JsonValue
 
 from labrig.analysis.engine import Pool
-from labrig.analysis.installation import describe_installation, digest_installation
+from labrig.analysis.installation import describe_installation, describe_kernels, digest_installation
 from labrig.errors import InputError, MachineError, WorkersError
 from labrig.protocol.model import Model
 from labrig.protocol.yaml_file import load_yaml_model
+from labrig.record.processor import describe_change
 
 _ADDRESS = re.compile(r"(tcp|tls)://[^/\s:]+:\d{1,5}")
 _ANSWER_S = 10.0
@@ -38,8 +38,6 @@ _LOST_S = 60.0
 _LOOK_S = 0.1
 # The workers of a cluster come and go, and asking for them takes about a millisecond.
 _CALLS_BETWEEN_COUNTS = 64
-# Read when numpy is loaded, which a worker does before it loads labrig.
-_KERNELS = "OPENBLAS_CORETYPE"
 _CONNECT_HINT = "check that its scheduler runs, its address, and the network between"
 _INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
 # The scheduler has an HTTP server even so, which then only this computer reaches.
@@ -167,6 +165,7 @@ def open_cluster(
         _wait_for_workers(client, place, wait_s)
         _require_same_installation(client)
         pool = _Cluster(client, place, work, lost_s)
+        pool.unlike = _name_unlike_workers(client)
         held.callback(pool.close)
         yield pool
 
@@ -235,18 +234,13 @@ def _mark_jobs_not_begun(cluster: JobQueueCluster) -> None:
 
 
 def _fill_section(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of a batch system: a process for each core, our kernels of linear algebra, no dashboard."""
+    """Return the settings of a batch system: a process for each core, no dashboard."""
     section = {**known, **given}
     if section["processes"] is None:
         section["processes"] = section["cores"]
     if section["shared-temp-directory"] is None:
         section["shared-temp-directory"] = str(Path.home())
     section["scheduler-options"] = {**_NO_DASHBOARD, **(section["scheduler-options"] or {})}
-    if _KERNELS in os.environ:
-        section["job-script-prologue"] = [
-            *(section["job-script-prologue"] or []),
-            f"export {_KERNELS}={os.environ[_KERNELS]}",
-        ]
     return section
 
 
@@ -275,8 +269,19 @@ def _require_same_installation(client: Client) -> None:
             )
         for name, value in ours.items():
             if found.get(name) != value:
-                hint = f"start it with {_KERNELS}={os.environ.get(_KERNELS)}" if name == "kernels" else ""
                 raise WorkersError(
-                    f"worker {worker} has {name} {found.get(name)}, this process has {value}",
-                    hint or _INSTALL_HINT,
+                    f"worker {worker} has {name} {found.get(name)}, this process has {value}", _INSTALL_HINT
                 )
+
+
+def _name_unlike_workers(client: Client) -> tuple[str, ...]:
+    ours = describe_kernels()
+    changes = {
+        worker: describe_change(found, ours)
+        for worker, found in sorted(client.run(describe_kernels, on_error="return").items())
+    }
+    return tuple(
+        f"what worker {worker} computes is {change}; last digits may differ"
+        for worker, change in changes.items()
+        if change
+    )

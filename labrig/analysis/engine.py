@@ -57,9 +57,12 @@ class Pool(ABC):
         What they do, in the past tense, for messages.
     patience_s : float or None
         How long a batch is waited for before `renew` [s]; None where batches of lost workers come back by themselves.
+    unlike : tuple of str
+        A sentence for each worker whose kernels are not those of this process, so that it rounds otherwise.
     """
 
     patience_s: float | None = None
+    unlike: tuple[str, ...] = ()
 
     def __init__(self, work: str) -> None:
         self.work = work

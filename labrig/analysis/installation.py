@@ -1,4 +1,4 @@
-"""What the bits of a result rest on in a process: the code of labrig, and the libraries that compute."""
+"""What a result rests on in a process: the code of labrig, the libraries that compute, and their kernels."""
 
 import hashlib
 import json
@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import metadata
 
-import cv2  # noqa: F401 - its libraries are among those that are asked for their kernels
+import cv2  # noqa: F401 - what computes is loaded, so that its kernels can be described
 import scipy.linalg  # noqa: F401
-from threadpoolctl import threadpool_info
 
 from labrig import __version__
 from labrig.errors import WorkersError
+from labrig.record.processor import describe_processor
 from labrig.record.source_digest import digest_sources
 
 _COMPUTING = ("numpy", "scipy", "opencv-python-headless", "filterpy", "shapely")
@@ -20,19 +20,21 @@ _COMPUTING = ("numpy", "scipy", "opencv-python-headless", "filterpy", "shapely")
 
 @cache
 def describe_installation() -> Mapping[str, str]:
-    """Return what must be equal in two processes for their results to have the same bits, by name.
+    """Return what must be equal in two processes for their results to agree, by name.
 
-    labrig's version and the SHA-256 of its code, Python's minor version, the packages that compute, and the kernels
-    that linear algebra has chosen for this processor.
+    labrig's version and the SHA-256 of its code, Python's minor version, and the packages that compute.
     """
-    kernels = {str(info.get("architecture")) for info in threadpool_info() if info["user_api"] == "blas"}
     return {
         "labrig": __version__,
         "source_sha256": digest_sources(),
         "python": ".".join(platform.python_version_tuple()[:2]),
         **{name: _read_version(name) for name in _COMPUTING},
-        "kernels": ", ".join(sorted(kernels)),
     }
+
+
+def describe_kernels() -> Mapping[str, object]:
+    """Return what the last digits of a result rest on too, the kernels, as `describe_processor` does."""
+    return describe_processor()
 
 
 def _read_version(package: str) -> str:

@@ -19,13 +19,14 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from labrig.analysis.installation import describe_installation
+from labrig.analysis.installation import describe_installation, describe_kernels
 from labrig.analysis.measured_campaign import BY_RULE, PART
 from labrig.campaign.places import Place, open_place
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import parse_json
 from labrig.record.json_lines import encode_document
 from labrig.record.layout import CAMPAIGN
+from labrig.record.processor import describe_change
 
 _OWNER, _FIRST = b"labrig.campaign", b"labrig.first_task"
 _ELSEWHERE = "name another folder with --out"
@@ -76,6 +77,8 @@ class CampaignStore:
         How many tasks have their rows: those from 0 on, without a gap.
     torn : str or None
         The last part, if its writing was cut short; its tasks are not among `done`, and their rows replace it.
+    change : str
+        How the kernels of this process differ from those that the campaign began with; empty if they do not.
     """
 
     def __init__(self, place: Place, owner: str) -> None:
@@ -87,6 +90,7 @@ class CampaignStore:
         self.place = str(place)
         self.done = 0
         self.torn: str | None = None
+        self.change = ""
 
     @classmethod
     def open(cls, place: str, document: Mapping[str, Any], plan: CampaignPlan) -> Self:
@@ -221,6 +225,7 @@ class CampaignStore:
             content = {
                 "sha256": self._owner,
                 "installation": describe_installation(),
+                "processor": describe_kernels(),
                 "plan": asdict(plan),
                 "document": document,
             }
@@ -236,6 +241,7 @@ class CampaignStore:
                 f"{self.place} was begun by another installation, whose rows may differ: {difference}",
                 f"install that one again, or {_ELSEWHERE}",
             )
+        self.change = describe_change(kept.get("processor"), describe_kernels())
 
     def _keep_plan(self, plan: CampaignPlan) -> None:
         """Compare the plan with the one that is kept, and keep it if it has changed."""

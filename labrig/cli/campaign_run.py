@@ -57,6 +57,8 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
     place = str(find_in_lab(CAMPAIGNS) / loaded.file.campaign) if order.out is None else order.out
     page = _find_page_folder(place, loaded.file.campaign)
     with CampaignStore.open(place, describe_campaign(loaded), plan_campaign(loaded)) as store:
+        if store.change and store.done:
+            say(f"note: the first rows were {store.change}; last digits may differ")
         try:
             by_rule = _conduct(loaded, store, order)
         except (Interruption, WorkersError):

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 
 from labrig.analysis.engine import Pool, open_process_pool
+from labrig.cli.output import say
 from labrig.errors import InputError
 from labrig.posix import count_usable_cores
 
@@ -40,4 +41,6 @@ def open_pool(workers: int | None, cluster: str | None, work: str) -> Iterator[P
     from labrig.analysis.cluster import open_cluster
 
     with open_cluster(cluster, work) as pool:
+        for sentence in pool.unlike:
+            say(f"note: {sentence}")
         yield pool

@@ -44,15 +44,11 @@ class Exposure:
         Rig time [s] of the exposure; None means the time of the call.
     t_bound_s : float or None
         Bound of the error of `t_s` [s]; None if `t_s` is.
-    fraction : float or None
-        Place of the exposure between the encoder readings before and after it, 0 to 1, from a record; None if it is
-        not yet computed.
     """
 
     image: Picture
     t_s: float | None = None
     t_bound_s: float | None = None
-    fraction: float | None = None
 
 
 class PictureSource(Protocol):
@@ -79,7 +75,7 @@ class PictureSource(Protocol):
 class Frame:
     """A picture, (H, W) or (H, W, 3) uint8, with the rig time [s] at which it was taken and its number.
 
-    `t_bound_s` and `fraction` are those of its `Exposure`.
+    `t_bound_s` is that of its `Exposure`, `fraction` its place between two readings of the encoders, 0 to 1.
     """
 
     image: Picture
@@ -93,16 +89,11 @@ class Frame:
 
         If the exposure lies outside them, its distance to the nearer one is added to its bound.
         """
-        if self.t_bound_s is None or self.fraction is not None or after_s <= before_s:
+        if self.t_bound_s is None or after_s <= before_s:
             return self
         nearest_s = min(max(self.t_s, before_s), after_s)
         fraction = (nearest_s - before_s) / (after_s - before_s)
         return replace(self, t_bound_s=self.t_bound_s + abs(self.t_s - nearest_s), fraction=fraction)
-
-    def time_fields(self) -> dict[str, float]:
-        """Return the fields of its line in the record about its time, besides `t_s`; empty if that is exact."""
-        fields = {"t_bound_s": self.t_bound_s, "fraction": self.fraction}
-        return {name: value for name, value in fields.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -188,7 +179,7 @@ class Camera:
                 "check width_px, height_px and pixel_format in the rig file",
             )
         t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s)
-        frame = Frame(image, t_s, self._sequence, exposure.t_bound_s, exposure.fraction)
+        frame = Frame(image, t_s, self._sequence, exposure.t_bound_s)
         self._sequence += 1
         return frame
 

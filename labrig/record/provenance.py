@@ -14,6 +14,7 @@ from typing import Any
 
 from labrig import __version__
 from labrig.record.json_lines import plain_text
+from labrig.record.processor import describe_processor
 from labrig.record.source_digest import digest_sources
 
 _SOURCE_TREE = Path(__file__).parents[2]
@@ -37,9 +38,10 @@ def collect_provenance(
     -------
     dict
         `labrig` (version), `source_sha256` (of the installed code, by `digest_sources`), `git_commit` and `git_dirty`
-        (of the package's source; None outside a checkout), `command_line`, `python`, `platform`, `host`, `account`
-        (user name, None without one), `packages` {name: version} of labrig's direct dependencies. In a changed checkout
-        also `code_diff_holds` and `code_diff_leaves_out`, the files of `find_code_changes`.
+        (of the package's source; None outside a checkout), `command_line`, `python`, `platform`, `processor` (by
+        `describe_processor`), `host`, `account` (user name, None without one), `packages` {name: version} of labrig's
+        direct dependencies. In a changed checkout also `code_diff_holds` and `code_diff_leaves_out`, the files of
+        `find_code_changes`.
     """
     changes = find_code_changes() if changes is None else changes
     program = [Path(word).name for word in command_line[:1]]
@@ -56,6 +58,7 @@ def collect_provenance(
         "command_line": [plain_text(word) for word in (*program, *command_line[1:])],
         "python": platform.python_version(),
         "platform": platform.platform(),
+        "processor": describe_processor(),
         "host": platform.node(),
         "account": _read_account(),
         "packages": _read_package_versions(),

@@ -162,7 +162,7 @@ def _list_rows(document: object) -> Rows:
 
 
 def _list_code(document: object) -> Rows:
-    """Return the provenance of a record or result; packages and command take one line each."""
+    """Return the provenance of a record or result; packages, processor and command take one line each."""
     if not isinstance(document, Mapping):
         return ()
     return _list_rows({key: _join_line(value) for key, value in document.items()})
@@ -170,5 +170,5 @@ def _list_code(document: object) -> Rows:
 
 def _join_line(value: object) -> object:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {version}" for name, version in value.items())
+        return ", ".join(f"{name} {version}" for name, version in value.items() if version is not None)
     return shlex.join(map(str, value)) if isinstance(value, list | tuple) else value

@@ -5,8 +5,10 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 
 import dask
 import pytest
@@ -23,7 +25,8 @@ from labrig.experiments.registry import find_run_experiment
 from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 
-FIRST = Path(__file__).parents[2] / "data" / "first-record"
+ROOT = Path(__file__).parents[2]
+FIRST = ROOT / "data" / "first-record"
 
 _LOOPBACK = {
     "host": "127.0.0.1",
@@ -82,37 +85,57 @@ def test_a_cluster_measures_the_pictures_of_runs(cluster: LocalCluster, tmp_path
         assert find_divergence(alone.document, outcome.document) is None
 
 
-def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster) -> None:
-    """A worker with other kernels of linear algebra is refused when it joins later, and when the cluster is opened."""
-    command = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_worker",
-        cluster.scheduler_address,
-        "--nthreads",
-        "1",
-    ]
-    others = {**os.environ, "OPENBLAS_CORETYPE": "Sandybridge"}
-    with open_cluster(cluster.scheduler_address, "squared") as pool:
-        foreign = subprocess.Popen(
-            [*command, "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"],
-            env=others,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            with Client(cluster.scheduler_address) as client:
-                client.wait_for_workers(3, timeout=60)
-            with pytest.raises(MachineError, match="has another installation"):
-                list(run_in_order(pool, square, range(500)))
-            with (
-                pytest.raises(MachineError, match="has kernels Sandybridge, this process has"),
-                open_cluster(cluster.scheduler_address, "squared"),
-            ):
-                pass
-        finally:
-            foreign.terminate()
-            foreign.wait()
+@contextmanager
+def join(cluster: LocalCluster, folder: Path, environment: Mapping[str, str]) -> Iterator[None]:
+    """Have a worker with other variables join the two of the cluster, until the block ends."""
+    command = (sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address)
+    worker = subprocess.Popen(
+        [*command, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"],
+        cwd=folder,
+        env={**os.environ, **environment},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        with Client(cluster.scheduler_address) as client:
+            client.wait_for_workers(3, timeout=60)
+        yield
+    finally:
+        worker.terminate()
+        worker.wait()
+        with Client(cluster.scheduler_address) as client:
+            while len(client.nthreads()) > 2:
+                Event().wait(0.05)
+
+
+def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster, tmp_path: Path) -> None:
+    """A worker with other code is refused when it joins later, and when the cluster is opened."""
+    shutil.copytree(ROOT / "labrig", tmp_path / "labrig", ignore=shutil.ignore_patterns("__pycache__"))
+    with (tmp_path / "labrig" / "text.py").open("a") as file:
+        file.write("# other code\n")
+    with (
+        open_cluster(cluster.scheduler_address, "squared") as pool,
+        join(cluster, tmp_path, {"PYTHONPATH": f"{tmp_path}:{ROOT}"}),
+    ):
+        with pytest.raises(MachineError, match="has another installation"):
+            list(run_in_order(pool, square, range(500)))
+        with (
+            pytest.raises(MachineError, match=r"has source_sha256 .*, this process has"),
+            open_cluster(cluster.scheduler_address, "squared"),
+        ):
+            pass
+
+
+def test_a_worker_with_other_kernels_is_named(cluster: LocalCluster, tmp_path: Path) -> None:
+    """Its results may differ in their last digits, which is told and no reason to refuse it."""
+    others = {"PYTHONPATH": str(ROOT), "OPENBLAS_CORETYPE": "Nehalem"}
+    with (
+        join(cluster, tmp_path, others),
+        open_cluster(cluster.scheduler_address, "squared") as pool,
+    ):
+        (sentence,) = pool.unlike
+        assert "made with OpenBLAS Nehalem, and this is OpenBLAS " in sentence
+        assert list(run_in_order(pool, square, range(50))) == [square(task) for task in range(50)]
 
 
 def test_a_cluster_that_has_lost_every_worker_ends_the_work() -> None:
@@ -176,7 +199,7 @@ def job_file(folder: Path, **section: object) -> str:
 
 
 def test_jobs_of_a_batch_system_are_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file submits jobs, whose workers compute with our kernels behind certificates that end with them."""
+    """A file submits jobs, whose workers compute behind certificates that end with them."""
     for name, text in (("sbatch", _SBATCH), ("scancel", _SCANCEL)):
         (tmp_path / name).write_text(text)
         (tmp_path / name).chmod(0o700)

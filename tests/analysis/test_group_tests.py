@@ -16,6 +16,7 @@ from labrig.analysis.group_tests import (
 from tests.analysis.public_groups import PLANT_GROWTH, PUBLIC, PublicGroups
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("public", PUBLIC.values(), ids=PUBLIC)
 def test_public_data_give_the_published_results(public: PublicGroups) -> None:
     """Welch's F, degrees of freedom and p, and p and g of pairs, are those of pingouin."""
@@ -38,6 +39,7 @@ def test_public_data_give_the_published_results(public: PublicGroups) -> None:
         assert size.g == pytest.approx(public.hedges_g[a, b], rel=3e-4)
 
 
+@pytest.mark.processors
 def test_an_interval_of_games_and_howell_is_that_of_scipy() -> None:
     """The quantile of a single pair is the one in scipy's table of all pairs."""
     samples = list(PLANT_GROWTH.samples.values())
@@ -48,6 +50,7 @@ def test_an_interval_of_games_and_howell_is_that_of_scipy() -> None:
     assert pair.ci95 == pytest.approx((low[1, 2], high[1, 2]), rel=1e-5)
 
 
+@pytest.mark.processors
 def test_the_interval_of_g_holds_the_true_difference_as_often_as_it_says() -> None:
     """Of 2,000 pairs of three and four normal values a standard deviation apart, 95 % of the intervals hold it."""
     random = np.random.default_rng(3)

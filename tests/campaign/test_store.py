@@ -143,6 +143,17 @@ def test_rows_of_another_labrig_are_not_continued(tmp_path: Path) -> None:
     assert "--out" in refused.value.hint
 
 
+def test_a_campaign_that_goes_on_with_other_kernels_says_so(tmp_path: Path) -> None:
+    """It goes on, and tells which kernels its first rows were made with."""
+    write(tmp_path, ROWS[:2])
+    document = json.loads((tmp_path / CAMPAIGN_FILE).read_text())
+    document["processor"]["blas_numpy"] = "OpenBLAS Atom"
+    (tmp_path / CAMPAIGN_FILE).write_text(json.dumps(document))
+    with CampaignStore.open(str(tmp_path), CAMPAIGN, PLAN) as store:
+        assert store.change.startswith("made with OpenBLAS Atom, and this is OpenBLAS ")
+        assert store.done == 2
+
+
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     """A folder with other files is no place for a campaign."""
     (tmp_path / "notes.txt").write_text("mine")

@@ -73,6 +73,20 @@ def test_a_campaign_prints_the_keys_that_others_rely_on_and_goes_on(labrig: Labr
     pd.testing.assert_frame_equal(before, pd.read_parquet(made / "out" / "part-000000.parquet"))
 
 
+def test_a_campaign_that_goes_on_with_other_kernels_says_so(labrig: Labrig, tmp_path: Path) -> None:
+    """One line of standard error names the kernels of the first rows, and those of now."""
+    write_campaign(tmp_path, set=FAST, repetitions=1)
+    command = ("campaign", tmp_path / "campaign-tried.yaml", "--rig", RIG, "--out", tmp_path / "out")
+    assert "note: the first rows" not in labrig(*command).err
+    file = tmp_path / "out" / "campaign.json"
+    document = json.loads(file.read_text(encoding="utf-8"))
+    document["processor"]["libm"] = "glibc 2.1"
+    file.write_text(json.dumps(document), encoding="utf-8")
+    again = labrig(*command)
+    assert again.exit_code == 0
+    assert "note: the first rows were made with glibc 2.1, and this is glibc" in again.err
+
+
 def test_the_order_of_workers_changes_nothing(labrig: Labrig, made: Path) -> None:
     """One process and three give the same rows."""
     tables = []

@@ -29,6 +29,7 @@ def parameters(circle):
     return np.array([*circle.centre, circle.radius])
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("method", ["geometric", "taubin"])
 @pytest.mark.parametrize("name", CERTIFIED)
 def test_answers_the_certified_circles(name, method):
@@ -41,6 +42,7 @@ def test_answers_the_certified_circles(name, method):
     assert parameters(circle) == pytest.approx(np.array(certified[method], dtype=float), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("name", CERTIFIED)
 def test_states_the_certified_standard_errors(name):
     """The covariance of the geometric fit is the usual s^2 (J^T J)^-1."""
@@ -81,6 +83,7 @@ def test_moves_turns_and_scales_with_its_points(method, shift, scale, turn, seed
     assert after.radius == pytest.approx(scale * before.radius, abs=tolerance)
 
 
+@pytest.mark.processors
 def test_geometric_fit_is_a_minimum():
     """No small step from the geometric circle lowers the sum of squared orthogonal distances."""
     points = arc(80, noise=0.4)
@@ -99,6 +102,7 @@ def test_residuals_are_positive_outside():
     assert circle.residuals([(3.0, 0.0), (0.0, 0.5)]) == pytest.approx([2.0, -0.5])
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("share", [0.05, 0.3])
 def test_robust_fit_bears_outliers(share):
     """Outliers that ruin the geometric fit do not move the robust fit."""
@@ -203,6 +207,7 @@ def test_survives_points_on_the_centre(method):
     assert np.isfinite(parameters(fit_circle(points, method=method))).all()
 
 
+@pytest.mark.processors
 def test_robust_fit_settles_where_reweighting_creeps():
     """The robust fit converges on a drawn needle of 19.53 mm, a third of whose rows are nearly outliers."""
     points = np.loadtxt(Path(__file__).with_name("creeping_arc.csv"), delimiter=",", skiprows=1)

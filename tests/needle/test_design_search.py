@@ -40,6 +40,7 @@ def test_cells_are_in_order_with_progress(cells: tuple[GridPoint, ...]) -> None:
     assert progress == [(1, 2), (2, 2)]
 
 
+@pytest.mark.processors
 def test_a_plane_is_found_exactly() -> None:
     """Rotations that lie in a plane give back its numbers and an RMSE of zero."""
     flat = [

@@ -63,6 +63,7 @@ def _differences(tip: Callable[[FloatArray], FloatArray], psi: FloatArray, step:
     return np.stack(columns, axis=-1)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("psi", CONFIGURATIONS)
 def test_the_tip_is_where_integration_ends(psi: FloatArray) -> None:
     """Equations (5) to (8) agree with stepwise integration of curvature and roll."""

@@ -112,6 +112,7 @@ def test_the_same_seed_gives_the_same_answer_and_another_one_no_other() -> None:
     assert search_largest_rotation(view, seed=2).rotation_deg == pytest.approx(first.rotation_deg, abs=0.005)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("view", [PAPER.hinge_a(), PAPER.hinge_b()], ids=["a", "b"])
 def test_the_box_does_not_hold_the_search(view: HingeView) -> None:
     """The maximum lies well inside the box, but for the play of hinge b along its pin, which is a limit itself."""

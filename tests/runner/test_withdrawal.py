@@ -18,7 +18,7 @@ from labrig.devices.operator import (
 from labrig.errors import DriveError, SafetyStopError
 from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
-from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
+from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.withdrawal import (
     ReverseMove,
     plan_partial_moves,

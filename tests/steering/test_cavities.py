@@ -84,6 +84,7 @@ def test_a_step_at_whose_end_nobody_looked_is_no_miss() -> None:
     assert on.tip.position_mm[2] > belief.tip.position_mm[2] + 0.4
 
 
+@pytest.mark.processors
 def test_a_needle_is_steered_through_a_cavity() -> None:
     """A needle that goes straight for 8 mm half-way still arrives within a millimetre."""
     problem = PlanProblem((0.0, 5.0, 100.0), planar=True)

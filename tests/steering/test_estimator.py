@@ -45,6 +45,7 @@ def estimate(insertion: SimulatedInsertion, **changes: object) -> np.ndarray:
     return estimate_tip_poses(**(given_values | changes))
 
 
+@pytest.mark.processors
 @PLANES
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("radius_mm", [5.0, 27.6, 300.0])
@@ -107,6 +108,7 @@ def test_planar_and_spatial_filters_agree_in_the_plane() -> None:
     np.testing.assert_allclose(reduced, full, atol=1e-6)
 
 
+@pytest.mark.processors
 def test_the_default_filter_equals_a_plain_one() -> None:
     """An independent filter without filterpy, its Jacobians by differences, gives the same poses and covariances."""
     insertion = insert(12, planar=False)
@@ -125,6 +127,7 @@ def test_the_covariance_tells_the_error(planar: bool, radius_sd_mm: float) -> No
     assert mean == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.processors
 @PLANES
 def test_innovations_are_as_large_as_foretold(planar: bool) -> None:
     """The mean NIS of ten runs equals the number of observed axes, within 6 %."""
@@ -151,6 +154,7 @@ def test_no_filter_could_know_the_heading_much_better(planar: bool) -> None:
     assert math.sqrt(np.mean(squares) / np.mean(bounds)) == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.processors
 def test_the_curvature_is_learnt() -> None:
     """An error of 8 % in the radius is found along the way, over ten runs, and its uncertainty shrinks."""
     errors = []

@@ -33,6 +33,7 @@ def test_the_slope_is_the_derivative(curvature: float) -> None:
     np.testing.assert_allclose(step_position_slope(3.0, curvature), (ahead - behind) / 2e-4, atol=1e-6)
 
 
+@pytest.mark.processors
 @given(vector=st.tuples(*[st.floats(-4.0, 4.0)] * 3).map(np.array))
 def test_turned_is_the_matrix_exponential(vector: np.ndarray) -> None:
     """Rodrigues' formula at every size of angle, zero included."""

@@ -34,6 +34,7 @@ def test_a_target_is_met_where_it_is_when_the_tip_gets_there() -> None:
     assert y_mm == pytest.approx(0.1 * (20.0 + math.hypot(20.0, y_mm - 6.0)), abs=0.01)
 
 
+@pytest.mark.processors
 def test_the_needle_ends_at_a_target_that_is_pushed_along() -> None:
     """Told how the target moves, the step reaches it; told that it stands still, it ends where it was."""
     motion = Motion((0.0, -0.04, 0.05), ())

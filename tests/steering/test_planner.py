@@ -77,6 +77,7 @@ def test_planar_rolls_alternate(method: PlanMethod) -> None:
     assert set(rolls[1:]) == {math.pi}
 
 
+@pytest.mark.processors
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
 def test_distances_are_exact(seed: int) -> None:
@@ -104,6 +105,7 @@ def test_a_sphere_about_the_arcs_centre_is_a_radius_away() -> None:
         assert distance == pytest.approx(27.6)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("seed", range(3))
 def test_a_plan_moves_with_its_frame(seed: int) -> None:
     """Turning and moving the start, the target and the obstacles together changes no arc."""
@@ -121,6 +123,7 @@ def test_a_plan_moves_with_its_frame(seed: int) -> None:
     np.testing.assert_allclose(sample_path(moved, plan)[-1], plan.tip_mm, atol=1e-9)
 
 
+@pytest.mark.processors
 def test_a_mirrored_problem_has_the_mirrored_plan() -> None:
     """With y reversed, the first roll is the other one and the angles are the same."""
     plan = plan_path(PlanProblem(TARGET, OBSTACLES, planar=True))
@@ -233,6 +236,7 @@ def test_the_same_problem_has_the_same_plan() -> None:
     assert plan_path(problem) == plan_path(problem)
 
 
+@pytest.mark.processors
 def test_a_heavier_weight_buys_clearance() -> None:
     """A higher price of missing clearance gives no less of it."""
     problem = PlanProblem(TARGET, OBSTACLES, planar=True)

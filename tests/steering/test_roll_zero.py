@@ -15,6 +15,7 @@ BEND_MM = RADIUS_MM * (1.0 - math.cos(LENGTH_MM / RADIUS_MM))
 ROLLS = np.arange(6) * math.pi / 3
 
 
+@pytest.mark.processors
 @given(zero_rad=st.floats(-3.1, 3.1), sheath_mm=st.floats(-1.0, 1.0))
 def test_the_zero_is_found_wherever_it_is(zero_rad: float, sheath_mm: float) -> None:
     """Deflections by equation (5) give the zero and the bend back, at any clamping and sheath position."""

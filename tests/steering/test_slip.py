@@ -31,6 +31,7 @@ def follow_with_slip(seed: int, slips: Floats) -> TipState:
     return state
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("slip", [-0.03, 0.0, 0.03])
 def test_the_slip_is_learnt(slip: float) -> None:
     """After 100 mm the slip is known within three of its standard deviations, and better than before."""

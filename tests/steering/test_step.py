@@ -68,6 +68,7 @@ def test_backlash_that_is_counted_with_costs_nothing(problem: PlanProblem) -> No
     assert gap_mm(needle, problem) > 0.4
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("seed", range(3))
 def test_a_needle_of_another_radius_arrives(seed: int) -> None:
     """With noise of 0.2 mm, and a radius 3 % off, the default policy stays within half a millimetre."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -49,6 +50,7 @@ def _picture(view: TipView) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uin
     return image, (y_mm, z_mm)
 
 
+@pytest.mark.processors
 def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
     """After two misses every heading is tried, so that a tip deflected by a cavity is found."""
     assert _search(0.0, misses=0).position_mm is not None

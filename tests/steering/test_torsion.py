@@ -68,6 +68,7 @@ def left_by(arcs_mm: Sequence[float], directions: Sequence[int], error: LagError
     return find_lag_sensitivity(stretches, RADIUS_MM).find_sd_mm(error)
 
 
+@pytest.mark.processors
 @given(lengths_mm, lags)
 def test_with_the_true_lag_the_bevel_ends_where_it_should_be(arcs_mm: list[float], lag: TorsionalLag) -> None:
     """After overshoot and return the bevel is at the base's angle, so that the play is free on both sides."""

@@ -39,6 +39,7 @@ def fit(bends: list[TorsionBend]) -> TorsionFit:
     return fit_torsion(bends, LENGTHS, 30.0)
 
 
+@pytest.mark.processors
 def test_exact_deflections_give_the_lag_exactly() -> None:
     """The lag, its growth and the radius come out; a parallax that depends on the depth alone changes nothing."""
     found = fit(make_bends(0.0, 0))

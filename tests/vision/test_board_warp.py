@@ -45,6 +45,7 @@ def test_sigma_of_the_focal_length_holds_for_warped_boards():
     assert 0.65 < np.sqrt(np.mean(np.square(shares))) < 1.4
 
 
+@pytest.mark.processors
 def test_warp_is_positive_towards_the_camera_whatever_the_numbering():
     """A middle that stands towards the camera is positive, also if the board's rows are numbered upwards."""
     board = SimulatedBoard(height_mm=parabolas(0.4, -0.2))
@@ -157,6 +158,7 @@ def test_more_bad_views_than_a_third_are_refused():
     )
 
 
+@pytest.mark.processors
 def test_good_views_are_kept_where_the_others_hardly_tell_the_lens():
     """Of four good views none is left out because the other three predict it badly."""
     for seed in range(6):

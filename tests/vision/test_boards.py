@@ -80,6 +80,7 @@ def measure_errors(seen, homography):
     return np.linalg.norm(drawn[:, :2] / drawn[:, 2:] - seen.pixels, axis=1)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize(("distance", "least"), [(1.3, 40), (0.8, 20)])
 def test_corners_of_an_aprilgrid_are_found_where_they_were_drawn(distance, least):
     """Of a whole grid and of one that the frame cuts, each corner has its place on the board and in the picture."""
@@ -92,6 +93,7 @@ def test_corners_of_an_aprilgrid_are_found_where_they_were_drawn(distance, least
         assert errors.max() < 0.3
 
 
+@pytest.mark.processors
 def test_aprilgrid_gives_the_lens():
     """Eight views of a drawn grid give the camera within three stated standard deviations, and are accepted."""
     pictures = [(str(seed), photograph(draw_cells(), pose(seed, 1.1), seed)) for seed in range(8)]

@@ -63,6 +63,7 @@ def test_interval_holds_the_truth_about_as_often_as_it_says():
     assert np.median([np.diff(m.radius_ci95_mm)[0] for m, _ in sweep()]) < 0.05
 
 
+@pytest.mark.processors
 def test_measurement_names_the_needles_ends_and_bend():
     """Entry, tip, arc length, centre and bend are those of the needle drawn."""
     m = measure_picture(RenderedNeedle())
@@ -83,6 +84,7 @@ def test_needle_that_bends_the_other_way_says_so():
     assert m.radius_mm == pytest.approx(28.0, abs=0.05)
 
 
+@pytest.mark.processors
 def test_window_leaves_out_what_it_declares():
     """The fitted rows lie between the declared ends, and the hinges' closing beyond them biases the radius."""
     m = measure_picture(RenderedNeedle())
@@ -149,6 +151,7 @@ def test_needle_without_a_sheath_enters_at_the_border():
     assert m.radius_mm == pytest.approx(28.0, abs=0.05)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize(
     "gel",
     [

@@ -41,6 +41,7 @@ def test_depth_is_read_from_width_and_length(x_mm: float) -> None:
     assert not depth.contradicts
 
 
+@pytest.mark.processors
 def test_a_needle_that_left_the_plane_contradicts_what_was_known() -> None:
     """A needle that looks 8 mm behind the plane where 0.5 mm were expected contradicts; the picture counts then."""
     left, kept = measure(DeepNeedle(x_mm=8.0), 0.5), measure(DeepNeedle(), 0.5)
@@ -51,6 +52,7 @@ def test_a_needle_that_left_the_plane_contradicts_what_was_known() -> None:
     assert kept.sd_mm < 0.5
 
 
+@pytest.mark.processors
 def test_slip_is_not_taken_for_depth() -> None:
     """A needle whose tip lags behind by 1 % of its length is still where it is."""
     depth = measure(DeepNeedle(length_mm=100.0), 2.0, inserted_mm=101.0)

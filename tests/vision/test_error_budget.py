@@ -46,6 +46,7 @@ def test_interval_holds_the_truth_with_light_from_one_side():
     assert np.mean([m.radius_ci95_mm[0] <= truth <= m.radius_ci95_mm[1] for m, truth in pairs]) > 0.86
 
 
+@pytest.mark.processors
 def test_sources_add_up_to_the_error_bar():
     """The squares of the known sources add up to the radius' variance, and unknown ones are null in JSON."""
     found = measure(NEEDLE)
@@ -58,6 +59,7 @@ def test_sources_add_up_to_the_error_bar():
     assert found.sigma_calibration_mm == 0.0
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_lamp_beside_the_needle_shows_in_radius_and_tip(side):
     """A lamp shifts the centre line by more than what is stated in even light, and about what is stated in its own.
@@ -75,6 +77,7 @@ def test_a_lamp_beside_the_needle_shows_in_radius_and_tip(side):
     assert lit.tip_budget_mm.lighting > 0.5 * shift_mm
 
 
+@pytest.mark.processors
 def test_tip_that_fades_out_is_less_certain():
     """A blurred tip has a larger error bar than a sharp one, and both hold the true tip."""
     sharp, blurred = (measure(replace(NEEDLE, blur_px=blur_px)) for blur_px in (0.6, 2.0))

@@ -103,6 +103,7 @@ def test_fingerprint_follows_the_model_alone():
     assert lens().fingerprint() != lens((-0.12, 0.05, 5e-4, -3e-4, 1e-9)).fingerprint()
 
 
+@pytest.mark.processors
 def test_finds_the_camera_that_took_the_views():
     """Careful views of a board give the drawn camera within three standard deviations, and are accepted."""
     found = calibrate(good_views())
@@ -199,6 +200,7 @@ def test_refuses_noisy_corners():
     assert any("left out" in reason for reason in found.reasons)
 
 
+@pytest.mark.processors
 def test_leaves_out_a_gross_view():
     """A view with wrong corners is left out and listed with its error; the rest is used."""
     views = good_views()
@@ -207,7 +209,7 @@ def test_leaves_out_a_gross_view():
     clean = calibrate([view for n, view in enumerate(views) if n != 4])
     assert [view.image for view in found.views if not view.used] == ["4.png"]
     assert "px from where the other views put them" in found.views[4].reason
-    assert found.fx == pytest.approx(clean.fx, abs=1e-6)
+    assert found.fx == pytest.approx(clean.fx, abs=0.01 * clean.sigma["fx"])
     assert found.accepted
 
 
@@ -260,6 +262,7 @@ def draw_board(turn_deg=0.0, square_px=40, blur=1.0):
     return cv2.GaussianBlur(picture, (0, 0), blur), corners @ turn[:, :2].T + turn[:, 2]
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("turn_deg", [0.0, 7.0, -20.0])
 def test_finds_corners_where_they_were_drawn(turn_deg):
     """Corners are found to a twentieth of a pixel, with pixel centres at integers."""
@@ -339,6 +342,7 @@ def test_calibrates_from_real_photographs():
     assert len(found.views) == 13
 
 
+@pytest.mark.processors
 def test_lens_and_warp_are_mrcal_s():
     """mrcal 2.2 on the same corners, with the warp of the board, gives every parameter within 0.05 sigma."""
     found = calibrate_from_pictures(photographs(), 9, 6, 25.0)
@@ -401,6 +405,7 @@ def test_refuses_one_photograph_taken_five_times():
     assert any("in 1 pose that can be told apart" in reason for reason in found.reasons)
 
 
+@pytest.mark.processors
 def test_zhang_s_model_gives_what_zhang_published():
     """Zhang's five views with his skew and two radial coefficients: every parameter within 0.01 of his answer."""
     if not ZHANG.is_dir():

@@ -59,6 +59,7 @@ def project(y_mm: NDArray[np.float64], z_mm: NDArray[np.float64], x_mm: float) -
     )
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_APRILTAG_36h11"])
 def test_a_displacement_is_measured_to_some_hundredths_of_a_millimetre(dictionary: str) -> None:
     """A marker that moves is found around where it was, turned and tilted as it is, and its sides have their length."""
@@ -89,6 +90,7 @@ def test_a_marker_that_is_seen_twice_or_never_is_refused_with_the_reason() -> No
     assert once.corners_px is not None
 
 
+@pytest.mark.processors
 def test_a_marker_beside_the_plane_is_measured_there() -> None:
     """A marker 20 mm before the plane is seen larger, and moving by more; with its x stated both are undone."""
     x_mm = -20.0

@@ -108,6 +108,7 @@ def test_wants_one_row_a_point():
         plane.to_px(np.zeros((3, 3)))
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("insertion", DIRECTIONS)
 def test_paper_gives_the_plane_to_a_fiftieth_of_a_millimetre(insertion, bench, paper):
     """Lens, tilt and turn are undone all over the picture, in the stated frame, far inside 0.02 mm."""
@@ -280,6 +281,7 @@ def test_refuses_a_scrap_of_paper(bench, paper):
     assert plane.residual_field_mm[0][0] is None
 
 
+@pytest.mark.processors
 def test_goes_around_what_lies_on_the_paper(bench, paper):
     """A tool on the paper hides its crossings and does not move the map."""
     covered = paper.copy()

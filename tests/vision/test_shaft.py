@@ -25,6 +25,7 @@ def locate(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
     return locate_shaft(bench().picture(needle, gel, seed), LENS.plane_map(), diameter_mm, sheath_mm)
 
 
+@pytest.mark.processors
 def test_tip_and_sheath_tip_are_located_within_a_tenth_of_a_millimetre():
     """Both ends of the centre line are found in mm, and the arc between them has the needle's length."""
     needle = RenderedNeedle()
@@ -43,6 +44,7 @@ def test_short_needles_are_found(length_mm):
     )
 
 
+@pytest.mark.processors
 def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
     """No row of the centre line is off by 0.05 mm, and the width is the needle's."""
     needle = RenderedNeedle()
@@ -54,6 +56,7 @@ def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
     assert shaft.width_mm == pytest.approx(1.2, abs=0.02)
 
 
+@pytest.mark.processors
 @pytest.mark.parametrize("stated_mm", [0.85, 1.0, 1.5, 1.75])
 def test_stated_diameter_may_be_off_by_half(stated_mm):
     """The measured shaft does not depend on the diameter that the caller states."""

@@ -39,6 +39,7 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
     assert np.all(np.abs(np.mean(off, axis=0)) < (0.025, 0.015, np.radians(0.12)))
 
 
+@pytest.mark.processors
 def test_a_bubble_at_the_end_moves_nothing() -> None:
     """A dark bubble of 0.8 mm in front of two thirds of the end moves the tip by less than 0.1 mm."""
     image = BENCH.picture(sheath(), RenderedGel(bubbles=0), 1)

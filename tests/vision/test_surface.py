@@ -126,6 +126,7 @@ def test_refuses_what_no_gel_explains():
         )
 
 
+@pytest.mark.processors
 def test_the_paper_s_height_moves_the_scale_by_its_share_of_the_camera_s():
     """A standard deviation of 1 mm stretches lengths by 1 mm over the camera's height; without one it is named."""
     plain, known = (

@@ -27,6 +27,7 @@ def _off_px(found: tuple[float, float] | None, px: tuple[float, float]) -> float
     return math.dist(found, px)
 
 
+@pytest.mark.processors
 def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five_degrees() -> None:
     """At noise 3 the error is at most 0.1 px rms along each axis, wherever the needle heads."""
     random = np.random.default_rng(0)
@@ -48,6 +49,7 @@ def test_the_whole_picture_is_searched_where_nothing_is_predicted() -> None:
     assert _off_px(locate_tip(shown.picture, TEMPLATE).tip_px, shown.px) < 0.3
 
 
+@pytest.mark.processors
 def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
     """A template taken at roll 0 serves at roll pi, even if there is no glint there."""
     shown = tip(0.3, 4, over=True)
@@ -103,6 +105,7 @@ def test_a_masked_tip_is_not_found() -> None:
     assert not locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.2, mask=mask).accepted
 
 
+@pytest.mark.processors
 def test_two_tips_cannot_be_told_apart() -> None:
     """If two places score alike, neither is accepted."""
     shown = tip(0.0, 8)

@@ -1,0 +1,192 @@
+"""What is computed in each environment and compared: `python -m tests.processors.probes FILE` writes it as JSON.
+
+A probe returns cases. To compare more, write another and add it to `PROBES`.
+"""
+
+import json
+import math
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from labrig.analysis.installation import describe_kernels
+from labrig.analysis.run import analyze_run
+from labrig.campaign.tasks import CampaignTasks, compute_task
+from labrig.experiments.registry import find_run_experiment
+from labrig.record.reader import open_run
+from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.campaign.campaigns import RIGS, load, write_campaign
+
+RECORDS = Path(__file__).parents[1] / "records"
+Document = Mapping[str, Any]
+Numbers = Mapping[str, Sequence[tuple[float, float]]]
+"""Quantity -> values, each with the sigma that is stated of it."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something that was computed: what was decided in it, in words, and its numbers.
+
+    Numbers are compared where the same was decided.
+    """
+
+    name: str
+    decided: str
+    numbers: Numbers
+
+
+def measure_kept_records() -> Iterator[Case]:
+    """Measure each kept record once more."""
+    with tempfile.TemporaryDirectory() as folder:
+        for record in sorted(path for path in RECORDS.iterdir() if path.is_dir()):
+            run = open_run(Path(shutil.copytree(record, Path(folder) / record.name)))
+            result = analyze_run(run, find_run_experiment(run), created=NOW, provenance=PROVENANCE).document
+            yield _READERS[result["kind"]](f"record {record.name}", result)
+
+
+def _read_calibration(name: str, result: Document) -> Case:
+    lens, plane = result["intrinsics"], result["plane"]
+    sigma, crossing_mm = lens["sigma"], plane["crossing_noise_mm"]
+    numbers = {
+        "focal length [px]": [(lens[key], sigma[key]) for key in ("fx", "fy")],
+        "centre [px]": [(lens[key], sigma[key]) for key in ("cx", "cy")],
+        "distortion": [
+            (value, sigma[key])
+            for key, value in zip(("k1", "k2", "p1", "p2", "k3"), lens["distortion"], strict=True)
+        ],
+        "corner [px]": [
+            (value, lens["rms_px"])
+            for corners in result["corners"].values()
+            for corner in corners
+            for value in corner
+        ],
+        "plane [mm]": [(value, crossing_mm) for value in _map_corners(plane)],
+        "bend of paper [mm]": [(plane["bend"]["height_mm"], plane["bend"]["sigma_mm"])],
+    }
+    decided = [(view["image"], view["used"], view["reason"]) for view in lens["views"]]
+    return Case(name, str((result["accepted"], result["reasons"], decided, plane["crossings"])), numbers)
+
+
+def _map_corners(plane: Document) -> Iterator[float]:
+    """Yield where the homography puts the corners of the picture [mm]."""
+    width_px, height_px = plane["image_size"]
+    for u, v in ((0, 0), (width_px, 0), (0, height_px), (width_px, height_px)):
+        y, z, scale = (row[0] * u + row[1] * v + row[2] for row in plane["homography"])
+        yield from (y / scale, z / scale)
+
+
+def _read_roll_zero(name: str, result: Document) -> Case:
+    fit = result["fit"]
+    residual_mm = fit["residual_rms_mm"]
+    numbers = {
+        "roll zero [rad]": [(fit["zero_rad"], fit["sd_rad"])],
+        "deflection [mm]": [(value, residual_mm) for value in (*result["deflections_mm"], fit["bend_mm"])],
+    }
+    return Case(name, str((result["accepted"], result["reasons"])), numbers)
+
+
+def _read_curvature(name: str, result: Document) -> Case:
+    rows = result["measurements"]
+    measured = [row for row in rows if row["accepted"]]
+    numbers = {
+        "radius [mm]": [(row["radius_mm"], row["sigma_radius_mm"]) for row in measured],
+        "end of shaft [mm]": [
+            (value, math.hypot(*(part for part in row["tip_budget_mm"].values() if part)))
+            for row in measured
+            for value in (*row["tip_mm"], row["arc_length_mm"])
+        ],
+    }
+    return Case(name, str([(row["frame"], row["accepted"], row["reason"]) for row in rows]), numbers)
+
+
+def _read_insertion(name: str, result: Document) -> Case:
+    (insertion,) = result["insertions"]
+    seen = [step for step in insertion["steps"] if step["tip_mm"] and step["estimate_mm"]]
+    sd_mm = seen[-1]["position_sd_mm"]
+    commands = insertion["commands"]
+    error = (insertion["target_error_mm"], insertion["sigma_target_error_mm"])
+    numbers = {
+        "target error [mm]": [error, *((value, error[1]) for value in insertion["tip_mm"])],
+        "sighting [mm]": [(value, step["position_sd_mm"]) for step in seen for value in step["tip_mm"]],
+        "estimate [mm]": [(value, step["position_sd_mm"]) for step in seen for value in step["estimate_mm"]],
+        "heading [rad]": [(step["heading_rad"], step["heading_sd_rad"]) for step in seen],
+        "command [mm]": [(command["run_to_mm"], sd_mm) for command in commands if command["run_to_mm"]],
+        "plan [mm]": [
+            (value, sd_mm)
+            for plan in insertion["plans"]
+            if plan["found"]
+            for value in (plan["length_mm"], plan["clearance_mm"])
+        ],
+    }
+    decided = [
+        insertion["outcome"],
+        insertion["stop"],
+        [(step["believed"], step["reason"]) for step in insertion["steps"]],
+        [(plan["because"], plan["found"], plan["arcs"]) for plan in insertion["plans"]],
+        [(round(command["roll_rad"], 6), command["sought"], command["stop"]) for command in commands],
+    ]
+    return Case(name, str(decided), numbers)
+
+
+def _read_design(name: str, result: Document) -> Case:
+    search = result["search"]
+    cut_deg = search["tolerance"]["cut_deg"]
+    numbers = {
+        "angle of hinge [deg]": [
+            *((cell[key], cut_deg) for cell in result["cells"] for key in ("beta_a_deg", "beta_b_deg")),
+            *((search[key], cut_deg) for key in ("beta_cut_deg", "beta_rot_deg")),
+        ]
+    }
+    return Case(name, str((result["accepted"], search["inside_grid"], search["reason"])), numbers)
+
+
+_READERS: Mapping[str, Callable[[str, Document], Case]] = {
+    "calibration": _read_calibration,
+    "roll-zero": _read_roll_zero,
+    "curvature": _read_curvature,
+    "insertion": _read_insertion,
+    "design": _read_design,
+}
+
+
+def repeat_insertions() -> Iterator[Case]:
+    """Compute virtual insertions: past the obstacles of the example, and shorter ones in a world of hard gel."""
+    short = {"target.position_mm": [0, 6, 60], "obstacles": []}
+    with tempfile.TemporaryDirectory() as folder:
+        for rig, repetitions, settings in (
+            ("rig-reference", 14, {}),
+            ("rig-hard", 14, short),
+        ):
+            file = write_campaign(Path(folder), repetitions=repetitions, depth="world", set=settings)
+            loaded = load(file, RIGS / f"{rig}.yaml")
+            for number, order in enumerate(CampaignTasks(loaded).list_orders(0)):
+                outcome = compute_task(order)
+                protocol = json.loads(order.inputs.protocol)
+                sd_mm = protocol["estimator"]["observation_sd_mm"]
+                values = outcome.values
+                counts = {key: value for key, value in values.items() if isinstance(value, int)}
+                numbers = {
+                    "virtual insertion [mm]": [
+                        (value, sd_mm) for value in values.values() if isinstance(value, float)
+                    ]
+                }
+                decided = str((outcome.exit_status, outcome.reason, counts))
+                yield Case(f"insertion {number} on {rig}", decided, numbers)
+
+
+PROBES: tuple[Callable[[], Iterator[Case]], ...] = (measure_kept_records, repeat_insertions)
+
+
+def main() -> None:
+    """Write the kernels of this process, and all cases."""
+    cases = [asdict(case) for probe in PROBES for case in probe()]
+    found = {"processor": dict(describe_kernels()), "cases": cases}
+    Path(sys.argv[1]).write_text(json.dumps(found), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,6 @@ import ctypes
 import fcntl
 import hashlib
 import os
-import pty
 import select
 import signal
 import socket
@@ -16,7 +15,6 @@ import struct
 import sys
 import termios
 import threading
-import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -48,41 +46,6 @@ _MOST_READS = 16
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, account and group of a peer, as SO_PEERCRED gives them."""
-
-
-@dataclass(frozen=True)
-class PseudoTerminal:
-    """Both ends of a pseudo-terminal; programs open `path` as if it were a serial port."""
-
-    path: str
-    own_end: int
-    other_end: int
-
-    def read(self, timeout_s: float) -> bytes:
-        """Return what was written at the other end; wait at most `timeout_s` for it."""
-        readable, _, _ = select.select([self.own_end], [], [], max(0.0, timeout_s))
-        return os.read(self.own_end, _CHUNK_BYTES) if readable else b""
-
-    def write(self, data: bytes) -> None:
-        """Write for the other end to read; if nobody reads and the terminal is full, `data` is dropped."""
-        try:
-            os.write(self.own_end, data)
-        except BlockingIOError:
-            return
-
-    def close(self) -> None:
-        """Remove the terminal, as if a USB plug was pulled."""
-        for end in (self.other_end, self.own_end):
-            os.close(end)
-
-
-def open_pseudo_terminal() -> PseudoTerminal:
-    """Return a new pseudo-terminal in raw mode."""
-    own_end, other_end = pty.openpty()
-    tty.setraw(other_end)
-    os.set_blocking(own_end, False)
-    # Our copy of the other end stays open, so that clients can connect again.
-    return PseudoTerminal(os.ttyname(other_end), own_end, other_end)
 
 
 class LineSocket:

@@ -9,6 +9,7 @@ from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError
 from labrig.record.agreement import Verdict
+from labrig.record.processor import describe_change
 from labrig.record.provenance import collect_provenance
 
 

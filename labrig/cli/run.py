@@ -21,7 +21,6 @@ from labrig.cli.options import (
     choose_local_runs_dir,
 )
 from labrig.cli.output import AsJson, say
-from labrig.protocol.formatting import mask_passwords
 
 
 def run(
@@ -71,7 +70,6 @@ def run(
     if description is not None:
         remark_on_yes(description, yes=yes)
     experiment = find_experiment(loaded.experiment)
-    command_line = tuple(map(mask_passwords, sys.argv))
     sources = sources.with_rig_file(loaded)
     attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
     order = RunOrder(
@@ -80,7 +78,7 @@ def run(
         description,
         chosen.path,
         run_name,
-        command_line,
+        tuple(sys.argv),
         sources,
         attention,
         Watching(live, verbose),

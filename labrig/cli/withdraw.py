@@ -101,7 +101,7 @@ def _open_run_with_needle(description: RigDescription, given: Path | None, runs_
     if description.kind == "simulated":
         raise InputError(
             f"{description.name}: a simulated rig has new gel whenever it is opened, with no needle in it",
-            "run the protocol again; to practise a withdrawal, serve drives: labrig devices simulate --help",
+            "run the protocol again",
         )
     if given is None and state.since_run is None:
         raise InputError(

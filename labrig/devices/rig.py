@@ -959,7 +959,7 @@ def open_rig(
     seed : int
         For every draw of a simulated world.
     person : Operator
-        Answers on a bench; a simulated rig answers by itself.
+        Answers on a bench, and where one is rehearsed; any other simulated rig answers by itself.
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
     insisted : callable or None
@@ -995,7 +995,7 @@ def open_rig(
             hardware=hardware,
             link=link,
             source=source,
-            person=person,
+            person=hardware.accompany(person),
             interrupted=interrupted,
             insisted=insisted,
             stop_requests=stop_requests,

@@ -4,7 +4,6 @@ import json
 import re
 import shlex
 import shutil
-import sys
 import time
 from itertools import pairwise
 from pathlib import Path

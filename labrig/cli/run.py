@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import (
-    LiveKind,
     LiveOption,
     LocalRunArgument,
     NoPauseOption,
@@ -48,7 +47,6 @@ def run(
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_local_runs_dir(runs_dir)
-    _require_viewer(live)
     from labrig.cli.sources import Sources
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
@@ -96,14 +94,6 @@ def _refuse_taken_name(runs_dir: Path, run_name: str | None) -> None:
         require_free_name(runs_dir, run_name)
 
 
-def _require_viewer(live: LiveKind | None) -> None:
-    """Refuse `--live` before anything moves if the viewer's library is not installed."""
-    if live is not None:
-        from labrig.cli.missing_package import require_package
-
-        require_package("rerun", "rerun-sdk", "--live")
-
-
 def resume(
     run_path: LocalRunArgument,
     protocol: Annotated[
@@ -118,7 +108,6 @@ def resume(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
-    _require_viewer(live)
     from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.resume_run import resume_and_print

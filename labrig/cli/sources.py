@@ -65,7 +65,7 @@ def _place_in_lab(path: Path) -> Path:
 
 
 def read_sources(run: Path, manifest: Mapping[str, object]) -> Sources | None:
-    """Return the sources of a run by its manifest; None for the run of an older labrig, which kept none.
+    """Return the sources of a run by its manifest; None for one that keeps none.
 
     Files that are not below the working folder are those of the lab folder that holds the run.
     """

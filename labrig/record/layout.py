@@ -20,7 +20,6 @@ CHAIN = "chain.jsonl"
 CLOSING = ".manifest.closing"
 """The manifest of a run that is being closed, until the link that seals it is written."""
 ANALYSIS = "analysis"
-CERTIFICATE = "certificate"
 REPORT, VIEW = "report.html", "view.rrd"
 
 FRAME_LINES = "frames.jsonl"

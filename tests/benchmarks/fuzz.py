@@ -520,7 +520,7 @@ _SLOW = (
 _EXPORTS = (
     ("export", "RUN", "--record", "--out", "out"),
     ("export", "RUN", "--csv", "--out", "out"),
-    ("export", "RUN", "--parquet", "--mat", "--mcap", "--out", "out"),
+    ("export", "RUN", "--parquet", "--mat", "--out", "out"),
 )
 
 

@@ -24,8 +24,6 @@ from labrig.record.writer import Recorder
 from tests.cli.conftest import ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.served import Served, served_drives
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
-
 _KNOWN = {
     "encoder_pulses_per_turn: null": "encoder_pulses_per_turn: 500",
     "gear_ratio: null": "gear_ratio: 4",

@@ -1,7 +1,6 @@
 """A gel in a rehearsal, with a person who pauses, skips, has repeated and takes back; by their keys."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,8 +9,6 @@ from labrig.record.events import TrialStart, TrialStop
 from labrig.record.reader import open_run
 from tests.cli.conftest import RIG, SWEEP, Labrig
 from tests.rehearsing import REHEARSED, agree, run_at_terminal
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
 HOLES = {
     "specimens": "[{name: gel 13 %, gelatin_percent: 13}]",

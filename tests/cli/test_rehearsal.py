@@ -4,7 +4,6 @@ import json
 import re
 import shlex
 import shutil
-import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -13,8 +12,6 @@ import pytest
 
 from tests.cli.conftest import RIG, ROOT, Labrig
 from tests.rehearsing import REHEARSED, agree, run_at_terminal
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
 CHAPTER = ROOT / "labrig" / "manual" / "tutorials" / "commissioning.md"
 FAST = {

@@ -18,8 +18,6 @@ ROOT = Path(__file__).parents[2]
 CLIENT = Path(__file__).parent / "outside_client" / "client.js"
 PACKAGES = Path(sys.prefix) / "outside-client" / "node_modules"
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals and signals are POSIX's")
-
 
 @pytest.mark.parametrize("interface", INTERFACES)
 def test_a_canopen_client_drives_a_node_over_every_interface(interface: str) -> None:

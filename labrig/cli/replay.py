@@ -1,8 +1,10 @@
 """`labrig replay`: runs the procedure again with the recorded answers, and compares what it asks."""
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
+from labrig.cli.agreement import print_deviation, print_largest, print_verdict
 from labrig.cli.damage import require_undamaged
 from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
@@ -11,6 +13,9 @@ from labrig.errors import AnswerIsNoError
 from labrig.record.agreement import Verdict
 from labrig.record.processor import describe_change
 from labrig.record.provenance import collect_provenance
+
+if TYPE_CHECKING:
+    from labrig.runner.replay import Replay
 
 
 def replay(
@@ -34,7 +39,7 @@ def replay(
         "identical": found.verdict is Verdict.IDENTICAL,
         "first_difference": None
         if difference is None or place is None
-        else {**vars(difference), **vars(place), "went_on": not found.stopped},
+        else {**asdict(difference), **asdict(place), "went_on": not found.stopped},
         "beyond": found.agreement.beyond,
         "largest": found.agreement.largest,
         "ended_early": found.ended_early or None,
@@ -44,44 +49,28 @@ def replay(
     if as_json:
         print_json(document)
     else:
-        _print(document)
+        _print(document, found)
     return AnswerIsNoError.exit_code if found.verdict is Verdict.DIFFERENT else 0
 
 
-def _print(document: Mapping[str, Any]) -> None:
+def _print(document: Mapping[str, Any], found: "Replay") -> None:
     """Print the verdict, the first difference with both values, the largest ones, and what was compared."""
-    print_line(_VERDICTS[document["verdict"]])
-    difference = document["first_difference"]
-    if difference is not None:
-        _print_difference(difference, document["beyond"])
-    for quantity, size in sorted(document["largest"].items()):
-        print_line(f"  largest difference of {quantity}: {size:.3g}")
+    print_verdict(found.agreement)
+    difference, place = found.first_difference, found.place
+    if difference is not None and place is not None:
+        where = f"after picture {_format(place.frame)}, in trial {_format(place.trial)}"
+        print_deviation(difference, f"at t = {place.t_s:.3f} s, {where}", ("in the record", "in the replay"))
+    if found.stopped:
+        print_line("  the replay ends there: the record has no answer to what is asked now")
+    elif found.agreement.beyond > 1:
+        print_line(f"  to the end {found.agreement.beyond} values differ by more than is allowed")
+    print_largest(found.agreement)
     for sentence in document["explained_by"]:
         print_line(f"  {sentence}")
-    if document["ended_early"]:
-        print_line(f"  {document['ended_early']}; it is compared up to there")
-    same = ", ".join(f"{count} {what}" for what, count in document["compared"].items())
+    if found.ended_early:
+        print_line(f"  {found.ended_early}; it is compared up to there")
+    same = ", ".join(f"{count} {what}" for what, count in found.counts.items())
     print_line(f"  compared: {same or 'nothing'}")
-
-
-_VERDICTS = {
-    Verdict.IDENTICAL: "identical: the procedure asks and says the same again",
-    Verdict.EQUIVALENT: "equivalent: the same decisions, and every number within its tolerance",
-    Verdict.DIFFERENT: "different",
-}
-
-
-def _print_difference(difference: Mapping[str, Any], beyond: int) -> None:
-    place = f"after picture {_format(difference['frame'])}, in trial {_format(difference['trial'])}"
-    print_line(f"  first at t = {difference['t_s']:.3f} s, {place}: {difference['quantity']}")
-    print_line(f"  in the record: {difference['recorded']}")
-    print_line(f"  in the replay: {difference['now']}")
-    if difference["tolerance"] is not None:
-        print_line(f"  they differ by {difference['size']:.3g}; {difference['tolerance']:.3g} is allowed")
-    if not difference["went_on"]:
-        print_line("  the replay ends there: the record has no answer to what is asked now")
-    elif beyond > 1:
-        print_line(f"  to the end {beyond} values differ by more than is allowed")
 
 
 def _explain(provenance: object, verdict: Verdict) -> list[str]:

@@ -5,8 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.divergence import Divergence, find_divergence
+from labrig.analysis.divergence import compare_results, find_frame
 from labrig.analysis.result import AnyResult
+from labrig.cli.agreement import print_deviation, print_largest, print_verdict
 from labrig.cli.output import print_line, print_table, say
 from labrig.cli.several_runs import add_damage
 from labrig.errors import LabrigError, RecordError
@@ -27,21 +28,24 @@ def load_parent(path: Path, number: int | None) -> AnyResult | None:
 
 
 def print_comparison(old: AnyResult | None, new: Mapping[str, Any], as_json: bool) -> dict[str, object]:
-    """Print where a result first differs from its parent, and return that for JSON."""
+    """Print how a result agrees with its parent, in the words of a replay, and return that for JSON."""
     if old is None:
-        return {"parent": None, "first_divergence": None}
-    found = find_divergence(old.document, new)
+        return {"parent": None, "verdict": None, "first_difference": None, "largest": {}}
+    found = compare_results(old.document, new)
+    first = found.first
+    frame = None if first is None else find_frame(first.path, new) or find_frame(first.path, old.document)
     if not as_json:
-        print_line(
-            "the numbers are identical" if found is None else f"first divergence: {_format_divergence(found)}"
-        )
-    divergence = None if found is None else asdict(found)
-    return {"parent": new["parent"], "first_divergence": divergence}
-
-
-def _format_divergence(found: Divergence) -> str:
-    where = "" if found.frame is None else f"frame {found.frame}, "
-    return f"{where}{found.key}: {found.old} before, {found.new} now"
+        print_verdict(found)
+        if first is not None:
+            where = "of all" if frame is None else f"in frame {frame}"
+            print_deviation(first, where, ("before", "now"))
+        print_largest(found)
+    return {
+        "parent": new["parent"],
+        "verdict": str(found.verdict),
+        "first_difference": None if first is None else {**asdict(first), "frame": frame},
+        "largest": found.largest,
+    }
 
 
 def report_missing_needle(document: Mapping[str, Any]) -> str | None:

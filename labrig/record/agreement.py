@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import zip_longest
 
 SHARE_OF_SD = 0.1
 """A number may differ by this share of the standard deviation that is stated beside it."""
@@ -50,19 +51,24 @@ class Deviation:
 
     Attributes
     ----------
-    quantity : str
-        Its name: dotted path, `*` in place of the numbers of items.
+    path : str
+        Its dotted path; items of a list by their number.
     recorded, now : object
         Both values.
     size, tolerance : float or None
         The difference of two numbers, and what is allowed; None of anything else, which is a decision.
     """
 
-    quantity: str
+    path: str
     recorded: object
     now: object
     size: float | None = None
     tolerance: float | None = None
+
+    @property
+    def quantity(self) -> str:
+        """Its name: the path with `*` in place of the numbers of items."""
+        return ".".join("*" if key.isdigit() else key for key in self.path.split("."))
 
     @property
     def is_within(self) -> bool:
@@ -78,6 +84,8 @@ class Agreement:
     ----------
     largest : dict of str to float
         The largest difference of each quantity that differs at all.
+    shares : dict of str to float
+        The same as a share of its tolerance.
     first : Deviation or None
         The first decision, or number beyond its tolerance.
     beyond : int
@@ -85,6 +93,7 @@ class Agreement:
     """
 
     largest: dict[str, float] = field(default_factory=dict)
+    shares: dict[str, float] = field(default_factory=dict)
     first: Deviation | None = None
     beyond: int = 0
     _rounded: bool = False
@@ -108,9 +117,11 @@ class Agreement:
     def add(self, deviation: Deviation) -> None:
         """Take note of a value that is not the recorded one."""
         self._rounded = True
-        if deviation.size is not None:
-            known = self.largest.get(deviation.quantity, 0.0)
-            self.largest[deviation.quantity] = max(known, deviation.size)
+        name, size = deviation.quantity, deviation.size
+        if size is not None:
+            self.largest[name] = max(self.largest.get(name, 0.0), size)
+            share = size / deviation.tolerance if deviation.tolerance else math.inf
+            self.shares[name] = max(self.shares.get(name, 0.0), share)
         if not deviation.is_within:
             self.first = self.first or deviation
             self.beyond += 1
@@ -134,8 +145,8 @@ def _walk(
         assert isinstance(recorded, Sequence)
         assert isinstance(now, Sequence)
         largest = max((abs(number) for number in recorded if isinstance(number, float)), default=0.0)
-        for before, after in zip(recorded, now, strict=True):
-            yield from _walk(f"{name}.*", before, after, owner, max(scale, largest))
+        for number, (before, after) in enumerate(zip_longest(recorded, now)):
+            yield from _walk(f"{name}.{number}", before, after, owner, max(scale, largest))
     elif isinstance(recorded, float) and isinstance(now, float):
         size = abs(now - recorded)
         yield Deviation(name, recorded, now, size, _find_tolerance(name, recorded, owner, scale))
@@ -146,7 +157,7 @@ def _walk(
 
 
 def _are_lists(recorded: object, now: object) -> bool:
-    return isinstance(recorded, list | tuple) and isinstance(now, list | tuple) and len(recorded) == len(now)
+    return isinstance(recorded, list | tuple) and isinstance(now, list | tuple)
 
 
 def _compare_texts(name: str, recorded: str, now: str) -> Iterator[Deviation]:
@@ -180,7 +191,7 @@ def _find_tolerance(name: str, value: float, owner: Mapping[str, object], scale:
 
 def _last_key(name: str) -> str:
     """Return the last key of a dotted path that is no number of an item."""
-    return next(key for key in reversed(name.split(".")) if key != "*")
+    return next((key for key in reversed(name.split(".")) if not key.isdigit()), "")
 
 
 def _find_sd(name: str, owner: Mapping[str, object]) -> float | None:

@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 
 from labrig.analysis.batch import Outcome, analyze_runs
-from labrig.analysis.divergence import find_divergence
+from labrig.analysis.divergence import compare_results
 from labrig.analysis.engine import Pool, open_process_pool
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, RecordError, WorkersError
 from labrig.experiments.registry import find_run_experiment, load_run_result
+from labrig.record.agreement import Verdict
 from labrig.record.layout import MANIFEST
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
@@ -54,8 +55,8 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     for run, result in zip(runs, results, strict=True):
         read = load_run_result(open_run(run), 2)
         assert read is not None
-        assert find_divergence(read.document, results[0].document) is None
-        assert find_divergence(result.document, results[0].document) is None
+        assert compare_results(read.document, results[0].document).verdict is Verdict.IDENTICAL
+        assert compare_results(result.document, results[0].document).verdict is Verdict.IDENTICAL
 
 
 def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
@@ -86,7 +87,7 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
     together = analyze(runs, mask=mask)
     for run, single, other in zip(runs, alone, together, strict=True):
         assert isinstance(other, AnalysisResult)
-        assert find_divergence(single.document, other.document) is None
+        assert compare_results(single.document, other.document).verdict is Verdict.IDENTICAL
         assert (run / "analysis" / "003" / "mask.json").read_bytes() == mask.content
         assert other.document["settings"]["mask_sha256"] == mask.sha256
 

@@ -16,12 +16,13 @@ from dask.distributed import Client, LocalCluster
 
 from labrig.analysis.batch import analyze_runs
 from labrig.analysis.cluster import open_cluster
-from labrig.analysis.divergence import find_divergence
+from labrig.analysis.divergence import compare_results
 from labrig.analysis.engine import run_in_order
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, InputError, MachineError, WorkersError
 from labrig.experiments.registry import find_run_experiment
+from labrig.record.agreement import Verdict
 from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 
@@ -82,7 +83,7 @@ def test_a_cluster_measures_the_pictures_of_runs(cluster: LocalCluster, tmp_path
     assert [run for run, _ in measured] == runs
     for _, outcome in measured:
         assert isinstance(outcome, AnalysisResult)
-        assert find_divergence(alone.document, outcome.document) is None
+        assert compare_results(alone.document, outcome.document).verdict is Verdict.IDENTICAL
 
 
 @contextmanager

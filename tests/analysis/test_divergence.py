@@ -1,8 +1,9 @@
-"""The first difference of two results."""
+"""The agreement of two results of one run."""
 
 from typing import Any
 
-from labrig.analysis.divergence import Divergence, find_divergence
+from labrig.analysis.divergence import compare_results, find_frame
+from labrig.record.agreement import Deviation, Verdict
 
 
 def _document(**changes: Any) -> dict[str, Any]:
@@ -13,32 +14,36 @@ def _document(**changes: Any) -> dict[str, Any]:
     } | changes  # fmt: skip
 
 
-def test_results_that_say_the_same_do_not_part() -> None:
+def test_results_that_say_the_same_are_identical() -> None:
     """Time, parent and settings of a result do not count as differences."""
-    assert find_divergence(_document(), _document(created="later", parent=1, settings={})) is None
+    found = compare_results(_document(), _document(created="later", parent=1, settings={}))
+    assert found.verdict is Verdict.IDENTICAL
 
 
 def test_the_first_picture_that_differs_is_named() -> None:
-    """Pictures are compared before the values computed from them, and the frame is named."""
+    """Pictures are compared before the values computed from them, and the frame is found."""
     pictures = [{"frame": 3, "radius_mm": 27.0, "tip_mm": [1.0, 2.0]}, {"frame": 7, "radius_mm": 28.5}]
     new = _document(mean_radius_mm=27.75, measurements=pictures)
-    assert find_divergence(_document(), new) == Divergence("measurements.1.radius_mm", 7, 28.0, 28.5)
+    found = compare_results(_document(), new)
+    assert found.first == Deviation("measurements.1.radius_mm", 28.0, 28.5, 0.5, 0.01)
+    assert find_frame("measurements.1.radius_mm", new) == 7
 
 
-def test_a_picture_that_is_gone_and_a_sum_that_differs_are_named() -> None:
+def test_a_picture_that_is_gone_and_a_mean_that_differs_are_named() -> None:
     """A value that one result lacks is None; a value without a picture has no frame."""
     fewer = _document(measurements=_document()["measurements"][:1])
-    assert find_divergence(_document(), fewer) == Divergence("measurements.1.frame", 7, 7, None)
-    other = _document(mean_radius_mm=1.0)
-    assert find_divergence(_document(), other) == Divergence("mean_radius_mm", None, 27.5, 1.0)
+    gone = {"frame": 7, "radius_mm": 28.0}
+    assert compare_results(_document(), fewer).first == Deviation("measurements.1", gone, None)
+    assert find_frame("measurements.1", _document()) == 7
+    other = compare_results(_document(), _document(mean_radius_mm=1.0))
+    assert other.first == Deviation("mean_radius_mm", 27.5, 1.0, 26.5, 0.01)
+    assert find_frame("mean_radius_mm", _document()) is None
 
 
 def test_of_a_sentence_only_counts_whether_it_is_there() -> None:
     """A changed reason is no difference; a newly refused picture is."""
     refused = _document(measurements=[{"frame": 3, "reason": "4 mm are left out"}])
     other = _document(measurements=[{"frame": 3, "reason": "6 mm are left out"}])
-    assert find_divergence(refused, other) is None
+    assert compare_results(refused, other).verdict is Verdict.IDENTICAL
     accepted = _document(measurements=[{"frame": 3, "reason": None}])
-    assert find_divergence(refused, accepted) == Divergence(
-        "measurements.0.reason", 3, "4 mm are left out", None
-    )
+    assert compare_results(refused, accepted).first == Deviation("measurements.0.reason", True, None)

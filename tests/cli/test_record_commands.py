@@ -50,13 +50,13 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
     runs = [shutil.copytree(first, tmp_path / name) for name in ("one", "two")]
     rows = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
     assert [(row["run"], row["ok"], row["parent"]) for row in rows] == [(str(run), True, 1) for run in runs]
-    assert {row["first_divergence"]["frame"] for row in rows} == {2}
+    assert {row["first_difference"]["frame"] for row in rows} == {2}
     own = labrig("reanalyze", *runs, "--json").json()
     assert [(row["parent"], Path(row["analysis"]).name) for row in own] == [(1, "003"), (1, "003")]
     again = labrig("reanalyze", *runs, "--json").json()
-    assert [(row["parent"], row["first_divergence"]) for row in again] == [(3, None), (3, None)]
+    assert [(row["parent"], row["first_difference"]) for row in again] == [(3, None), (3, None)]
     printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=6").out
-    assert printed.count("first divergence: frame 2") == 2
+    assert printed.count("first in frame 2: measurements.0.") == 2
     assert "old: analysis/004, the run's own settings" in printed
     assert "new: analysis/005, analysis.window_start_mm=6" in printed
 
@@ -70,7 +70,7 @@ def test_the_runs_that_fit_a_condition_are_reanalyzed(labrig: Labrig, tmp_path: 
     where = ("--where", "tag=pilot", "--runs-dir", tmp_path)
     rows = labrig("reanalyze", *where, "--workers", "1", "--json").json()
     assert {Path(row["run"]).name for row in rows} == {"one", "two"}
-    assert {row["first_divergence"] for row in labrig("reanalyze", *where, "--json").json()} == {None}
+    assert {row["first_difference"] for row in labrig("reanalyze", *where, "--json").json()} == {None}
     assert not (tmp_path / "other" / "analysis" / "002").exists()
 
 

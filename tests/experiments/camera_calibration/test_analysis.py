@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.analysis.divergence import find_divergence
+from labrig.analysis.divergence import compare_results
 from labrig.analysis.run import analyze_run
 from labrig.experiments.camera_calibration.result import CalibrationResult, summarise
 from labrig.experiments.registry import find_run_experiment, load_run_result
+from labrig.record.agreement import Verdict
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane, read_camera, save_plane
 from labrig.vision.plane import PlaneMap
@@ -126,7 +127,7 @@ def test_unchanged_settings_give_identical_numbers_and_progress_counts_the_pictu
         provenance=PROVENANCE,
     )
     first, second = (content.model_dump(mode="json") for content in (analysed[0], again.content))
-    assert find_divergence(first, second) is None
+    assert compare_results(first, second).verdict is Verdict.IDENTICAL
     assert updates[-1] == (13, 13)
 
 

@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any
 
-from labrig.analysis.divergence import find_divergence
+from labrig.analysis.divergence import compare_results, find_frame
 from labrig.experiments.insertion.result import InsertionResult
 from tests.analysis.insertions import analyse, analyse_recorded, observations, record_insertion
 
@@ -44,9 +44,10 @@ def test_another_radius_already_changes_the_first_command() -> None:
 def test_a_policy_shows_in_commands_alone() -> None:
     """A policy that never replans changes commands but no estimates, since the recorded turns are known."""
     other = _document("policy.replan_every_mm=500", "policy.deviation_mm=null", "policy.final_mm=0")
-    found = find_divergence(_document(), other)
-    assert found.key.startswith("insertions.0.commands.")
-    assert found.frame is not None
+    found = compare_results(_document(), other).first
+    assert found is not None
+    assert found.path.startswith("insertions.0.commands.")
+    assert find_frame(found.path, other) is not None
     (old, new) = (document["insertions"][0] for document in (_document(), other))
     assert new["commands"][-1]["replans"] < old["commands"][-1]["replans"]
     assert [step["estimate_mm"] for step in other["insertions"][0]["steps"]] == [
@@ -56,10 +57,13 @@ def test_a_policy_shows_in_commands_alone() -> None:
 
 def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
     """The first difference is in a step, and its picture is named."""
-    found = find_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
+    other = _document("estimator.observation_sd_mm=2.0")
+    found = compare_results(_document(), other).first
     assert found is not None
-    assert found.key.startswith("insertions.0.steps.")
-    assert found.frame in {observation["frame"] for observation in observations(record_insertion())}
+    assert found.path.startswith("insertions.0.steps.")
+    assert find_frame(found.path, other) in {
+        observation["frame"] for observation in observations(record_insertion())
+    }
 
 
 def test_after_a_stop_no_more_commands_are_given() -> None:

@@ -2,8 +2,8 @@
 
 What is decided here
 --------------------
-- A replayed rig (`open_replayed`) takes bus, camera, clock and operator from a record; axes and drivers are the real
-  ones, and what they send is compared with what was sent.
+- What a session asks of a rig is one interface, `rig_calls.RigCalls`. An opened rig implements it, real or simulated,
+  and so does `replayed.rig.ReplayedRig`, which answers what the rig of a record answered.
 - The rig file says whether a rig is real or simulated, and only `hardware.make_hardware` asks. The seam is at the
   wire: a simulated drive is a CANopen node on a bus inside the process, driven by the driver of real drives.
 - A kind of drive is a folder (`epos2/`, `cia402/`) behind `Drive` and `DriveKind`, which an entry point of the group
@@ -23,7 +23,7 @@ What is decided here
 - A motion outside a run is logged beside the state file before it begins (`motion_log`); runs have their record.
 - Every position that is read is judged against the move that was started, and axes that nobody reads are read while
   the rig waits or asks; targets are read back in turn. This stands above `Drive`, and so does the watch on the bus for
-  another master. Records of before say nothing of such guards, and replay without them.
+  another master.
 - Motor current and inputs come with every state. A stall is judged from current and following error (`stall`), and an
   input by its limits (`input_channel`); `load_guard` looks, more often the faster an axis moves. The lower one of the
   limits of rig file, protocol and command bounds a current; the drive has its own again when the rig is closed, or
@@ -37,8 +37,8 @@ What is decided here
 - One thread supervises: it talks to the drives, looks for signals, and alone sends heartbeats (`heartbeat`), also
   between two answers of drives. Whatever may block is done by a worker while it goes on supervising (`Rig.do_aside`,
   `worker`): one reads the camera, one does the rest, which is disk and long computations. The recorder has a third for
-  its fsyncs. A supervisor that hangs sends no beat, and the drives stop. Simulated and recorded time stand still while
-  something blocks, so that those rigs have no workers; a rehearsal, in real time, has one for the disk.
+  its fsyncs. A supervisor that hangs sends no beat, and the drives stop. Simulated time stands still while something
+  blocks, so that such a rig has no workers; a rehearsal, in real time, has one for the disk.
 - A camera that does not answer is given up and named; a suspended computer shows in the kernel's clocks, and is named
   when it goes on. A bit rate at which the drives cannot be looked after does not open.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can has one on a real bus).

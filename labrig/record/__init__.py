@@ -14,7 +14,7 @@
       frames.raw         instead of these, if the camera is too fast for PNG: pictures one after another
       frames.jsonl       one line a picture: number, file, SHA-256, rig time (error at most t_bound_s), and the
                          positions of the axes (`fraction` of the way from the reading before it to the one after)
-      states.jsonl       one line a reading of the axes
+      states.jsonl       one line a reading of the axes that the procedure was given
       events.jsonl       one line an event: requests, commands and answers; it defines the trials
       can.log            every CAN frame sent (T) and received (R), in candump's format and rig time; written with the
                          next state or event, so that a killed process loses the frames since
@@ -32,6 +32,9 @@ Decided here:
 
 - Files of lines and single pictures instead of one container: after SIGKILL each of them opens, and people can look at
   them without labrig. HDF5 and rerun files lost whole streams in the same trial.
+- Each line of these four files says its place in the order of all, `seq`: together they are what the procedure asked
+  and was answered, which a replay repeats (`labrig.devices.rig_calls`). can.log stays as evidence.
+- `agreement` says whether what is computed again agrees with a record, with the tolerance of each quantity.
 - Each line ends with a CRC-32 of its content, so a flipped bit is refused with file and line. Only a torn last line of
   a run that was never closed is forgiven, because a killed process leaves one: it is dropped and reported in
   `Run.problems`. Everything else that is missing or changed, in a closed run even a last line, is in `Run.damage`. The

@@ -1,9 +1,9 @@
 """runner: what every run needs and no experiment owns.
 
 An experiment is handed over as an `Experiment`: what it plans, its procedure, how it goes on, what is shown of it. A
-procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and a receiver of progress. It
-moves, asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it
-starts, as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
+procedure is a function of a protocol and a `Session`: the rig, the recorder, and a receiver of progress. It moves,
+asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it starts,
+as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
 
 `conduct` switches power on and runs a procedure to an end that the record can state: success, aborted (a person or a
 signal stopped it) or failed (a device or the computer failed). The axes stop in every case. `conduct_remainder`
@@ -22,9 +22,9 @@ values (`ConditionWatch`), so that a resumed run is not asked or stopped for the
 The record is written by a worker, and long computations are made by one (`Session.compute`), while the thread of the
 procedure supervises the rig (`supervised_record`).
 
-`replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
-nothing but the protocol, the rig file, the calibration and what the devices return.
-`known_changes` lists the mended defects by which older records differ, with their lines of the changelog.
+`replay_run` runs the same procedures with the answers of a record, and compares what they ask and say: a procedure
+therefore decides from nothing but the protocol, the rig file, the calibration and what its session returns. It calls
+the session alone; the seam between session and rig is `labrig.devices.rig_calls`.
 
 `withdraw` takes a needle out along its path and turns the bevel back wherever it was turned.
 Graph paper before and after a run (`sentinel`) is handled by `graph_paper`, for every experiment.

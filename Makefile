@@ -2,20 +2,16 @@
 # make test   set up .venv and run every check
 # make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
 # make coverage   run the tests with branch coverage, which takes half as long again
-# make hashes     write constraints-hashes.txt anew, after a change of constraints.txt
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
-# make wheels     build wheel and sdist of labrig and of labrig-core in .venv/wheels
-# make licenses   write LICENSES.md anew, from what the installed packages state
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.labrig-ready
 OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
-UV := $(VENV)/uv
 ROOMS := geometry vision needle steering protocol record analysis simulation campaign experiments runner
 
-.PHONY: run test check-code check-tests check-rooms test-processors coverage benchmarks manual wheels hashes licenses clean
+.PHONY: run test check-code check-tests check-rooms test-processors coverage benchmarks manual clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
@@ -51,9 +47,6 @@ coverage: check-tests
 manual: $(READY)
 	$(BIN)/python -m tests.manual.site $(VENV)/manual
 
-wheels: $(READY)
-	$(BIN)/python -m tests.distributions $(VENV)/wheels
-
 benchmarks: $(READY)
 	$(BIN)/python -m tests.benchmarks
 
@@ -65,28 +58,13 @@ $(OUTSIDE): $(CLIENT)/package.json $(CLIENT)/package-lock.json | $(READY)
 	-@! command -v npm >/dev/null || npm ci --loglevel=error --no-audit --no-fund --fetch-retries=0 --fetch-timeout=20000 --prefix $(OUTSIDE)
 	@touch $@
 
-# uv lists the hashes of all files of a version, for every platform, without downloading them. ompl is hashed and not
-# installed by `make`: no environment fulfils its marker.
-hashes:
-	$(PYTHON) -m venv $(UV)
-	$(UV)/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
-	$(UV)/bin/uv pip compile --quiet --all-extras --constraints constraints.txt --universal --python-version 3.11 --upgrade \
-		--generate-hashes --no-annotate --no-header --no-emit-index-url pyproject.toml --output-file $(UV)/hashes.txt
-	grep '^#' constraints-hashes.txt > $(UV)/constraints-hashes.txt
-	sed "s/^\(ompl==[^ ]*\)/\1 ; extra == 'benchmark'/" $(UV)/hashes.txt >> $(UV)/constraints-hashes.txt
-	mv $(UV)/constraints-hashes.txt constraints-hashes.txt
-
-licenses: $(READY)
-	$(BIN)/python -m tests.licenses
-
 # The stamp is touched last, so that an installation cut short is done again.
-$(READY): pyproject.toml constraints-hashes.txt
+$(READY): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "labrig needs Python 3.11 or newer: sudo apt install python3 python3-venv"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "labrig needs Python 3.11 or newer, $(PYTHON) is older: sudo apt install python3.11 python3.11-venv"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "Python's venv is missing: sudo apt install python3-venv"; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints-hashes.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
 clean:

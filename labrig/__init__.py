@@ -22,8 +22,7 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `posix` is what the operating system must give
 - `plugins` finds the experiments, drives and cameras of installed packages
 - `input_file` reads files and JSON that anybody may have made, within bounds
-- `errors`, `clock`, `text` and `distribution` are the error tree, what a clock is, how numbers are written, and what
-  labrig was installed as
+- `errors`, `clock` and `text` are the error tree, what a clock is, and how numbers are written
 
 Beside them, `manual` holds the manual, and in `manual/example` a package of a lab's own to copy; it is imported by
 nothing.
@@ -44,8 +43,8 @@ def __getattr__(name: str) -> str:
     """Return `__version__`, that of the installed package; reading it takes 10 ms, so it is read when asked for."""
     if name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    installed = import_module("labrig.distribution")
+    metadata = import_module("importlib.metadata")
     try:
-        return str(installed.find_own_distribution().version)
-    except installed.PackageNotFoundError:
+        return str(metadata.version("labrig"))
+    except metadata.PackageNotFoundError:
         return "that is not installed"

@@ -78,8 +78,7 @@ def find_temporaries(folder: Path) -> list[Path]:
 
 def sync_file(path: Path) -> None:
     """Make a file's content durable. Raises `OSError`."""
-    # Windows flushes only files that are open for writing.
-    with open_descriptor(path, os.O_RDWR) as descriptor:
+    with open_descriptor(path, os.O_RDONLY) as descriptor:
         os.fsync(descriptor)
 
 

@@ -7,7 +7,6 @@
     │   ├── CalibrationRefusedError
     │   ├── MeasurementRefusedError
     │   ├── ConditionMetError      a run that a condition of its protocol stopped
-    │   ├── ReplayDiffersError     a replay is not its record
     │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
     ├── InputError            (2)  the input cannot be used; also a ValueError
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
@@ -33,8 +32,8 @@
     │   ├── LockedError            a rig or a run that another labrig uses
     │   ├── WorkersError           processes or computers that do the work are lost, or cannot do it rightly
     │   └── SafetyStopError        stopped because continuing was not known to be safe
+    │       └── OperatorDeclinedError  the operator said no
     ├── RecordError           (4)  a damaged run, or a folder that is not a run
-    │   └── RecordEndsError        a replay has reached the end of its record
     ├── BugError              (5)  labrig itself failed; names the traceback's file, or what it damaged
     └── InterruptedRunError (130)  INT, TERM or HUP
 
@@ -90,10 +89,6 @@ class MeasurementRefusedError(AnswerIsNoError):
 
 class ConditionMetError(AnswerIsNoError):
     """A run that a condition of its protocol stopped (`stop_when`)."""
-
-
-class ReplayDiffersError(AnswerIsNoError):
-    """A replay differs from its record."""
 
 
 class TargetMissedError(AnswerIsNoError):
@@ -339,14 +334,14 @@ class SafetyStopError(MachineError):
     """Stopped because continuing was not known to be safe."""
 
 
+class OperatorDeclinedError(SafetyStopError):
+    """The operator said no to what the run needs."""
+
+
 class RecordError(LabrigError):
     """A run that is damaged or of a newer schema, or a folder that is not a run."""
 
     exit_code = 4
-
-
-class RecordEndsError(RecordError):
-    """A replay of an interrupted run has reached the end of its record."""
 
 
 class BugError(LabrigError):

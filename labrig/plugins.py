@@ -11,7 +11,6 @@ from functools import cache
 from importlib.metadata import Distribution, EntryPoint, entry_points
 from typing import TypeVar
 
-from labrig.distribution import OWN_DISTRIBUTIONS
 from labrig.errors import InputError, MachineError, PluginError
 
 EXPERIMENTS = "labrig.experiments"
@@ -107,22 +106,15 @@ def find_plugins(group: str) -> Mapping[str, tuple[Plugin, ...]]:
     Raises
     ------
     MachineError
-        When labrig's own are missing, as the installation is older than the code, or when they are there twice.
+        When labrig's own are missing, as the installation is older than the code.
     """
     found: dict[str, tuple[Plugin, ...]] = {}
     for plugin in _read_entry_points(group):
         found[plugin.name] = (*found.get(plugin.name, ()), plugin)
-    declaring = {plugin.package for plugins in found.values() for plugin in plugins}
-    own = [name for name in OWN_DISTRIBUTIONS if name in declaring]
-    if not own:
+    if not any(plugin.package == "labrig" for plugins in found.values() for plugin in plugins):
         raise MachineError(
             f"labrig's own {_NOUNS[group]}s are not registered: the installation is older than the code",
             "install labrig again: pip install -e . in its folder",
-        )
-    if len(own) > 1:
-        raise MachineError(
-            f"{' and '.join(own)} are both installed, and each has replaced files of the other",
-            f"pip uninstall {' '.join(own)}, then install one of them",
         )
     return found
 
@@ -150,7 +142,7 @@ def find_plugin(group: str, name: str) -> Plugin:
     InputError
         When no installed package declares it, or when several do.
     MachineError
-        When labrig's own are missing, or are there twice.
+        When labrig's own are missing.
     """
     plugins = find_plugins(group)
     claimed = plugins.get(name, ())

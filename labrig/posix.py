@@ -1,13 +1,10 @@
-"""Calls that only POSIX systems have, or that differ on Windows; no other file of labrig makes them.
+"""Calls of the operating system, a POSIX one; no other file of labrig makes them.
 
-labrig has never been tried on Windows. There the simulated serial adapter cannot be made (no pseudo-terminals), a
-running labrig cannot be asked to stop (Python has no Unix sockets), nobody can be asked while drives are watched,
-camera controls cannot be set, and the names of new files are not made durable. Only Linux keeps accounts from claiming
-one name (such as that of a bus) at a time. Each function raises an error there, or
-does nothing if that does no harm.
+Only Linux keeps accounts from claiming one name (such as that of a bus) at a time; elsewhere nothing is claimed.
 """
 
 import ctypes
+import fcntl
 import hashlib
 import os
 import select
@@ -16,6 +13,7 @@ import socket
 import stat
 import struct
 import sys
+import termios
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -23,25 +21,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from labrig.errors import DiskError, MachineError
+from labrig.errors import DiskError
 
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
-    import pty
-    import termios
-    import tty
-
-INTERRUPT_SIGNALS = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
+INTERRUPT_SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that request a program to end."""
 
-NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
+NO_LINKS = os.O_NOFOLLOW
 """Flag for os.open: a symbolic link is not followed."""
 
-WORKER_START_METHOD = "spawn" if sys.platform == "win32" else "fork"
+WORKER_START_METHOD = "fork"
 """Start method of worker processes: a forked one shares the loaded modules and starts in milliseconds."""
 
 _DIE_WITH_PARENT = 1
@@ -49,9 +37,6 @@ _DIE_WITH_PARENT = 1
 
 _LESS_URGENT = 10
 """By how much a process is nicer than one that moves axes."""
-
-_LOCKED_BYTE = 2**20
-"""Offset of the locked byte, beyond any text: on Windows a locked byte cannot be read."""
 
 _CHUNK_BYTES = 65536
 
@@ -61,49 +46,6 @@ _MOST_READS = 16
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, account and group of a peer, as SO_PEERCRED gives them."""
-
-
-@dataclass(frozen=True)
-class PseudoTerminal:
-    """Both ends of a pseudo-terminal; programs open `path` as if it were a serial port."""
-
-    path: str
-    own_end: int
-    other_end: int
-
-    def read(self, timeout_s: float) -> bytes:
-        """Return what was written at the other end; wait at most `timeout_s` for it."""
-        readable, _, _ = select.select([self.own_end], [], [], max(0.0, timeout_s))
-        return os.read(self.own_end, _CHUNK_BYTES) if readable else b""
-
-    def write(self, data: bytes) -> None:
-        """Write for the other end to read; if nobody reads and the terminal is full, `data` is dropped."""
-        try:
-            os.write(self.own_end, data)
-        except BlockingIOError:
-            return
-
-    def close(self) -> None:
-        """Remove the terminal, as if a USB plug was pulled."""
-        for end in (self.other_end, self.own_end):
-            os.close(end)
-
-
-def open_pseudo_terminal() -> PseudoTerminal:
-    """Return a new pseudo-terminal in raw mode.
-
-    Raises
-    ------
-    MachineError
-        On Windows, which has none.
-    """
-    if sys.platform == "win32":
-        raise MachineError("Windows has no pseudo-terminals", "use udp_multicast instead of slcan")
-    own_end, other_end = pty.openpty()
-    tty.setraw(other_end)
-    os.set_blocking(own_end, False)
-    # Our copy of the other end stays open, so that clients can connect again.
-    return PseudoTerminal(os.ttyname(other_end), own_end, other_end)
 
 
 class LineSocket:
@@ -197,15 +139,13 @@ class Listener:
             self.path.unlink()
 
 
-def listen(path: Path) -> Listener | None:
-    """Return a listener; None on Windows, which has no Unix sockets. Raises `DiskError`."""
-    return Listener(path) if hasattr(socket, "AF_UNIX") else None
+def listen(path: Path) -> Listener:
+    """Return a listener. Raises `DiskError`."""
+    return Listener(path)
 
 
 def connect(path: Path) -> LineSocket | None:
     """Connect to a listener; return None if nobody listens."""
-    if not hasattr(socket, "AF_UNIX"):
-        return None
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     connection.settimeout(1.0)
     try:
@@ -236,17 +176,7 @@ class _Address:
 
 
 def wait_for_input(stream: TextIO, timeout_s: float) -> bool:
-    """Return whether a line can be read; wait at most `timeout_s` for it.
-
-    Raises
-    ------
-    MachineError
-        On Windows, which can wait only for sockets.
-    """
-    if sys.platform == "win32":
-        raise MachineError(
-            "on Windows nobody can be asked while drives are watched", "run the bench from Linux or macOS"
-        )
+    """Return whether a line can be read; wait at most `timeout_s` for it."""
     return bool(select.select([stream], [], [], timeout_s)[0])
 
 
@@ -262,8 +192,6 @@ def read_typed(stream: TextIO) -> bytes:
 
 def discard_typed(stream: TextIO) -> None:
     """Discard what was typed on a terminal and has not been read. Raises `OSError` if the terminal has gone."""
-    if sys.platform == "win32":
-        return
     try:
         termios.tcflush(stream.fileno(), termios.TCIFLUSH)
     except termios.error as error:
@@ -272,8 +200,6 @@ def discard_typed(stream: TextIO) -> None:
 
 def is_in_background(stream: TextIO) -> bool:
     """Return whether a shell runs this process in the background of its terminal: the kernel stops it if it reads."""
-    if sys.platform == "win32":
-        return False
     try:
         return os.tcgetpgrp(stream.fileno()) != os.getpgrp()
     except OSError:  # a terminal that controls no process has no background
@@ -288,12 +214,7 @@ def lock(descriptor: int, *, wait: bool) -> None:
     wait : bool
         Wait for a process that holds the lock. Without it, such a process is an `OSError`.
     """
-    if sys.platform == "win32":
-        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-        os.lseek(descriptor, 0, os.SEEK_SET)
-    else:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @dataclass(frozen=True)
@@ -349,8 +270,6 @@ def _abstract_address(name: str) -> bytes:
 
 def sync_directory(path: Path) -> None:
     """Make the names in a folder durable."""
-    if sys.platform == "win32":
-        return
     descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -360,7 +279,7 @@ def sync_directory(path: Path) -> None:
 
 def reserve(descriptor: int, size_bytes: int) -> None:
     """Allocate disk space for a file. Raises `OSError` if the disk has no space left."""
-    if sys.platform in {"win32", "darwin"}:
+    if sys.platform == "darwin":
         os.write(descriptor, bytes(size_bytes))
     else:
         os.posix_fallocate(descriptor, 0, size_bytes)
@@ -368,8 +287,6 @@ def reserve(descriptor: int, size_bytes: int) -> None:
 
 def control_device(descriptor: int, request: int, argument: bytes) -> bytes:
     """Send a request to a device (ioctl) and return its answer. Raises `OSError` if the device refuses it."""
-    if sys.platform == "win32":
-        raise OSError("Windows has no ioctl")
     return fcntl.ioctl(descriptor, request, argument)
 
 
@@ -409,8 +326,7 @@ def end_with_parent() -> None:
 
 def lower_priority() -> None:
     """Let other processes go before this one wherever both want the processor."""
-    if sys.platform != "win32":
-        os.nice(_LESS_URGENT)
+    os.nice(_LESS_URGENT)
 
 
 def count_usable_cores() -> int:
@@ -433,8 +349,6 @@ def make_private_folder(path: Path) -> None:
         found = path.lstat()
     except OSError as error:
         raise DiskError(f"cannot make {path}: {error.strerror}", "check its permissions") from error
-    if sys.platform == "win32":
-        return
     if not stat.S_ISDIR(found.st_mode):
         raise DiskError(f"{path} is a link, not a folder", "remove it")
     if found.st_uid != os.getuid():
@@ -450,4 +364,4 @@ def make_private_folder(path: Path) -> None:
 
 def identify_user() -> str:
     """Return the user of this process, as a part of a file name."""
-    return os.environ.get("USERNAME", "user") if sys.platform == "win32" else str(os.getuid())
+    return str(os.getuid())

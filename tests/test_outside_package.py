@@ -1,7 +1,8 @@
-"""Away from the checkout: labrig from its wheel with a package of somebody else, and labrig-core from its sdist."""
+"""Away from the checkout: labrig from its wheel, with a package of somebody else."""
 
 import hashlib
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -9,25 +10,23 @@ import sys
 import sysconfig
 import tomllib
 import zipfile
-from collections.abc import Collection
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 import pytest
-from packaging.markers import Marker
-from packaging.metadata import Metadata
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from labrig.lab.examples import read_examples
 from labrig.record.source_digest import digest_sources
-from tests.distributions import QUIET, ROOT, build, build_both
 
+ROOT = Path(__file__).parents[1]
 EXAMPLE = "labrig/manual/example"
-DESCRIBED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-PROJECT = DESCRIBED["project"]
-LEFT_OUT = set(DESCRIBED["tool"]["labrig"]["core-leaves-out"])
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+QUIET = {
+    name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "LABRIG", "COV"))
+}
 
 
 @dataclass(frozen=True)
@@ -53,16 +52,19 @@ class Installed:
         return done.stdout
 
 
-def _install(environment: Path, *distributions: Path, without: Collection[str] = ()) -> None:
-    """Install into a new environment, which takes the dependencies, and what builds an sdist, from this one.
+def _build_wheel(source: Path, folder: Path) -> None:
+    """Build without the network, as `pip wheel` would fetch the build backend first, and without git."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=source, check=True, env={**QUIET, "PATH": ""}, timeout=300)
 
-    Neither the labrig of this environment is among them, nor the packages of `without`.
-    """
+
+def _install(environment: Path, *wheels: Path) -> None:
+    """Install into a new environment, which takes the dependencies, but not labrig, from this one."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True, timeout=300)
     (site,) = environment.glob("lib/python*/site-packages")
     dependencies = environment / "dependencies"
     dependencies.mkdir()
-    hidden = _find_files("labrig", *without)
+    hidden = {path.parts[0] for path in metadata.files("labrig") or ()}
     for here in {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}:
         for path in Path(here).iterdir():
             if path.name not in hidden:
@@ -76,140 +78,57 @@ def _install(environment: Path, *distributions: Path, without: Collection[str] =
         "--no-compile",
         "--disable-pip-version-check",
     ]
-    subprocess.run([*pip, *offline, *distributions], check=True, timeout=300)
-
-
-def _find_files(*packages: str) -> set[str]:
-    """Return the names of what these packages have put beside the others."""
-    return {path.parts[0] for package in packages for path in metadata.files(package) or ()}
+    subprocess.run([*pip, *offline, *wheels], check=True, timeout=300)
 
 
 @pytest.fixture(scope="module")
-def distributions(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build wheel and sdist of labrig, and of labrig-core."""
-    folder = tmp_path_factory.mktemp("distributions")
-    build_both(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def installed(distributions: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
     """Install labrig's wheel, and that of the example in it, which is built outside of the tree."""
     folder = tmp_path_factory.mktemp("outside")
-    (wheel,) = distributions.glob("labrig-*.whl")
+    _build_wheel(ROOT, folder / "wheels")
+    (wheel,) = (folder / "wheels").glob("*.whl")
     with zipfile.ZipFile(wheel) as packed:
         packed.extractall(folder, [name for name in packed.namelist() if name.startswith(EXAMPLE)])
     example = Path(shutil.move(folder / EXAMPLE, folder / "example"))
-    build(example, folder / "wheels", "wheel")
-    _install(folder / "environment", wheel, *(folder / "wheels").glob("*.whl"))
+    _build_wheel(example, folder / "wheels")
+    _install(folder / "environment", *(folder / "wheels").glob("*.whl"))
     return Installed(folder / "environment", example)
 
 
-@pytest.fixture(scope="module")
-def core(distributions: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
-    """Install labrig-core from its sdist, which is made of labrig's, and make a lab folder with it."""
-    folder = tmp_path_factory.mktemp("core")
-    (sdist,) = distributions.glob("labrig_core-*.tar.gz")
-    _install(folder / "environment", sdist, without=LEFT_OUT)
-    assert json.loads(Installed(folder / "environment", folder).call("labrig", "init", "lab", "--json"))[
-        "added"
-    ]
-    return Installed(folder / "environment", folder / "lab")
-
-
-def test_a_lab_folder_of_labrig_core_runs_its_protocols(core: Installed) -> None:
-    """Without checkout and viewer: run, report and list of runs; the record says which code made it."""
+def test_a_lab_folder_of_a_wheel_runs_its_protocols(installed: Installed, tmp_path: Path) -> None:
+    """Without a checkout: run, report and list of runs; the record says which code made it."""
+    outside = Installed(installed.environment, tmp_path)
+    assert json.loads(outside.call("labrig", "init", "lab", "--json"))["added"]
+    lab = Installed(installed.environment, tmp_path / "lab")
+    assert json.loads(lab.call("labrig", "check", "steerability", "--json"))["ok"]
     short = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: A1, gelatin_percent: 10}]")
-    ran = json.loads(core.call("labrig", "run", "steerability", *short, "--json"))
+    ran = json.loads(lab.call("labrig", "run", "steerability", *short, "--json"))
     assert (ran["exit_status"], ran["result"]["specimens"][0]["n"]) == ("success", 1)
     assert Path(ran["run"]).parent == Path("data/runs")
-    provenance = json.loads((core.folder / ran["run"] / "manifest.json").read_text(encoding="utf-8"))[
-        "provenance"
-    ]
+    manifest = json.loads((lab.folder / ran["run"] / "manifest.json").read_text(encoding="utf-8"))
+    provenance = manifest["provenance"]
     assert (provenance["source_sha256"], provenance["git_commit"]) == (digest_sources(), None)
     assert provenance["labrig"] == PROJECT["version"]
     wanted = {canonicalize_name(Requirement(text).name) for text in PROJECT["dependencies"]}
-    assert provenance["packages"].keys() == wanted - LEFT_OUT
-    page = (core.folder / core.call("labrig", "report", "last").strip()).read_text(encoding="utf-8")
+    assert provenance["packages"].keys() == wanted
+    page = (lab.folder / lab.call("labrig", "report", "last").strip()).read_text(encoding="utf-8")
     assert digest_sources() in page
-    (listed,) = json.loads(core.call("labrig", "runs", "--json"))
+    (listed,) = json.loads(lab.call("labrig", "runs", "--json"))
     assert listed["run"] == ran["run"]
 
 
-def test_labrig_core_names_the_command_that_installs_a_viewer(core: Installed) -> None:
-    """In a version that labrig is made for; nothing has run."""
-    done = core.call("labrig", "run", "steerability", "--live", "web", "--json", exit_code=2)
-    hint = json.loads(done)["error"]["hint"]
-    wanted = Requirement(hint.removeprefix("pip install '").removesuffix("'"))
-    assert wanted in [Requirement(text) for text in PROJECT["dependencies"]]
-    assert metadata.version("rerun-sdk") in wanted.specifier
-
-
-@dataclass(frozen=True)
-class Wheel:
-    """What a wheel installs, as a checksum of each file, and what it says of itself."""
-
-    files: dict[str, int]
-    described: Metadata
-
-    @classmethod
-    def read(cls, wheel: Path) -> "Wheel":
-        """Read a wheel, of which the metadata must be valid."""
-        with zipfile.ZipFile(wheel) as packed:
-            checksums = {file.filename: file.CRC for file in packed.infolist()}
-            (stated,) = (name for name in checksums if name.endswith(".dist-info/METADATA"))
-            described = Metadata.from_email(packed.read(stated), validate=True)
-        files = {name: checksum for name, checksum in checksums.items() if ".dist-info/" not in name}
-        return cls(files, described)
-
-    def find_needed(self, extra: str | None = None) -> set[str]:
-        """Return what is needed always, or with an extra alone."""
-        marker = None if extra is None else Marker(f"extra == '{extra}'")
-        needed = (found for found in self.described.requires_dist or () if found.marker == marker)
-        return {f"{found.name}{found.specifier}" for found in needed}
-
-
-def test_labrig_core_is_labrig_with_fewer_dependencies(distributions: Path) -> None:
-    """Both wheels hold the same files; what labrig alone needs is an extra of labrig-core."""
-    labrig, core = (Wheel.read(*distributions.glob(f"{name}-*.whl")) for name in ("labrig", "labrig_core"))
-    assert (labrig.described.name, core.described.name) == ("labrig", "labrig-core")
-    assert labrig.described.author == core.described.author == "The labrig developers"
-    assert labrig.files == core.files
-    more = labrig.find_needed() - core.find_needed()
-    assert {Requirement(text).name for text in more} == LEFT_OUT
-    assert core.find_needed("full") == more
-
-
-def test_the_wheel_of_labrig_core_makes_a_lab_folder(distributions: Path, tmp_path: Path) -> None:
-    """Installed by itself, with none of what labrig-core leaves out, it is the program that makes and checks one."""
-    (wheel,) = distributions.glob("labrig_core-*.whl")
-    _install(tmp_path / "environment", wheel, without=LEFT_OUT)
-    outside = Installed(tmp_path / "environment", tmp_path)
-    assert outside.call("labrig", "--version") == f"labrig {PROJECT['version']}\n"
-    where = "import labrig; print(labrig.__file__)"
-    assert outside.call("python", "-c", where).startswith(str(outside.environment))
-    assert json.loads(outside.call("labrig", "init", "lab", "--json"))["added"]
-    within = Installed(outside.environment, tmp_path / "lab")
-    assert json.loads(within.call("labrig", "check", "steerability", "--json"))["ok"]
-
-
-def test_a_wheel_holds_what_an_sdist_holds(installed: Installed, core: Installed) -> None:
-    """The code, the examples and the licences are the same, and the version is that of the project."""
+def test_a_wheel_holds_the_code_the_examples_and_the_licence(installed: Installed) -> None:
+    """They are those of the checkout, and the version is that of the project."""
     described = (
-        "import labrig; from hashlib import sha256; from labrig.lab.examples import read_examples;"
-        "from labrig.distribution import find_own_distribution; from labrig.record.source_digest import digest_sources;"
-        "files = sorted(file.name for file in find_own_distribution().files if 'licenses' in file.parts);"
-        "examples = sha256(repr(read_examples()).encode()).hexdigest();"
-        "print(labrig.__file__, digest_sources(), examples, files, labrig.__version__, sep='\\n')"
+        "import labrig; from hashlib import sha256; from importlib.metadata import files;"
+        "from labrig.lab.examples import read_examples; from labrig.record.source_digest import digest_sources;"
+        "print(labrig.__file__, digest_sources(), sha256(repr(read_examples()).encode()).hexdigest(),"
+        "[file.name for file in files('labrig') if 'licenses' in file.parts], labrig.__version__, sep='\\n')"
     )
-    found = [place.call("python", "-c", described).splitlines() for place in (installed, core)]
-    for place, lines in zip((installed, core), found, strict=True):
-        assert lines[0].startswith(str(place.environment))
-    assert found[0][1:] == found[1][1:]
+    where, *found = installed.call("python", "-c", described).splitlines()
+    assert where.startswith(str(installed.environment))
     examples = hashlib.sha256(repr(read_examples()).encode()).hexdigest()
-    assert found[0][1:3] == [digest_sources(), examples]
-    assert found[0][3] == "['LICENSE', 'LICENSES.md']"
-    assert found[0][4] == PROJECT["version"]
+    assert found == [digest_sources(), examples, "['LICENSE']", PROJECT["version"]]
 
 
 def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: Installed) -> None:
@@ -237,7 +156,7 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
     (sound,) = json.loads(installed.call("labrig", "runs", "check", run, "--json"))
     assert (sound["ok"], sound["damage"]) == (True, [])
     replayed = json.loads(installed.call("labrig", "replay", run, "--json"))
-    assert (replayed["identical"], replayed["bit_exact"]) == (True, True)
+    assert replayed["verdict"] == "identical"
     changed = ("--set", "analysis.threshold=60")
     (again,) = json.loads(installed.call("labrig", "reanalyze", run, *changed, "--json"))
     assert again["first_divergence"]["key"] == "visits.0.u_px"

@@ -76,14 +76,6 @@ def test_a_plugin_of_another_kind_is_refused(site: Path) -> None:
         find_drive_kind("stage")
 
 
-def test_two_installations_of_the_same_files_are_refused(site: Path) -> None:
-    """labrig-core beside labrig: both are to be uninstalled, as either one takes files of the other away with it."""
-    install_package(site, "labrig-core", "[labrig.drives]\nepos2 = labrig.devices.epos2:DRIVE\n")
-    with pytest.raises(MachineError, match="labrig and labrig-core are both installed") as refusal:
-        find_plugins(DRIVES)
-    assert "pip uninstall labrig labrig-core, then" in refusal.value.hint
-
-
 def test_an_installation_without_labrigs_own_says_what_to_run(site: Path) -> None:
     """Where labrig's own entry points are missing, the installation is older than the code."""
     install_package(site, "lab-drive", "[labrig.cameras]\nlab-camera = lab_camera:CAMERA\n")

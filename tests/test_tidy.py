@@ -146,15 +146,14 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
         "record/line_file.py",  # appended to
         "record/lock.py",  # locked before it is written
         "record/opening.py",  # the reserve of a new run
-        "report/mcap_file.py",  # filled by a library, in the temporary folder of an export
         "report/rerun_view.py",  # filled by a library, under a temporary name
     }
 
 
 def test_calls_that_only_posix_has_stand_in_one_file() -> None:
-    """No file but posix.py imports a module, or names a flag, that Windows has not."""
+    """No file but posix.py imports a module of the operating system, or names a flag of it."""
     only = re.compile(
-        r"^\s*(?:import|from) (?:fcntl|select|pty|tty|termios|resource|pwd|msvcrt|ctypes)\b"
+        r"^\s*(?:import|from) (?:fcntl|select|pty|tty|termios|resource|pwd|ctypes)\b"
         r"|SIGHUP|O_DIRECTORY|O_NOFOLLOW|AF_UNIX|posix_fallocate|os\.(?:fork|getuid|openpty|umask)\b|\"fork\"",
         re.MULTILINE,
     )

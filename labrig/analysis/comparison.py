@@ -215,7 +215,7 @@ def _compare(
         pairs=_test_pairs(tested, samples, shared) if len(tested) <= MOST_GROUPS_IN_PAIRS else (),
         drift=tuple(_fit_drifts(parts)),
         assumptions=tuple(_check_assumptions(tested, samples)),
-        not_in_interval=tuple(dict.fromkeys(source for run in runs for source in run.not_in_interval or ())),
+        not_in_interval=tuple(dict.fromkeys(source for run in runs for source in run.not_in_interval)),
         settings_differ=_find_differing_settings(runs),
         warnings=(),
         used=tuple(_describe_run(run) for run in runs),

@@ -59,7 +59,7 @@ class MeasuredCampaign:
     number: int = 0
     settings: Mapping[str, object] = field(default_factory=dict)
     overrides: tuple[str, ...] = ()
-    not_in_interval: tuple[str, ...] | None = None
+    not_in_interval: tuple[str, ...] = ()
     is_simulated: bool = True
     verdict: str | None = None
 

@@ -1,6 +1,5 @@
 """The measurements of runs as one table: what their results list, with the trials of the record."""
 
-import csv
 import io
 import warnings
 from collections import Counter
@@ -49,7 +48,7 @@ class _Stamp(BaseModel):
 
     settings: dict[str, Any] = {}
     overrides: tuple[str, ...] = ()
-    not_in_interval: tuple[str, ...] | None = None
+    not_in_interval: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +67,8 @@ class MeasuredRun:
         Of the measurement.
     overrides : tuple of str
         Changes to the protocol after the run.
-    not_in_interval : tuple of str or None
-        Sources of error that the result knows nothing of; None if it does not say.
+    not_in_interval : tuple of str
+        Sources of error that the result knows nothing of.
     columns : Mapping
         Of each table that names trials, the columns.
     """
@@ -79,7 +78,7 @@ class MeasuredRun:
     number: int
     settings: Mapping[str, Any]
     overrides: tuple[str, ...]
-    not_in_interval: tuple[str, ...] | None
+    not_in_interval: tuple[str, ...]
     columns: Mapping[str, tuple[str, ...]]
 
     @property
@@ -336,25 +335,17 @@ def _read_stamp(path: Path) -> _Stamp:
 
 
 def _list_columns(folder: Path) -> dict[str, tuple[str, ...]]:
-    """Return the columns of each table that names trials; results of before `tables.json` have only the files."""
+    """Return the columns of each table that names trials."""
     path = folder / TABLES_FILE
     try:
-        if path.exists():
-            listed: Any = parse_json(read_file(path, MAX_RESULT_BYTES))
-            tables = {
-                str(name): tuple(str(column["name"]) for column in table["columns"])
-                for name, table in listed.items()
-            }
-        else:
-            tables = {file.stem: _read_heads(file) for file in sorted(folder.glob("*.csv"))}
+        listed: Any = parse_json(read_file(path, MAX_RESULT_BYTES))
+        tables = {
+            str(name): tuple(str(column["name"]) for column in table["columns"])
+            for name, table in listed.items()
+        }
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
     return {name: columns for name, columns in tables.items() if "trial" in columns}
-
-
-def _read_heads(path: Path) -> tuple[str, ...]:
-    text = read_file(path, MAX_RESULT_BYTES).decode("utf-8")
-    return tuple(next(csv.reader(io.StringIO(text)), ()))
 
 
 def _read_trials(run: Run) -> pd.DataFrame:

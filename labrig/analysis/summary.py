@@ -1,8 +1,7 @@
 """A result on a terminal: sentences and tables, and the values that a comparison shows."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -19,16 +18,3 @@ class Summary:
 
     lines: tuple[str | TextTable, ...]
     values: Mapping[str, object]
-
-
-@dataclass(frozen=True)
-class ResultComparison:
-    """What a reanalysis changed besides the numbers: sentences for a terminal, members for JSON."""
-
-    lines: tuple[str, ...] = ()
-    document: Mapping[str, Any] = field(default_factory=dict)
-
-
-def compare_numbers_alone(_old: object, _new: object) -> ResultComparison:
-    """Say nothing beside the numbers."""
-    return ResultComparison()

@@ -14,9 +14,6 @@ What is decided here:
   It is kept with the rows, and another one does not go on with them.
 - **A page claims what its intervals hold.** It says which differences have an interval without 0, and no best arm.
 - **A task that fails is a row with its error.** It counts for no mean and no share, and the page says how many failed.
-- **A certificate** (`labrig campaign --certify`) repeats one run in worlds in which one of its assumptions is wrong.
-  What is turned is the experiment's to say (`list_assumptions`); each value is repeated until it is known on which side
-  of one half the share of arrivals lies. Which values are tried follows from the answers before, and from nothing else.
 - **Depth `world`** asks the experiment's `simulate`: no pictures. **Depth `rig`** makes and measures a whole run on a
   simulated rig. Both have the quantities of the experiment's result, so that one campaign checks the other.
 """

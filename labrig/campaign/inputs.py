@@ -201,8 +201,8 @@ def _load(files: CampaignFiles, name: str, settings: Settings) -> ArmInputs:
 
 
 def describe_inputs(name: str, protocol: ExperimentProtocol, rig: RigDescription, file: Path) -> ArmInputs:
-    """Return protocol and rig as documents. The rig's state file is left out: virtual needles leave nothing behind."""
-    document = rig.model_copy(update={"state_file": None}).model_dump_json()
+    """Return protocol and rig as documents, without state file and real clock: nothing is left behind, nobody asked."""
+    document = rig.model_copy(update={"state_file": None, "clock": None}).model_dump_json()
     return ArmInputs(
         name,
         protocol.experiment,

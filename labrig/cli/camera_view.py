@@ -23,7 +23,7 @@ from labrig.cli.output import (
 from labrig.cli.signals import note_signals
 from labrig.devices.calibrated_camera import require_calibrated_camera
 from labrig.devices.camera import Camera
-from labrig.devices.camera_alone import open_camera
+from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import write_atomically
 from labrig.errors import InputError

@@ -5,16 +5,12 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import CampaignArgument, CertifyOption, ClusterOption, WorkersOption
+from labrig.cli.options import CampaignArgument, ClusterOption, WorkersOption
 from labrig.cli.output import AsJson
-from labrig.errors import InputError
-
-_REPETITIONS = 30
-"""Of a run that is certified, at each value."""
 
 
 def campaign(
-    file: CampaignArgument = None,
+    file: CampaignArgument,
     rig: Annotated[
         Path | None,
         typer.Option(
@@ -43,34 +39,12 @@ def campaign(
             show_default=False,
         ),
     ] = None,
-    certify: CertifyOption = None,
-    repetitions: Annotated[
-        int | None,
-        typer.Option(
-            min=2,
-            max=10_000,
-            help=f"With --certify: virtual insertions at each value, at most. Default: {_REPETITIONS}.",
-            show_default=False,
-        ),
-    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the campaign is done. Started again, it goes on; Ctrl+C ends it with what is done."""
     from labrig.cli.worker_pool import require_one_pool
 
     require_one_pool(workers, cluster)
-    if certify is not None:
-        if file is not None or rig is not None or out is not None or settings:
-            raise InputError(
-                "--certify takes all from the run itself", "leave out FILE, --rig, --set and --out"
-            )
-        from labrig.cli.campaign_certificate import certify_run
-
-        return certify_run(certify, workers, cluster, repetitions or _REPETITIONS, as_json=as_json)
-    if repetitions is not None:
-        raise InputError("--repetitions goes with --certify", "a campaign states repetitions: in its file")
-    if file is None:
-        raise InputError("no campaign is named", "for example labrig campaign campaign-replanning")
     from labrig.cli.campaign_run import CampaignOrder, carry_out
 
     return carry_out(CampaignOrder(file, tuple(settings or ()), rig, workers, cluster, out), as_json=as_json)

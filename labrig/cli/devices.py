@@ -54,5 +54,5 @@ app.command(
 app.command("withdraw", help="Withdraw a needle that a run has left in tissue, along its path.")(withdraw)
 app.command(
     "simulate",
-    help="Serve a simulated rig for a rehearsal, or drives for any CANopen client, until interrupted.",
+    help="Serve simulated EPOS2 drives to any CANopen client, until interrupted.",
 )(simulate)

@@ -8,12 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.damage import note_unused, report_damage, require_undamaged
-from labrig.cli.missing_package import require_package
 from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
 from labrig.errors import InputError, Problem, RecordError
-from labrig.record.layout import CAMPAIGN, MANIFEST
 
 _LATEX, _FIGURES, _FILM = "latex", "figures", "film"
 _FOR_PAPER = frozenset({_LATEX, _FIGURES, _FILM})
@@ -25,9 +23,6 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="A CSV file for each table.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file for each table.")] = False,
     mat: Annotated[bool, typer.Option("--mat", help="run.mat, which data/read_run.m reads.")] = False,
-    mcap: Annotated[
-        bool, typer.Option("--mcap", help=r"run.mcap, with the pictures; needs labrig\[mcap].")
-    ] = False,
     latex: Annotated[
         bool,
         typer.Option(
@@ -44,29 +39,6 @@ def export(
         ),
     ] = False,
     record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
-    ro_crate: Annotated[
-        bool,
-        typer.Option(
-            "--ro-crate",
-            help="The record, or a folder of labrig compare, as an RO-Crate, to be published; with --private its "
-            "tables. Needs labrig's extra rocrate.",
-        ),
-    ] = False,
-    license_: Annotated[
-        str | None,
-        typer.Option(
-            "--license",
-            metavar="ID",
-            help="Licence of the crate: SPDX identifier, or address.",
-            show_default=False,
-        ),
-    ] = None,
-    author: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--author", metavar="NAME", help="Who made the run: 'Name' or 'Name <ORCID>'; repeatable."
-        ),
-    ] = None,
     private: Annotated[
         bool,
         typer.Option(
@@ -84,20 +56,9 @@ def export(
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures), (_FILM, film)) if wanted]
-    if license_ is not None or author or ro_crate:
-        _check_crate(formats, ro_crate=ro_crate, other=mcap or record)
-    else:
-        _check_formats(formats, mcap=mcap, record=record, private=private)
+    _check_formats(formats, record=record, private=private)
     source = fetch_folder(run)
-    if ro_crate:
-        is_run = not (_is_comparison(source) or (source / CAMPAIGN).is_file())
-        prepare = _prepare_crate if is_run else _prepare_folder_crate
-        write, damage = prepare(source, license_, author or [], private=private)
-    elif record:
-        write, damage = _prepare_copy(source)
-    else:
-        write, damage = _prepare_tables(source, formats, mcap=mcap, private=private)
-    record = record or (ro_crate and not private)
+    write, damage = _prepare_copy(source) if record else _prepare_tables(source, formats, private=private)
     require_apart(out, run, record=record)
     if record and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
@@ -120,80 +81,8 @@ def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, 
     return partial(copy_record, source), check_run(source).damage
 
 
-def _is_comparison(source: Path) -> bool:
-    """Return whether a folder is one that `labrig compare` wrote."""
-    return (source / "comparison.json").is_file() and not (source / MANIFEST).exists()
-
-
-def _prepare_crate(
-    source: Path, license_id: str | None, authors: list[str], *, private: bool
-) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
-    """Return what writes a crate of the record, or of its tables without personal data, and the damage of its files."""
-    from labrig.record.reader import open_run
-    from labrig.report.ro_crate import describe_run
-
-    describe = _prepare_description(license_id, authors)
-    content = describe_run(open_run(source))
-    prepare = (
-        partial(_prepare_tables, formats=["csv"], mcap=False, private=True) if private else _prepare_copy
-    )
-    write_files, damage = prepare(source)
-    return partial(_write_crate, "tables" if private else "record", write_files, content, describe), damage
-
-
-def _prepare_folder_crate(
-    source: Path, license_id: str | None, authors: list[str], *, private: bool
-) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
-    """Return what writes a crate of a comparison or a campaign, and that nothing of it is known to be damaged."""
-    from labrig.record.copying import copy_record
-    from labrig.report.ro_crate import describe_campaign, describe_comparison
-
-    what, read = (
-        ("comparison", describe_comparison) if _is_comparison(source) else ("campaign", describe_campaign)
-    )
-    if private:
-        raise InputError(
-            f"--private leaves something out of the tables of a run, and this is a {what}",
-            f"leave --private out; a {what} names neither computer nor account",
-        )
-    describe, content = _prepare_description(license_id, authors), read(source)
-    return partial(_write_crate, what, partial(copy_record, source), content, describe), ()
-
-
-def _prepare_description(license_id: str | None, authors: list[str]) -> Callable[[Any, Path], None]:
-    """Return what describes the files in the folder of a crate. Raises `InputError`."""
-    from labrig.devices.clocks import SystemClock
-    from labrig.report.ro_crate import describe_crate, read_author, read_license
-
-    if license_id is None or not authors:
-        raise InputError(
-            "a crate needs a licence, and who made it",
-            "--license CC-BY-4.0 --author 'Name <ORCID>'",
-        )
-    return partial(
-        describe_crate,
-        license_url=read_license(license_id),
-        authors=[read_author(text) for text in authors],
-        published=SystemClock().utc(),
-    )
-
-
-def _write_crate(
-    name: str,
-    write_files: Callable[[Path], None],
-    content: Any,
-    describe: Callable[[Any, Path], None],
-    folder: Path,
-) -> None:
-    """Write the files into a folder of the crate, and describe them."""
-    inside = folder / name
-    inside.mkdir()
-    write_files(inside)
-    describe(content, folder)
-
-
 def _prepare_tables(
-    source: Path, formats: list[str], *, mcap: bool, private: bool
+    source: Path, formats: list[str], *, private: bool
 ) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
     """Return what writes the tables, and the damage of what they are made from."""
     from labrig.record.reader import open_run
@@ -212,10 +101,6 @@ def _prepare_tables(
             write_tables(shown, tables, folder)
         if write_for_paper is not None:
             write_for_paper(folder)
-        if mcap:
-            from labrig.report.mcap_file import write_mcap
-
-            write_mcap(shown, folder)
 
     return write, opened.damage
 
@@ -257,30 +142,16 @@ def _prepare_for_paper(run: Any, formats: list[str]) -> Callable[[Path], None]:
     return write
 
 
-def _check_crate(formats: list[str], *, ro_crate: bool, other: bool) -> None:
-    if not ro_crate:
-        raise InputError("--license and --author belong to --ro-crate", "add --ro-crate, or leave them out")
-    if formats or other:
-        raise InputError(
-            "--ro-crate goes alone: the folder it writes is a crate", "export the rest elsewhere"
-        )
-    require_package("rocrate", "rocrate", "--ro-crate")
-
-
-def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:
-    if not formats and not mcap and not record:
+def _check_formats(formats: list[str], *, record: bool, private: bool) -> None:
+    if not formats and not record:
         raise InputError(
             "nothing to write",
-            "name --csv, --parquet, --mat, --mcap, --latex, --figures, --film, --record or --ro-crate",
+            "name --csv, --parquet, --mat, --latex, --figures, --film or --record",
         )
-    if record and (formats or mcap):
+    if record and formats:
         raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
     if record and private:
         raise InputError(
             "--record copies all of a run, and --private leaves something out",
             "export tables: --csv --private",
         )
-    if mcap:
-        require_package("mcap", "mcap", "--mcap")
-    if "parquet" in formats:
-        require_package("pyarrow", "pyarrow", "--parquet")

@@ -46,7 +46,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "compare.compare",
         "Compare runs, needles and gels: means, intervals, tests, drift, and what their errors share.",
     ),
-    "export": ("export.export", "Write a run as CSV, Parquet, MATLAB or MCAP, or copy its record."),
+    "export": ("export.export", "Write a run as CSV, Parquet or MATLAB, or copy its record."),
     "design": (
         "design.design",
         "Compute what to cut for a steering radius, by the paper and by our own search.",

@@ -146,7 +146,7 @@ ProtocolArgument = Annotated[
 
 
 CampaignArgument = Annotated[
-    Path | None,
+    Path,
     typer.Argument(
         metavar="FILE",
         help="Campaign file (YAML), or its name in the lab folder's protocols.",
@@ -285,17 +285,6 @@ LocalRunsArgument = Annotated[
         help="Folders of runs, or their names in data/runs.",
         callback=_find_all_local,
         autocompletion=_complete_run,
-    ),
-]
-CertifyOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--certify",
-        metavar="RUN",
-        help="Write into an insertion's run what would have to be wrong for it to miss.",
-        callback=lambda given: None if given is None else _find_local(given),
-        autocompletion=_complete_run,
-        show_default=False,
     ),
 ]
 SetOption = Annotated[

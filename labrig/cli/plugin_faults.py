@@ -30,7 +30,7 @@ def _finder(group: str) -> Callable[[str], object]:
 
         return find_declared
     if group == CAMERAS:
-        from labrig.devices.camera_kind import find_camera_kind
+        from labrig.devices.camera import find_camera_kind
 
         return find_camera_kind
     from labrig.devices.drive import find_drive_kind

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from labrig.cli.damage import note_unused, report_damage
-from labrig.cli.missing_package import require_package
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     IntrinsicsOption,
@@ -75,7 +74,6 @@ def view(
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be deleted and made again, and open it."""
-    require_package("rerun", "rerun-sdk", "the view")
     from labrig.cli.view_file import make_view_file
     from labrig.record.reader import open_run
     from labrig.report.viewer import open_view

@@ -1,7 +1,6 @@
-"""`labrig replay`: runs the procedure on recorded devices, and compares it with the record."""
+"""`labrig replay`: runs the procedure again with the recorded answers, and compares what it asks."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from labrig.cli.damage import require_undamaged
@@ -9,6 +8,8 @@ from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError
+from labrig.record.agreement import Verdict
+from labrig.record.processor import describe_change
 from labrig.record.provenance import collect_provenance
 
 
@@ -16,10 +17,7 @@ def replay(
     run_path: RunArgument,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when every command and every line equals the record, and with 1 at the first difference.
-
-    Where a change of labrig explains the difference, its sentence of the changelog is named.
-    """
+    """Exit with 0 if the procedure decides the same again and its numbers agree, and with 1 if it does not."""
     from labrig.experiments.registry import find_run_experiment, load_run_protocol
     from labrig.record.reader import open_run
     from labrig.runner.replay import replay_run, replay_work
@@ -29,73 +27,81 @@ def replay(
     experiment, protocol = find_run_experiment(run), load_run_protocol(run)
     with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:
         found = replay_run(run, experiment, protocol, reporter)
-    difference, change = found.first_difference, found.known_change
+    difference, place = found.first_difference, found.place
     document = {
         "run": str(run_path),
-        "identical": found.identical,
-        "first_difference": None if difference is None else asdict(difference),
-        "known_change": None
-        if change is None
-        else {"version": change.version, "changelog": change.changelog},
-        "bit_exact": found.bit_exact,
+        "verdict": str(found.verdict),
+        "identical": found.verdict is Verdict.IDENTICAL,
+        "first_difference": None
+        if difference is None or place is None
+        else {**vars(difference), **vars(place), "went_on": not found.stopped},
+        "beyond": found.agreement.beyond,
+        "largest": found.agreement.largest,
         "ended_early": found.ended_early or None,
         "compared": found.counts,
-        "code": {"recorded": _code(run.manifest.get("provenance")), "now": _code(collect_provenance(()))},
+        "explained_by": _explain(run.manifest.get("provenance"), found.verdict),
     }
     if as_json:
         print_json(document)
     else:
         _print(document)
-    return 0 if found.identical else AnswerIsNoError.exit_code
+    return AnswerIsNoError.exit_code if found.verdict is Verdict.DIFFERENT else 0
 
 
 def _print(document: Mapping[str, Any]) -> None:
-    """Print that the replay is identical, or the first difference with both values, and what was compared."""
+    """Print the verdict, the first difference with both values, the largest ones, and what was compared."""
+    print_line(_VERDICTS[document["verdict"]])
     difference = document["first_difference"]
-    if difference is None:
-        print_line("identical, to the last bit" if document["bit_exact"] else "identical")
-    else:
-        place = f"after picture {_format(difference['frame'])}, in trial {_format(difference['trial'])}"
-        print_line(f"differs at t = {difference['t_s']:.3f} s, {place}")
-        print_line(f"  {difference['what']} in the record: {difference['recorded']}")
-        print_line(f"  {difference['what']} in the replay: {difference['now']}")
-        _print_code(document["code"])
-        _print_change(document["known_change"])
+    if difference is not None:
+        _print_difference(difference, document["beyond"])
+    for quantity, size in sorted(document["largest"].items()):
+        print_line(f"  largest difference of {quantity}: {size:.3g}")
+    for sentence in document["explained_by"]:
+        print_line(f"  {sentence}")
     if document["ended_early"]:
         print_line(f"  {document['ended_early']}; it is compared up to there")
     same = ", ".join(f"{count} {what}" for what, count in document["compared"].items())
-    print_line(f"  the same: {same or 'nothing before it'}")
+    print_line(f"  compared: {same or 'nothing'}")
 
 
-def _code(provenance: object) -> dict[str, object]:
-    """Return which code made a record, if its provenance holds that."""
-    values = provenance if isinstance(provenance, Mapping) else {}
-    return {key: values.get(key) for key in ("labrig", "git_commit", "git_dirty", "source_sha256")}
+_VERDICTS = {
+    Verdict.IDENTICAL: "identical: the procedure asks and says the same again",
+    Verdict.EQUIVALENT: "equivalent: the same decisions, and every number within its tolerance",
+    Verdict.DIFFERENT: "different",
+}
 
 
-def _print_code(code: Mapping[str, Mapping[str, object]]) -> None:
-    """Print both versions, if other code than this made the record."""
-    recorded, now = code["recorded"], code["now"]
-    if recorded != now or now["git_dirty"]:
-        print_line(
-            f"  other code made this record: {_describe_code(recorded)}; this is {_describe_code(now)}"
+def _print_difference(difference: Mapping[str, Any], beyond: int) -> None:
+    place = f"after picture {_format(difference['frame'])}, in trial {_format(difference['trial'])}"
+    print_line(f"  first at t = {difference['t_s']:.3f} s, {place}: {difference['quantity']}")
+    print_line(f"  in the record: {difference['recorded']}")
+    print_line(f"  in the replay: {difference['now']}")
+    if difference["tolerance"] is not None:
+        print_line(f"  they differ by {difference['size']:.3g}; {difference['tolerance']:.3g} is allowed")
+    if not difference["went_on"]:
+        print_line("  the replay ends there: the record has no answer to what is asked now")
+    elif beyond > 1:
+        print_line(f"  to the end {beyond} values differ by more than is allowed")
+
+
+def _explain(provenance: object, verdict: Verdict) -> list[str]:
+    """Return what may explain a difference, as sentences: other code, another processor."""
+    if verdict is Verdict.IDENTICAL:
+        return []
+    recorded = provenance if isinstance(provenance, Mapping) else {}
+    now = collect_provenance(())
+    sentences = [describe_change(recorded.get("processor"), now["processor"])]
+    if any(recorded.get(key) != now[key] for key in ("labrig", "source_sha256")):
+        sentences.insert(
+            0, f"other code made this record: {_describe_code(recorded)}; this is {_describe_code(now)}"
         )
+    return [sentence for sentence in sentences if sentence]
 
 
-def _print_change(change: Mapping[str, str] | None) -> None:
-    """Print which line of the changelog explains the difference, or that none is known to."""
-    if change is None:
-        print_line("  no known change of labrig explains this difference: look into it")
-        return
-    print_line(
-        f"  this difference is known, and what comes after it is not compared. Changelog, {change['version']}:"
-    )
-    print_line(f"  {change['changelog']}")
-
-
-def _describe_code(code: Mapping[str, object]) -> str:
-    commit = str(code["git_commit"] or code["source_sha256"] or "of no commit")[:12]
-    return f"labrig {_format(code['labrig'])}, {commit}{' with changes' if code['git_dirty'] else ''}"
+def _describe_code(provenance: Mapping[str, Any]) -> str:
+    commit = str(provenance.get("git_commit") or provenance.get("source_sha256") or "of no commit")[:12]
+    changed = " with changes" if provenance.get("git_dirty") else ""
+    return f"labrig {_format(provenance.get('labrig'))}, {commit}{changed}"
 
 
 def _format(number: object) -> str:

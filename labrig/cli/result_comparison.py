@@ -26,22 +26,17 @@ def load_parent(path: Path, number: int | None) -> AnyResult | None:
     return None if number is None else load_run_result(run, number)
 
 
-def print_comparison(
-    path: Path, old: AnyResult | None, new: Mapping[str, Any], as_json: bool
-) -> dict[str, object]:
+def print_comparison(old: AnyResult | None, new: Mapping[str, Any], as_json: bool) -> dict[str, object]:
     """Print where a result first differs from its parent, and return that for JSON."""
     if old is None:
         return {"parent": None, "first_divergence": None}
     found = find_divergence(old.document, new)
-    comparison = find_run_experiment(open_run(path)).compare(old.document, new)
     if not as_json:
         print_line(
             "the numbers are identical" if found is None else f"first divergence: {_format_divergence(found)}"
         )
-        for line in comparison.lines:
-            print_line(line)
     divergence = None if found is None else asdict(found)
-    return {"parent": new["parent"], "first_divergence": divergence, **comparison.document}
+    return {"parent": new["parent"], "first_divergence": divergence}
 
 
 def _format_divergence(found: Divergence) -> str:
@@ -85,4 +80,4 @@ def show_result(run: Path, outcome: AnyResult | LabrigError, *, as_json: bool) -
         "analysis": str(outcome.path),
         "reason": report_missing_needle(outcome.document),
     }
-    return add_damage(row | print_comparison(run, old, outcome.document, as_json), outcome.document["damage"])
+    return add_damage(row | print_comparison(old, outcome.document, as_json), outcome.document["damage"])

@@ -18,9 +18,9 @@ from labrig.protocol.sections import ExperimentProtocol, Needle
 
 
 def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
-    """Say that `--yes` answers no question on a real rig."""
-    if yes and description.kind != "simulated":
-        say("note: --yes does not answer on a real rig; every question is asked")
+    """Say that `--yes` answers no question that a person is asked."""
+    if yes and description.asks_person:
+        say("note: --yes answers only for a simulated rig without clock: real; every question is asked")
 
 
 @contextmanager

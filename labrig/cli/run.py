@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import (
-    LiveKind,
     LiveOption,
     LocalRunArgument,
     NoPauseOption,
@@ -22,7 +21,6 @@ from labrig.cli.options import (
     choose_local_runs_dir,
 )
 from labrig.cli.output import AsJson, say
-from labrig.protocol.formatting import mask_passwords
 
 
 def run(
@@ -49,7 +47,6 @@ def run(
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_local_runs_dir(runs_dir)
-    _require_viewer(live)
     from labrig.cli.sources import Sources
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
@@ -73,7 +70,6 @@ def run(
     if description is not None:
         remark_on_yes(description, yes=yes)
     experiment = find_experiment(loaded.experiment)
-    command_line = tuple(map(mask_passwords, sys.argv))
     sources = sources.with_rig_file(loaded)
     attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
     order = RunOrder(
@@ -82,7 +78,7 @@ def run(
         description,
         chosen.path,
         run_name,
-        command_line,
+        tuple(sys.argv),
         sources,
         attention,
         Watching(live, verbose),
@@ -96,14 +92,6 @@ def _refuse_taken_name(runs_dir: Path, run_name: str | None) -> None:
         from labrig.record.opening import require_free_name
 
         require_free_name(runs_dir, run_name)
-
-
-def _require_viewer(live: LiveKind | None) -> None:
-    """Refuse `--live` before anything moves if the viewer's library is not installed."""
-    if live is not None:
-        from labrig.cli.missing_package import require_package
-
-        require_package("rerun", "rerun-sdk", "--live")
 
 
 def resume(
@@ -120,7 +108,6 @@ def resume(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
-    _require_viewer(live)
     from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.resume_run import resume_and_print

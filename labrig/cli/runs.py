@@ -25,7 +25,6 @@ from labrig.cli.output import AsJson, fits_terminal, format_cell, print_json, pr
 from labrig.cli.progress import ShareReporter, progress_if_slow
 from labrig.cli.runs_check import check
 from labrig.cli.runs_log import log
-from labrig.cli.runs_sign import sign, stamp
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
 from labrig.lab.folder import choose_runs_dir, find_lab_folder
@@ -41,8 +40,6 @@ app.command("log", help="Print the events of a run in words; --follow those of a
     log
 )
 
-app.command("sign", help="Sign what a run holds now, with an SSH key.")(sign)
-app.command("stamp", help="Write a request for a time stamp of a run (RFC 3161), to be sent anywhere.")(stamp)
 
 ByOption = Annotated[
     str | None,

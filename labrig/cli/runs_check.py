@@ -41,7 +41,6 @@ class _CheckedRun(TypedDict):
     root: str | None
     newest_link: str | None
     after_root: list[_ShownLink] | None
-    signatures: list[dict[str, object]] | None
     damage: list[dict[str, str]]
     torn: list[dict[str, str]]
     notices: list[dict[str, str]]
@@ -68,21 +67,13 @@ def check(
             show_default=False,
         ),
     ] = None,
-    signers: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Verify signatures with this file of allowed signers (OpenSSH).",
-            show_default=False,
-        ),
-    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every run is sound, and with 4 when one is damaged."""
     digits = None if root is None else _parse_root(root, run_paths)
 
     def check_and_print(path: Path) -> Mapping[str, object]:
-        checked = _check_run(path, repair, digits, signers)
+        checked = _check_run(path, repair, digits)
         if not as_json:
             _print(checked)
         return checked
@@ -108,7 +99,7 @@ def _parse_root(root: str, run_paths: Sequence[Path]) -> str:
     return digits
 
 
-def _check_run(path: Path, repair: bool, root: str | None, signers: Path | None) -> _CheckedRun:
+def _check_run(path: Path, repair: bool, root: str | None) -> _CheckedRun:
     from labrig.record.check import check_run
     from labrig.record.reader import fetch_folder
     from labrig.record.repair import repair_run
@@ -124,8 +115,6 @@ def _check_run(path: Path, repair: bool, root: str | None, signers: Path | None)
     damage, known = list(verdict.damage), None if root is None else find_link(verdict.links, root)
     if root is not None and known is None:
         damage.append(Problem("chain.jsonl", f"no link of it has the hash {root}", _NOT_IN_CHAIN))
-    signatures, unfit = _verify(folder, verdict.links, signers)
-    damage += unfit
     return {
         "run": restore_url(path),
         "ok": not damage,
@@ -138,7 +127,6 @@ def _check_run(path: Path, repair: bool, root: str | None, signers: Path | None)
         "root": None if verdict.root is None else verdict.root.sha256,
         "newest_link": verdict.links[-1].sha256 if verdict.links else None,
         "after_root": None if known is None else [_show(link) for link in verdict.links[known.number :]],
-        "signatures": signatures,
         "damage": [asdict(problem) for problem in damage],
         "torn": [asdict(problem) for problem in verdict.torn],
         "notices": [asdict(problem) for problem in verdict.notices],
@@ -150,23 +138,6 @@ def _check_run(path: Path, repair: bool, root: str | None, signers: Path | None)
 
 
 _NOT_IN_CHAIN = "the chain was written anew since the hash was written down, or it is the hash of another run"
-
-
-def _verify(
-    folder: Path, links: tuple[Link, ...], signers: Path | None
-) -> tuple[list[dict[str, object]] | None, list[Problem]]:
-    """Return the signatures that fit, and what is wrong with the others; without any, that there is none."""
-    from labrig.record.signature import Signature, verify_signatures
-
-    if signers is None:
-        return None, []
-    found = list(verify_signatures(folder, links, signers))
-    problems = [one for one in found if isinstance(one, Problem)]
-    if not found:
-        problems = [
-            Problem("chain.jsonl", "no link of it is signed", "labrig runs sign RUN --key FILE signs it")
-        ]
-    return [asdict(one) for one in found if isinstance(one, Signature)], problems
 
 
 def _show(link: Link) -> _ShownLink:
@@ -194,7 +165,7 @@ def _print(row: _CheckedRun) -> None:
 
 
 def _print_seal(row: _CheckedRun) -> None:
-    """Print whether the run is sealed, its root, what came after the root that was asked for, and who signed it."""
+    """Print whether the run is sealed, its root, and what came after the root that was asked for."""
     if row["root"] is None:
         print_wrapped(f"  seal: {row['seal']}")
     else:
@@ -207,8 +178,6 @@ def _print_seal(row: _CheckedRun) -> None:
     for link in row["after_root"] or ():
         covers = ", ".join(sorted({name.rpartition("/")[0] or name for name in link["files"]})) or "no file"
         print_wrapped(f"    link {link['link']}, {link['kind']}, {link['at'] or 'time unknown'}: {covers}", 6)
-    for signature in row["signatures"] or ():
-        print_line(f"  signed: link {signature['link']} by {signature['signer']}")
 
 
 def _describe_state(row: _CheckedRun) -> str:

@@ -9,7 +9,6 @@ from labrig.cli.options import find_rig_file, split_overrides
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.lab.folder import find_lab_folder
-from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 
@@ -47,11 +46,11 @@ class Sources:
         return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)
 
     def document(self) -> dict[str, object]:
-        """Return the form for the manifest, without passwords; relative names are relative to the lab folder."""
+        """Return the form for the manifest; relative names are relative to the lab folder."""
         return {
             "protocol": str(_place_in_lab(self.protocol)),
             "rig": None if self.rig is None else str(_place_in_lab(self.rig)),
-            "settings": list(map(mask_passwords, self.settings)),
+            "settings": list(self.settings),
             "seed": self.seed,
         }
 
@@ -66,7 +65,7 @@ def _place_in_lab(path: Path) -> Path:
 
 
 def read_sources(run: Path, manifest: Mapping[str, object]) -> Sources | None:
-    """Return the sources of a run by its manifest; None for the run of an older labrig, which kept none.
+    """Return the sources of a run by its manifest; None for one that keeps none.
 
     Files that are not below the working folder are those of the lab folder that holds the run.
     """

@@ -11,6 +11,7 @@ from labrig.cli.options import find_rig_file
 from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say, say_wrapped
 from labrig.cli.progress import progress
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
+from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -23,7 +24,6 @@ from labrig.record.provenance import collect_code_diff, collect_provenance, find
 from labrig.record.reader import Run, open_run
 from labrig.record.seal import find_root
 from labrig.record.writer import Recorder
-from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.conduct import Outcome, conduct_withdrawal
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
@@ -101,7 +101,7 @@ def _open_run_with_needle(description: RigDescription, given: Path | None, runs_
     if description.kind == "simulated":
         raise InputError(
             f"{description.name}: a simulated rig has new gel whenever it is opened, with no needle in it",
-            "run the protocol again; to practise a withdrawal, serve drives: labrig devices simulate --help",
+            "run the protocol again",
         )
     if given is None and state.since_run is None:
         raise InputError(

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 from labrig.analysis.engine import Pool, open_process_pool
-from labrig.cli.missing_package import require_package
 from labrig.cli.output import say
 from labrig.errors import InputError
 from labrig.posix import count_usable_cores
@@ -33,8 +33,10 @@ def open_pool(workers: int | None, cluster: str | None, work: str) -> Iterator[P
         with open_process_pool(workers or count_usable_cores(), work) as pool:
             yield pool
         return
-    require_package("distributed", "dask", "--cluster")
-    require_package("dask_jobqueue", "dask-jobqueue", "--cluster")
+    if not all(map(find_spec, ("distributed", "dask_jobqueue"))):
+        raise InputError(
+            "--cluster needs labrig's extra cluster, which is not installed", "see: labrig manual install"
+        )
     # Imported late: dask takes a second, and is not installed with labrig.
     from labrig.analysis.cluster import open_cluster
 

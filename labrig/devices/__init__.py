@@ -30,15 +30,15 @@ What is decided here
   opened after a labrig that was killed.
 - One labrig uses a rig at a time, by a lock on its state and one on its bus, which holds among all accounts;
   `labrig devices stop` reaches it through a socket that it polls between two bus transactions.
-- Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera is a folder
-  (`uvc/`, `mjpeg/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
+- Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera (`uvc/`,
+  `files`) stands behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
 - A picture is never older than its command. If the camera gives the time of exposure, positions of the axes are
   interpolated between the readings before and after it; the bound of that time is recorded with the picture.
 - One thread supervises: it talks to the drives, looks for signals, and alone sends heartbeats (`heartbeat`), also
   between two answers of drives. Whatever may block is done by a worker while it goes on supervising (`Rig.do_aside`,
   `worker`): one reads the camera, one does the rest, which is disk and long computations. The recorder has a third for
   its fsyncs. A supervisor that hangs sends no beat, and the drives stop. Simulated and recorded time stand still while
-  something blocks, so that those rigs have no workers.
+  something blocks, so that those rigs have no workers; a rehearsal, in real time, has one for the disk.
 - A camera that does not answer is given up and named; a suspended computer shows in the kernel's clocks, and is named
   when it goes on. A bit rate at which the drives cannot be looked after does not open.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can has one on a real bus).

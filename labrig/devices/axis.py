@@ -120,11 +120,6 @@ class Axis:
         """
         self.description.check_move(self.name, position, speed)
 
-    def nearest_speed(self, speed: float) -> float:
-        """Return the fastest speed that the drive can be set to and that is no faster than `speed`."""
-        scale = self.description.scale()
-        return scale.to_speed(scale.speed_units_below(speed))
-
     def start_move(self, position: float, speed: float) -> Setpoint:
         """Start a move and return at once; `read` and `Rig.read_states` tell when it is done.
 
@@ -179,7 +174,7 @@ class Axis:
         DriveError, BusError
         """
         here = self._place()
-        achieved = self.nearest_speed(min(speed, self.max_speed))
+        achieved = self.description.nearest_speed(min(speed, self.max_speed))
         target = here.position + distance
         if self.referenced:
             self.check_move(target, achieved)

@@ -185,6 +185,11 @@ class AxisDescription(Model):
         """Return which way the axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
         return -self.homing_directions[method] if self.reversed else self.homing_directions[method]
 
+    def nearest_speed(self, speed: float) -> float:
+        """Return the fastest speed that the drive can be set to and that is no faster than `speed`."""
+        scale = self.scale()
+        return scale.to_speed(scale.speed_units_below(speed))
+
     def check_move(self, name: str, position: float, speed: float) -> None:
         """Refuse a move that this axis, of this name, may not make, or whose speed rounding changes too much.
 

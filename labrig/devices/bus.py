@@ -171,10 +171,6 @@ class CanLink:
             self.network.trouble = BusError(f"the CAN bus took no frame: {error}", _CHECK_BUS)
             raise self.network.trouble from error
 
-    def find_sync_s(self) -> float:
-        """Return the rig time of a SYNC that is sent now."""
-        return self.clock.now_s()
-
     def receive(self, answers: SimpleQueue[bytes], deadline_s: float) -> bytes | None:
         """Return the next of `answers`, waiting for it until the rig time `deadline_s`; None when none comes.
 

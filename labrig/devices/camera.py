@@ -1,22 +1,30 @@
-"""The camera: negotiates its settings, and checks that pictures are what the rig file promises."""
+"""The camera: negotiates its settings, and checks that pictures are what the rig file promises.
+
+`CameraKind` is what a package declares by an entry point to add a kind of camera.
+"""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from labrig.clock import Clock
 from labrig.devices.camera_settings import CONTROL_NAMES, CameraDescription, Setting
+from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.worker import SAME_THREAD, StillBusyError, Worker
 from labrig.errors import CameraError
+from labrig.plugins import CAMERAS, find_plugin
+from labrig.simulation.world import World
 
 Picture = npt.NDArray[np.uint8]
 
 _T = TypeVar("_T")
+Section = TypeVar("Section", bound=CameraDescription)
 
 _RATE_TOLERANCE = 0.01
 """Cameras state their rate as a fraction of integers; some report 29.97 for 30 Hz."""
@@ -28,6 +36,9 @@ _PATIENCE_S, _PATIENCE_PICTURES = 3.0, 10
 
 _MOVED_MM = 0.5
 """Travel after which a picture must differ from the one before."""
+
+_RATE_PICTURES = 6
+_LEAST_RATE_FRACTION = 0.9
 
 
 def _do_nothing() -> None:
@@ -44,15 +55,11 @@ class Exposure:
         Rig time [s] of the exposure; None means the time of the call.
     t_bound_s : float or None
         Bound of the error of `t_s` [s]; None if `t_s` is.
-    fraction : float or None
-        Place of the exposure between the encoder readings before and after it, 0 to 1, from a record; None if it is
-        not yet computed.
     """
 
     image: Picture
     t_s: float | None = None
     t_bound_s: float | None = None
-    fraction: float | None = None
 
 
 class PictureSource(Protocol):
@@ -79,7 +86,7 @@ class PictureSource(Protocol):
 class Frame:
     """A picture, (H, W) or (H, W, 3) uint8, with the rig time [s] at which it was taken and its number.
 
-    `t_bound_s` and `fraction` are those of its `Exposure`.
+    `t_bound_s` is that of its `Exposure`, `fraction` its place between two readings of the encoders, 0 to 1.
     """
 
     image: Picture
@@ -93,16 +100,11 @@ class Frame:
 
         If the exposure lies outside them, its distance to the nearer one is added to its bound.
         """
-        if self.t_bound_s is None or self.fraction is not None or after_s <= before_s:
+        if self.t_bound_s is None or after_s <= before_s:
             return self
         nearest_s = min(max(self.t_s, before_s), after_s)
         fraction = (nearest_s - before_s) / (after_s - before_s)
         return replace(self, t_bound_s=self.t_bound_s + abs(self.t_s - nearest_s), fraction=fraction)
-
-    def time_fields(self) -> dict[str, float]:
-        """Return the fields of its line in the record about its time, besides `t_s`; empty if that is exact."""
-        fields = {"t_bound_s": self.t_bound_s, "fraction": self.fraction}
-        return {name: value for name, value in fields.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,7 @@ class Camera:
                 "check width_px, height_px and pixel_format in the rig file",
             )
         t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s)
-        frame = Frame(image, t_s, self._sequence, exposure.t_bound_s, exposure.fraction)
+        frame = Frame(image, t_s, self._sequence, exposure.t_bound_s)
         self._sequence += 1
         return frame
 
@@ -290,3 +292,86 @@ def _read_back(source: PictureSource, name: str, asked: Setting) -> Setting:
             f"enter a value that the camera has in the rig file, or write camera.{name}: {got}",
         )
     return got
+
+
+@dataclass(frozen=True)
+class CameraContext:
+    """The context in which a camera is opened.
+
+    Attributes
+    ----------
+    clock : Clock
+        Rig time.
+    folder : Path
+        Folder of the rig file, to which the file names of its sections are relative.
+    world : World or None
+        The world of a simulated rig; None on a bench.
+    """
+
+    clock: Clock
+    folder: Path = Path()
+    world: World | None = None
+
+
+class CameraKind(Generic[Section]):
+    """A kind of camera; the entry point names an instance.
+
+    Attributes
+    ----------
+    name : str
+        Name of the entry point, as in `camera.driver` of a rig file.
+    interface : int
+        Version of this interface for which it is written.
+    settings : type of CameraDescription
+        Model of its section of the rig file.
+    """
+
+    name: ClassVar[str]
+    interface: ClassVar[int] = 1
+    settings: type[Section]
+
+    def open(self, section: Section, context: CameraContext) -> PictureSource:
+        """Open the camera.
+
+        Raises
+        ------
+        CameraError
+            When there is no such camera.
+        """
+        raise NotImplementedError
+
+    def check(self, section: Section, camera: Camera) -> Iterator[CheckResult]:
+        """Yield the results of `devices check` for a camera with accepted settings. Raises `CameraError`."""
+        frame = camera.capture()
+        height, width = frame.image.shape[:2]
+        yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
+        if frame.t_bound_s is not None:
+            value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
+            yield CheckResult("camera time", CheckStatus.PASS, value)
+        yield check_rate(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
+
+
+def find_camera_kind(name: str) -> CameraKind[Any]:
+    """Return the kind of camera that has this name in rig files.
+
+    Raises
+    ------
+    InputError
+        When no installed package has one, or several have.
+    PluginError
+        When its package cannot be imported, is written for another interface, or declares something else.
+    """
+    return find_plugin(CAMERAS, name).load_as(CameraKind)
+
+
+def check_rate(measured_hz: float | None, asked_hz: float) -> CheckResult:
+    """Compare the measured rate of the camera with the requested one."""
+    check = "camera rate"
+    if measured_hz is None:
+        return CheckResult(check, CheckStatus.PASS, f"{asked_hz:g} Hz asked; simulated pictures take no time")
+    value = f"{measured_hz:.1f} Hz measured, {asked_hz:g} Hz asked"
+    if measured_hz >= _LEAST_RATE_FRACTION * asked_hz:
+        return CheckResult(check, CheckStatus.PASS, value)
+    return CheckResult(
+        check, CheckStatus.WARN, value, "shorten exposure_us, or use a USB port that no other camera shares"
+    )

@@ -13,8 +13,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.calibrated_camera import list_other_changes, require_calibrated_camera
-from labrig.devices.camera import Camera
-from labrig.devices.camera_kind import find_camera_kind
+from labrig.devices.camera import Camera, find_camera_kind
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock

@@ -1,4 +1,4 @@
-"""The two clocks of a rig: the computer's, and one that passes as fast as the processor allows.
+"""The clocks of a rig: the computer's, the same with simulated devices, and one as fast as the processor allows.
 
 No other file of labrig reads the time or sleeps.
 """
@@ -13,6 +13,9 @@ MAX_STEP_S = 0.1
 
 _READINGS = 3
 """Readings of the two clocks when rig time begins, of which one is not held up."""
+
+_TOLD_EVERY_S = 0.005
+"""Longest time of a sleep after which simulated devices are told of it; an axis goes 0.1 mm at 20 mm/s."""
 
 _MAX_STEP_US = round(MAX_STEP_S * 1e6)
 
@@ -85,3 +88,32 @@ class SimulatedClock:
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""
         return datetime.now(UTC)
+
+
+class WatchedClock(SimulatedClock):
+    """The computer's time, for a rehearsal: simulated devices are told of it in the thread that waits or commands."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._computer = SystemClock()
+
+    def now_s(self) -> float:
+        """Return the rig time [s]."""
+        return self._computer.now_s()
+
+    def suspended_s(self) -> float:
+        """Return for how long the computer has been suspended since [s]."""
+        return self._computer.suspended_s()
+
+    def tell(self) -> None:
+        """Tell the listeners that time has passed."""
+        for listener in self._listeners:
+            listener()
+
+    def sleep(self, duration_s: float) -> None:
+        """Sleep for `duration_s` seconds, and tell the listeners before, meanwhile and at the end."""
+        end_s = self.now_s() + duration_s
+        self.tell()
+        while (left_s := end_s - self.now_s()) > 0:
+            self._computer.sleep(min(left_s, _TOLD_EVERY_S))
+            self.tell()

@@ -1,13 +1,11 @@
-"""Faults that a simulated rig is to have: what, on which axis, and when; a section of a rig file, or a file."""
+"""Faults that a simulated rig is to have: what, on which axis, and when; a section of a rig file."""
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from labrig.protocol.model import Conflict, Model
-from labrig.protocol.yaml_file import load_yaml_model
 
 FaultName = Literal[
     "silent",
@@ -80,14 +78,3 @@ class FaultDescription(Model):
             yield Conflict("source", f"the fault {self.fault} {message}")
         if self.axis is None and self.once != "any":
             yield Conflict("once", "a fault of the bus waits for no axis")
-
-
-class FaultFile(Model):
-    """A file of faults, with which `labrig devices simulate` serves a rig."""
-
-    faults: tuple[FaultDescription, ...] = Field(description="What is to go wrong, and when.")
-
-
-def load_faults(path: Path) -> tuple[FaultDescription, ...]:
-    """Return the faults of a file. Raises `FileFormatError` with every problem of the file."""
-    return load_yaml_model(path, FaultFile).faults

@@ -1,13 +1,14 @@
 """The hardware of a rig, real or simulated. Only this file chooses between them, by the rig file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
-from labrig.devices.camera import PictureSource
-from labrig.devices.camera_kind import CameraContext, find_camera_kind
+from labrig.devices.camera import Camera, CameraContext, PictureSource, close_source, find_camera_kind
 from labrig.devices.clocks import SystemClock
+from labrig.devices.control import acquire_rig
 from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
@@ -67,6 +68,10 @@ class BenchHardware:
         self.disk_worker = WorkerThread("disk", self.clock)
         self._rig = rig
 
+    def accompany(self, person: Operator) -> Operator:
+        """Return the person."""
+        return person
+
     def open_link(self) -> CanLink:
         """Connect to the CAN interface. Raises `BusError`."""
         return open_can(self._rig.can, self.clock)
@@ -89,7 +94,7 @@ class BenchHardware:
         self.disk_worker.close()
 
 
-def make_hardware(rig: RigDescription, seed: int) -> Hardware:
+def make_hardware(rig: RigDescription, seed: int) -> BenchHardware | SimulatedHardware:
     """Return the hardware that the rig file describes; nothing is opened yet.
 
     Parameters
@@ -105,3 +110,30 @@ def make_hardware(rig: RigDescription, seed: int) -> Hardware:
         When entries that a simulated rig needs are unknown.
     """
     return BenchHardware(rig) if rig.world is None else SimulatedHardware(rig, rig.world, seed)
+
+
+@contextmanager
+def open_camera(rig: RigDescription, doing: str) -> Iterator[Camera]:
+    """Open the camera of a rig, with all its settings made, and release it when the block ends.
+
+    Parameters
+    ----------
+    rig : RigDescription
+        The rig file; its axes need not be complete, nor connected, except on a simulated rig.
+    doing : str
+        What the camera is used for; another labrig that wants the rig prints it.
+
+    Raises
+    ------
+    LockedError
+        When another labrig uses the rig.
+    CameraError
+        When there is no camera, or it ignores a setting.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(acquire_rig(rig, doing))
+        hardware = make_hardware(rig, seed=0)
+        stack.callback(hardware.close)
+        source = hardware.open_source()
+        stack.callback(close_source, source, hardware.camera_worker)
+        yield Camera(source, rig.camera, hardware.clock, hardware.camera_worker)

@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import NoReturn, Self, TypeVar
+from typing import NoReturn, TypeVar
 
-from labrig.devices.axis import Axis, AxisReadback
+from labrig.devices.axis import Axis, AxisReadback, Setpoint
 from labrig.devices.axis_description import AXES
+from labrig.devices.axis_positions import collect_axis_positions
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
-from labrig.devices.camera import Camera, Frame, PictureSource, close_source
+from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.commands import CommandFormatter
 from labrig.devices.control import StopRequests, acquire_rig
@@ -39,6 +40,7 @@ from labrig.devices.position_supervision import (
     SupervisionState,
     supervise_position,
 )
+from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.errors import (
     HEARTBEAT_LOST,
@@ -73,14 +75,11 @@ _LOOK_S = 0.15
 _PROMPT_S = 0.25
 """What is done aside and takes longer is interrupted by signals too, and by requests to stop [s]."""
 
-_AT_START_MM = 0.05
-"""How far needle and sheath may stand from zero to be where an insertion begins."""
-
 _STOOD_STILL = "labrig itself stood still"
 _SUSPENDED = "the computer was suspended"
 _STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
-_TARGET_LOOK_S, _FORMER_TARGET_LOOK_S = 0.15, 0.05
-"""Shortest time between two readings of targets, now and in records of before [s]."""
+_TARGET_LOOK_S = 0.15
+"""Shortest time between two readings of targets [s]."""
 
 
 @dataclass(frozen=True)
@@ -116,68 +115,6 @@ WHOLE = Opening()
 """The whole rig, as a run has it."""
 
 
-@dataclass(frozen=True)
-class Guards:
-    """What a rig guards against that records of before know nothing of: their replays do without.
-
-    Parameters
-    ----------
-    dead_man : bool
-        Whether what makes a drive stop by itself is verified at opening; this writes to the drives.
-    watch : bool
-        Whether positions, targets and the bus are watched; this asks the drives more often.
-    force : bool
-        Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
-    steady : bool
-        Whether power is switched on only when the run has its record.
-    sparing : bool
-        Whether targets are read every 0.15 s instead of every 0.05 s.
-    recall : bool
-        Whether a resumed run asks only for what may have changed.
-    """
-
-    dead_man: bool = True
-    watch: bool = True
-    force: bool = True
-    steady: bool = True
-    sparing: bool = True
-    recall: bool = True
-
-    @property
-    def target_look_s(self) -> float:
-        """The shortest time between two readings of targets [s]."""
-        return _TARGET_LOOK_S if self.sparing else _FORMER_TARGET_LOOK_S
-
-    @property
-    def level(self) -> int:
-        """The number by which a record names them; 0, or nothing, for one of before."""
-        if self.recall:
-            return 4
-        return 3 if self.steady else 2 if self.force else int(self.dead_man)
-
-    @classmethod
-    def recorded(cls, level: int, *, exact: bool, sparing: bool = True) -> Self:
-        """Return the guards with which a record of this level is replayed; the first ones of level 3 were not sparing.
-
-        What a bench answered while it was watched cannot be asked again at other instants.
-        """
-        return cls(
-            dead_man=level > 0,
-            watch=level > 0 and exact,
-            force=level > 1,
-            steady=level > 2,
-            sparing=level > 2 and sparing,
-            recall=level > 3,
-        )
-
-
-MIXED_LOOKS = 3
-"""The level of which the first records read targets every 0.05 s, and the later ones every 0.15 s."""
-
-GUARDED = Guards()
-"""Every guard, as a new run has them."""
-
-
 class Rig:
     """An opened rig; made by `open_rig`.
 
@@ -206,8 +143,6 @@ class Rig:
         State across runs; by default that of its state file.
     doing : str
         What the rig is used for.
-    guards : Guards
-        What it guards against; a replay has those of its record.
     alert : callable
         Tells the person at the rig at once, before anything else is done, that the drives are lost.
 
@@ -231,12 +166,10 @@ class Rig:
         opening: Opening = WHOLE,
         needle: NeedleState | None = None,
         doing: str = "labrig",
-        guards: Guards = GUARDED,
         alert: Callable[[str], None] = lambda _text: None,
     ) -> None:
         self.description = description
         self._opening = opening
-        self._guards = guards
         self.clock = hardware.clock
         self.operator = hardware.operator or person
         self._person = person
@@ -258,17 +191,16 @@ class Rig:
         self._camera = (
             source if source is None else Camera(source, description.camera, self._heartbeat, worker)
         )
-        self._watch = self._watch_bus(link) if guards.watch else None
+        self._watch = self._watch_bus(link)
         self._read_s = self._target_s = 0.0
         self._is_watching = False
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
         self._targets_due = list(self._axes)
         self._limits_found = self.needle.state.current_limits
-        self._load = LoadGuard(holds_inputs=opening.hold_inputs and guards.force and guards.watch)
-        if guards.force:
-            for axis in self.axes:
-                axis.drive.report_load()
+        self._load = LoadGuard(holds_inputs=opening.hold_inputs)
+        for axis in self.axes:
+            axis.drive.report_load()
         self._alert = alert
         self._positions: dict[str, tuple[float, float]] = {}
         self._unknown_motion = ""
@@ -295,20 +227,9 @@ class Rig:
         return self._axes[name]
 
     @property
-    def reads_load(self) -> bool:
-        """Whether states have the motor currents; those of a replay of a record of before have none."""
-        return self._guards.force
-
-    @property
-    def stands_at_start(self) -> bool:
-        """Whether every axis has kept its reference, and needle and sheath stand where an insertion begins.
-
-        Of a replayed record of before, whose run asked for all of it again, this is not said.
-        """
-        if not (self._guards.recall and all(axis.referenced for axis in self.axes)):
-            return False
-        states = self.read_states()
-        return all(abs(states[name].position) <= _AT_START_MM for name in ("insertion", "linear"))
+    def referenced(self) -> frozenset[str]:
+        """The axes that have their reference."""
+        return frozenset(axis.name for axis in self.axes if axis.referenced)
 
     @property
     def insertion(self) -> Axis:
@@ -352,7 +273,6 @@ class Rig:
         return {
             "rig": self.description.name,
             "kind": self.description.kind,
-            "guards": self._guards.level,
             "bus": self.description.can.model_dump(),
             "axes": {
                 axis.name: {**axis.describe(), "drive": self._identities[axis.name].document()}
@@ -404,7 +324,7 @@ class Rig:
             for axis in self.axes:
                 axis.drive.expect_report()
             # Before the SYNC: a busy computer may be held up after the drives have measured.
-            self._read_s = self._link.find_sync_s()
+            self._read_s = self.clock.now_s()
             self._link.send(_SYNC, b"")
             states = {name: axis.read() for name, axis in self._axes.items()}
             self._positions |= {name: (self._read_s, state.position) for name, state in states.items()}
@@ -415,10 +335,7 @@ class Rig:
         return states
 
     def _look(self) -> None:
-        """Ask every axis where it is, while nobody reads states.
-
-        Without a SYNC: a replay of a bench does not look, and finds the states of the record by their SYNCs.
-        """
+        """Ask every axis where it is, while nobody reads states."""
         self._read_s = self.clock.now_s()
         readings = {name: axis.drive.read() for name, axis in self._axes.items()}
         positions = {name: reading.position for name, reading in readings.items()}
@@ -435,7 +352,7 @@ class Rig:
             return
         errors = [self._judge(name, position) for name, position in positions.items()]
         raise_together([error for error in errors if error is not None])
-        if self._read_s - self._target_s >= self._guards.target_look_s:
+        if self._read_s - self._target_s >= _TARGET_LOOK_S:
             self._target_s = self._read_s
             self._targets_due = [*self._targets_due[1:], self._targets_due[0]]
             moving = [name for name, axis in self._axes.items() if isinstance(axis.expected, InMotion)]
@@ -454,8 +371,11 @@ class Rig:
             self._lost_zeros.add(name)
         return error
 
-    def take_picture(self) -> tuple[Frame, dict[str, AxisReadback]]:
-        """Take a picture, then read every axis; the frame gets its place between this reading and the one before.
+    def take_picture(self) -> Photograph:
+        """Take a picture between two readings of the axes.
+
+        The positions are interpolated to the time of the camera or, without one, half-way. At 1 mm/s their error is a
+        few hundredths of a millimetre.
 
         Raises
         ------
@@ -463,11 +383,17 @@ class Rig:
             Also when the picture is identical to the last one although needle or sheath has moved.
         DriveError, BusError
         """
-        before_s = self._read_s
+        before, before_s = collect_axis_positions(self.read_states()), self._read_s
         frame = self.camera.capture(self._make_meanwhile(self._insisted))
-        states = self.read_states()
-        self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
-        return frame.between(before_s, self._read_s), states
+        after = collect_axis_positions(self.read_states())
+        self.camera.require_new(frame, (after.insertion_mm, after.linear_mm))
+        frame = frame.between(before_s, self._read_s)
+        positions = before.interpolate_to(after, 0.5 if frame.fraction is None else frame.fraction)
+        return Photograph(frame.image, frame.t_s, positions, frame.t_bound_s, frame.fraction)
+
+    def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
+        """Start a move of an axis [mm or rad, per s] and return at once. Raises as `Axis.start_move`."""
+        return self.axis(axis_name).start_move(position, speed)
 
     def wait(self, duration_s: float) -> None:
         """Let rig time pass while axes move, and watch for signals and reports of the drives.
@@ -609,13 +535,12 @@ class Rig:
             raise self._link.trouble
         if requests is not None:
             self._check_requests(requests)
-        watch = self._watch if self._is_watching else None
-        if watch is not None:
-            watch.require_no_command()
+        if self._is_watching:
+            self._watch.require_no_command()
         for axis in self.axes:
             axis.drive.check()
-        if watch is not None:
-            watch.require_operational()
+        if self._is_watching:
+            self._watch.require_operational()
 
     def _check_requests(self, interrupted: Interrupted) -> None:
         """Raise what a signal, or another labrig, asks for."""
@@ -675,15 +600,14 @@ class Rig:
 
     def _forget_lost_zeros(self) -> None:
         """Remember which axes have lost their reference. Raises `DiskError`."""
-        homed = set() if self._watch is None else self._watch.without_zero
-        self.needle.forget_references({*self._lost_zeros, *homed})
+        self.needle.forget_references({*self._lost_zeros, *self._watch.without_zero})
 
     def _explain_own_standstill(
         self, error: InterruptedRunError | MachineError
     ) -> InterruptedRunError | MachineError:
         """Blame what a gap in labrig's own heartbeat has caused on what held labrig up, not on wiring or drives."""
         fault, gap = fault_of(error), self._heartbeat.find_gap()
-        if fault is None or not (self._guards.watch and gap.duration_s) or _is_explained(error):
+        if fault is None or not gap.duration_s or _is_explained(error):
             return error
         if gap.suspended_s > self.description.can.heartbeat.timeout_ms / 1000:
             return error.reword(f"{_tell_suspension(gap)}: {error.message}", _STAY_AWAKE)
@@ -843,12 +767,10 @@ class Rig:
             With the failures of all drives, not only the first.
         BusError
         """
-        if self._watch is not None:
-            self._watch.listen(self.clock)
+        self._watch.listen(self.clock)
         for step in (self._identify, self._offer_fault_reset, self._configure):
             self._do_with_all(step, self._find_shared_cob_ids)
-        if self._guards.dead_man:
-            self._do_with_all(self._verify_dead_man)
+        self._do_with_all(self._verify_dead_man)
         self._recall_references()
 
     def enable(self) -> None:
@@ -860,15 +782,13 @@ class Rig:
         """
         if self._has_power:
             return
-        if self._watch is not None:
-            self._watch.require_free()
-            self._watch.forget_states()
-        if self._guards.force and self._guards.watch:
-            limits_ma = {axis.name: self._max_current_ma(axis) for axis in self.axes}
-            self._load.get_ready(self.axes, {name: ma for name, ma in limits_ma.items() if ma is not None})
+        self._watch.require_free()
+        self._watch.forget_states()
+        limits_ma = {axis.name: self._max_current_ma(axis) for axis in self.axes}
+        self._load.get_ready(self.axes, {name: ma for name, ma in limits_ma.items() if ma is not None})
         for axis in self.axes:
             axis.drive.enable()
-        self._has_power, self._is_watching = True, self._guards.watch
+        self._has_power = self._is_watching = True
 
     def _do_with_all(
         self, step: Callable[[Axis], None], find_more: Callable[[], list[MachineError]] = list
@@ -890,11 +810,10 @@ class Rig:
 
     def _configure(self, axis: Axis) -> None:
         limit_ma = self._max_current_ma(axis)
-        if self._guards.force:
-            own_ma = self._restore_current_limit(axis)
-            axis.drive.require_limits()
-            if limit_ma is not None and own_ma is not None and limit_ma < own_ma:
-                self.needle.note_current_limit(axis.name, own_ma, limit_ma)
+        own_ma = self._restore_current_limit(axis)
+        axis.drive.require_limits()
+        if limit_ma is not None and own_ma is not None and limit_ma < own_ma:
+            self.needle.note_current_limit(axis.name, own_ma, limit_ma)
         axis.drive.configure(self.description.can.heartbeat, limit_ma)
 
     def _restore_current_limit(self, axis: Axis) -> int | None:
@@ -1040,7 +959,7 @@ def open_rig(
     seed : int
         For every draw of a simulated world.
     person : Operator
-        Answers on a bench; a simulated rig answers by itself.
+        Answers on a bench, and where one is rehearsed; any other simulated rig answers by itself.
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
     insisted : callable or None
@@ -1076,7 +995,7 @@ def open_rig(
             hardware=hardware,
             link=link,
             source=source,
-            person=person,
+            person=hardware.accompany(person),
             interrupted=interrupted,
             insisted=insisted,
             stop_requests=stop_requests,

@@ -108,6 +108,11 @@ class RigDescription(Model):
     schema_version: Literal[1] = Field(1, description="Version of this format.")
     name: Name = Field(description="What the rig is called in records and reports.")
     kind: RigKind = Field(description="simulated, or bench for real drives and a real camera.")
+    clock: Literal["real"] | None = Field(
+        None,
+        description="real: a simulated rig runs at a bench's pace and asks its questions, to rehearse on it. null: it "
+        "runs as fast as the processor allows and answers by itself. A bench always runs in real time.",
+    )
     state_file: FileName | None = Field(
         None,
         description="Where the rig keeps across runs whether a needle is in tissue, relative to this file. "
@@ -206,6 +211,11 @@ class RigDescription(Model):
         )
         changed = self.model_copy(update={"world": world})
         return changed.placed_in(self._folder, self._file)
+
+    @property
+    def asks_person(self) -> bool:
+        """Whether a person answers its questions: on a bench, and where one is rehearsed."""
+        return self.kind != ONLY_SIMULATED or self.clock == "real"
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:

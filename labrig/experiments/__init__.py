@@ -5,8 +5,7 @@ An experiment's `__init__.py` is a declaration: its name, its title, and the pla
 result), `result.py` (the result's model and tables) and `page.py` with its template. `tracks.py`, where there is one,
 says which tracks a run leaves in blocks of gel that have a file. `view.py` adds to the rerun view
 of a run that was measured (`view`) and of one that is being made (`follow`). `virtual.py`, where there is one, computes
-a run without pictures (`simulate`), thousands of which make a campaign; `virtual_assumptions.py` says what a run took
-for granted, for its certificate. The registry reads declarations from the
+a run without pictures (`simulate`), thousands of which make a campaign. The registry reads declarations from the
 entry-point group `labrig.experiments`, labrig's own and those of other packages alike, and imports a part when it is
 first used: neither a list of runs nor an analysis loads a procedure or a bus.
 

@@ -7,8 +7,8 @@ from labrig.errors import InputError
 from labrig.plugins import INTERFACE
 
 _PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-_OPTIONAL = ("procedure", "resume", "tracks", "simulate", "assumptions")
-PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "follow", "compare", *_OPTIONAL)
+_OPTIONAL = ("procedure", "resume", "tracks", "simulate")
+PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "follow", *_OPTIONAL)
 """What a declaration names by module and attribute."""
 
 
@@ -44,15 +44,10 @@ class ExperimentDeclaration:
     simulate : str or None
         `simulate(protocol, rig, seed) -> TaskOutcome`, one virtual run without pictures; None: only whole runs on a
         simulated rig.
-    assumptions : str or None
-        `list_assumptions(run, protocol, rig) -> VirtualRepeat`: how a run is repeated virtually, and what it took for
-        granted; None: no run of it is certified.
     view : str
         `view(run, result) -> View`; by default only the record is shown.
     follow : str
         `follow(run) -> View`, of a run that is being made or was not measured; by default only the record is shown.
-    compare : str
-        `compare(old, new) -> ResultComparison`; by default a reanalysis changes only numbers.
     reanalysis_keys : tuple of str
         Sections of the protocol that a reanalysis may change.
     puts_needle_in_tissue : bool
@@ -80,10 +75,8 @@ class ExperimentDeclaration:
     resume: str | None = None
     tracks: str | None = None
     simulate: str | None = None
-    assumptions: str | None = None
     view: str = "labrig.report.view:show_record_alone"
     follow: str = "labrig.report.view:follow_record_alone"
-    compare: str = "labrig.analysis.summary:compare_numbers_alone"
     reanalysis_keys: tuple[str, ...] = ()
     puts_needle_in_tissue: bool = False
     counts: str = "pictures"

@@ -28,7 +28,6 @@ def find_experiment(name: str) -> Experiment:
         puts_needle_in_tissue=declaration.puts_needle_in_tissue,
         maps_tracks=declaration.tracks is not None,
         can_simulate=declaration.simulate is not None,
-        can_certify=declaration.assumptions is not None,
         counts=declaration.counts,
         require_parts=declared.require_parts,
     )

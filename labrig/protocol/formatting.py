@@ -22,8 +22,6 @@ UNITS: dict[str, tuple[tuple[str, float], ...]] = {
     "_s": (("ms", 1e-3), ("min", 60.0), ("s", 1.0)),
 }
 _QUANTITY = re.compile(r"([-+]?(?:[0-9]+[.]?[0-9]*|[.][0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(\S*)")
-_PASSWORD = re.compile(r"(://[^\s:/@]*):[^\s]*@")
-"""Everything up to the last @, because a password may contain an @ or a slash."""
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
 
 
@@ -33,11 +31,6 @@ def children(value: Plain) -> Mapping[str | int, Plain]:
         value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     )
     return dict(entries)
-
-
-def mask_passwords(text: str) -> str:
-    """Return a text with the password of every address in it replaced: rtsp://user:***@host."""
-    return _PASSWORD.sub(r"\1:***@", text)
 
 
 def show(value: Plain) -> str:
@@ -54,7 +47,6 @@ def show(value: Plain) -> str:
 
 
 def _show_text(text: str) -> str:
-    text = mask_passwords(text)
     shown = text if text.isprintable() and '"' not in text else json.dumps(text)[1:-1]
     return f'"{shown}"' if len(shown) <= MAX_SHOWN else f'"{shown[:MAX_SHOWN]}…" ({len(text)} characters)'
 

@@ -6,16 +6,16 @@ from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, fill_in_design
 from labrig.protocol.explain import choice_fault
-from labrig.protocol.model import Former, Model
+from labrig.protocol.model import Model
 from labrig.protocol.named_specimen import fill_in_specimens
 from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import ExperimentProtocol, Needle
-from labrig.protocol.tree import KeyPath, Position, Tree, file_format_error
+from labrig.protocol.tree import Position, Tree, file_format_error
 from labrig.protocol.yaml_file import validate_tree
 from labrig.protocol.yaml_tree import load_tree, require_kind
 
@@ -66,12 +66,12 @@ def load_protocol(
 def load_recorded_protocol(
     path: Path | str, models: Models, overrides: Sequence[str] = ()
 ) -> ExperimentProtocol:
-    """Return the protocol of a record: a key that came later has the value by which runs were made before it.
+    """Return the protocol of a record, which needs no file outside of it.
 
     Parameters
     ----------
     path : Path or str
-        The file, with every key of the version that made it.
+        The file, with every key.
     models : Mapping
         As in `load_protocol`.
     overrides : sequence of str
@@ -83,21 +83,7 @@ def load_recorded_protocol(
         With every problem of the file and of the overrides.
     """
     tree = load_tree(Path(path))
-    model = _find_model(tree, models)
-    return validate_tree(apply_overrides(_fill_in_former(tree, model), overrides), model)
-
-
-def _fill_in_former(tree: Tree, model: type[BaseModel], path: KeyPath = ()) -> Tree:
-    """Return the tree with the former value of each key that it lacks, in the sections that it has."""
-    for name, field in model.model_fields.items():
-        key = (*path, name)
-        formers = [mark.value for mark in field.metadata if isinstance(mark, Former)]
-        if formers and not tree.holds(key):
-            tree = tree.put(key, formers[0], tree.at(path).value)
-        kind = field.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel) and isinstance(tree.value(key), dict):
-            tree = _fill_in_former(tree, kind, key)
-    return tree
+    return validate_tree(apply_overrides(tree, overrides), _find_model(tree, models))
 
 
 def _find_model(tree: Tree, models: Models) -> type[ExperimentProtocol]:

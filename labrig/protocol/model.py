@@ -37,19 +37,6 @@ _REFUSED_CATEGORIES = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 @dataclass(frozen=True)
-class Former:
-    """Marks, in `Annotated`, a field that came later and changes what a run does.
-
-    Parameters
-    ----------
-    value : bool, float, str or None
-        What runs did before; a record without the key was made with it.
-    """
-
-    value: bool | float | str | None
-
-
-@dataclass(frozen=True)
 class Conflict:
     """Two values that are right alone and wrong together.
 

@@ -8,7 +8,7 @@ from labrig.protocol.formatting import Plain, show
 from labrig.protocol.schema import JsonSchema, SchemaView
 
 _UNIT = re.compile(r" ?\[([^\[\]]*[^\d\s.,\[\]][^\[\]]*)\](?=[.;,: ]|$)")
-_WRITTEN = {"Can": "CAN", "Cia402": "CiA 402", "Epos2": "EPOS2", "Mjpeg": "MJPEG", "Uvc": "UVC"}
+_WRITTEN = {"Can": "CAN", "Cia402": "CiA 402", "Epos2": "EPOS2", "Uvc": "UVC"}
 """Words of model names that are written otherwise."""
 
 _HEAD = "| key | value | unit | default | meaning |\n|---|---|---|---|---|"

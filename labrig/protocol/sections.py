@@ -234,7 +234,7 @@ _BLOCK_OR_FILE: dict[str, Any] = {
     "properties": {
         "specimen_file": {
             "description": "Name of the specimen, whose file in data/specimens gives name, gelatin_percent, age and "
-            "what else is known; labrig specimens new writes it.",
+            "what else is known.",
             "type": "string",
             "minLength": 1,
             "maxLength": 64,

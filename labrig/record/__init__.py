@@ -23,7 +23,6 @@
       SHA256SUMS         of the above except the manifest, once the run is closed (for `sha256sum -c`)
       chain.jsonl        one line a link: number, kind, time, SHA-256 of each file that it covers (of the first `bytes`
                          of a file that still grows), and `previous`, the SHA-256 of the whole line before it
-      chain.NNN.sig      SSH signature of link NNN: of the SHA-256 of its line, as 64 hexadecimal digits and a newline
       notes.jsonl        annotations: tags, notes with their revisions, a verdict
       torn/NNN/          what an interruption left half written, set aside when the run was closed or continued
       manifest.NNN.json, SHA256SUMS.NNN   those of a closed run that was continued, as its closing link covers them
@@ -46,8 +45,8 @@ Decided here:
   inode of its files: delete it or copy runs, and the answers stay the same.
 - The raw files are never rewritten. Only the manifest is, atomically, when the run is closed or continued.
 - The first link covers what the run begins with, and the manifest names its hash. A `close` link covers the closed
-  manifest, SHA256SUMS and with it every raw file: its hash is the root of the run. `result`, `page`, `note` and
-  `signature` follow; `open` says that the run was continued. Of a run with a chain nothing is used that no link covers.
+  manifest, SHA256SUMS and with it every raw file: its hash is the root of the run. `result`, `page` and
+  `note` follow; `open` says that the run was continued. Of a run with a chain nothing is used that no link covers.
   Anybody who may write the folder can write the chain anew: only a hash kept elsewhere shows that.
 - A file is complete before its link is written, so a process that is stopped between the two leaves a file without a
   link: it is named, not used, and `--repair` covers it by a link `unsealed`. Only the manifest of a closing run waits

@@ -19,7 +19,7 @@ from labrig.posix import lock
 from labrig.record.json_lines import decode_line, encode_line
 from labrig.record.layout import CHAIN, COPY_HINT, inside
 
-Kind = Literal["open", "close", "result", "note", "page", "signature", "certificate", "unsealed"]
+Kind = Literal["open", "close", "result", "note", "page", "unsealed"]
 """`unsealed` covers what was found without a link by `labrig runs check --repair`."""
 
 Time = object

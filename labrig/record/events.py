@@ -94,12 +94,16 @@ class RunResume(RunStart):
 
 
 class RunStop(Event):
-    """The run has ended: its status, the reason, and the fault of bus or drive that ended it."""
+    """The run has ended: its status, the reason, and the fault of bus or drive that ended it.
+
+    `error` is the class of the error that ended it, see `labrig.errors`; empty after a success.
+    """
 
     kind: ClassVar[str] = RUN_STOP
 
     exit_status: str
     reason: str
+    error: str = ""
     fault: Fault | None = None
 
 
@@ -164,6 +168,18 @@ class MoveDone(Event):
 
     axis: str
     position: float
+
+
+class AxesReferenced(Event):
+    """The axes stand at zero from now on, where they are."""
+
+    kind: ClassVar[str] = "axes_referenced"
+
+
+class AxesStopped(Event):
+    """Every axis was stopped, and stands still."""
+
+    kind: ClassVar[str] = "axes_stopped"
 
 
 class WithdrawalStart(Event):

@@ -20,7 +20,6 @@ CHAIN = "chain.jsonl"
 CLOSING = ".manifest.closing"
 """The manifest of a run that is being closed, until the link that seals it is written."""
 ANALYSIS = "analysis"
-CERTIFICATE = "certificate"
 REPORT, VIEW = "report.html", "view.rrd"
 
 FRAME_LINES = "frames.jsonl"
@@ -30,6 +29,8 @@ TRIAL_START, TRIAL_STOP, RUN_STOP = "trial_start", "trial_stop", "run_stop"
 SKIP, REPEAT, MARK_BAD, NOTE, UNDO = "skip", "repeat", "mark_bad", "note", "undo"
 TRUTH_LINES = "truth.jsonl"
 ALWAYS_PRESENT = (FRAME_LINES, STATE_LINES, EVENT_LINES)
+SEQUENCED = frozenset({FRAME_LINES, STATE_LINES, EVENT_LINES, TRUTH_LINES})
+"""Files whose lines say their place in the order of all lines, `seq`: what was asked and answered, in order."""
 CAN_LOG = "can.log"
 NOTES = "notes.jsonl"
 CAN_SUMS = "can.sums.jsonl"

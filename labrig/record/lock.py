@@ -1,8 +1,7 @@
 """Locks with an owner: one writer for a run, one labrig for a rig.
 
-A lock is a file that its owner keeps locked in the kernel (`flock`; on Windows a locked byte), with a JSON text that
-names the owner. The kernel frees it when the owner ends, however it ends. So the text in an unlocked file is stale and
-is replaced.
+A lock is a file that its owner keeps locked in the kernel (`flock`), with a JSON text that names the owner. The kernel
+frees it when the owner ends, however it ends. So the text in an unlocked file is stale and is replaced.
 """
 
 import errno

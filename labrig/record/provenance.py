@@ -13,7 +13,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from labrig import __version__
-from labrig.distribution import find_own_distribution
 from labrig.record.json_lines import plain_text
 from labrig.record.processor import describe_processor
 from labrig.record.source_digest import digest_sources
@@ -41,8 +40,8 @@ def collect_provenance(
         `labrig` (version), `source_sha256` (of the installed code, by `digest_sources`), `git_commit` and `git_dirty`
         (of the package's source; None outside a checkout), `command_line`, `python`, `platform`, `processor` (by
         `describe_processor`), `host`, `account` (user name, None without one), `packages` {name: version} of labrig's
-        direct dependencies, as far as they are installed. In a changed checkout also `code_diff_holds` and
-        `code_diff_leaves_out`, the files of `find_code_changes`.
+        direct dependencies. In a changed checkout also `code_diff_holds` and `code_diff_leaves_out`, the files of
+        `find_code_changes`.
     """
     changes = find_code_changes() if changes is None else changes
     program = [Path(word).name for word in command_line[:1]]
@@ -179,17 +178,9 @@ def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> b
 
 
 def _read_package_versions() -> dict[str, str]:
-    requirements = find_own_distribution().requires or ()
+    requirements = metadata.requires("labrig") or ()
     names = (_parse_distribution_name(text) for text in requirements if "extra ==" not in text)
-    versions = {name: _read_version(name) for name in sorted(names)}
-    return {name: version for name, version in versions.items() if version is not None}
-
-
-def _read_version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:  # one that only some commands need
-        return None
+    return {name: metadata.version(name) for name in sorted(names)}
 
 
 def _parse_distribution_name(requirement: str) -> str:

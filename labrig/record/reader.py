@@ -68,10 +68,8 @@ from labrig.record.notebook import make_html_table
 from labrig.record.pictures import RecordedPicture, locate_picture
 from labrig.record.provenance import leave_out_personal
 from labrig.record.results import (
-    find_certificate,
     latest_result,
     list_results,
-    new_certificate_dir,
     new_result_dir,
     require_unchanged_result,
 )
@@ -472,18 +470,6 @@ class Run:
         """Append the link over a result that is complete. Raises `DiskError`."""
         names = list_files(self.path, folder.relative_to(self.path).as_posix())
         seal_files(self.path, "result", names, created)
-
-    def new_certificate_dir(self) -> Path:
-        """Make and return the next of certificate/001, 002 ... Raises `DiskError`."""
-        return new_certificate_dir(self.path)
-
-    def find_certificate(self, file: str) -> Path | None:
-        """Return the newest certificate; None without one. Raises `RecordError` when it was changed; names it."""
-        return find_certificate(self.path, file)
-
-    def seal_certificate(self, path: Path, created: str) -> None:
-        """Append the link over a certificate that was written into the run. Raises `DiskError`."""
-        seal_files(self.path, "certificate", (path.relative_to(self.path).as_posix(),), created)
 
     def seal_page(self, path: Path, created: datetime) -> None:
         """Append the link over a page or view that was written into the run. Raises `DiskError`."""

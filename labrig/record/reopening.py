@@ -41,7 +41,7 @@ class OpenRecord:
     """A run on disk, locked and open for appending.
 
     It holds `frames` pictures already, and `counted`, the events from which its trials are counted; rig time goes on
-    from `t0_s` [s].
+    from `t0_s` [s], and the order of its lines from `seq`.
     """
 
     manifest: Mapping[str, object]
@@ -52,6 +52,7 @@ class OpenRecord:
     t0_s: float = 0.0
     frames: int = 0
     counted: tuple[Mapping[str, object], ...] = ()
+    seq: int = 0
 
 
 def reopen_files(path: Path, doing: str) -> OpenRecord:
@@ -77,10 +78,13 @@ def reopen_files(path: Path, doing: str) -> OpenRecord:
     except LabrigError:
         lock.release()
         raise
-    t0_s = _next_whole_second((*events, *frames, *read_lines(path / STATE_LINES)))
+    states = read_lines(path / STATE_LINES)
+    t0_s = _next_whole_second((*events, *frames, *states))
+    truth = read_lines(path / TRUTH_LINES) if TRUTH_LINES in lines else []
+    seq = 1 + max((int(str(line["seq"])) for line in (*events, *frames, *states, *truth)), default=-1)
     sums = _collect_sums(frames, manifest)
     counted = tuple(event for event in events if str(event.get("kind")) in COUNTED)
-    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), counted)
+    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), counted, seq)
 
 
 def _read_store(manifest: Mapping[str, object]) -> Store:

@@ -10,46 +10,17 @@ from labrig.durable import disk_errors
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.json_lines import make_readable
-from labrig.record.layout import ANALYSIS, CERTIFICATE, inside
+from labrig.record.layout import ANALYSIS, inside
 from labrig.record.seal import Seal, read_seal
 from labrig.record.sealing import list_files
 
 _RESULT = "result.json"
-_CERTIFICATE = re.compile(rf"{CERTIFICATE}/(\d+)/")
 _NUMBER = re.compile(r"[0-9]{3}|[1-9][0-9]{3,8}")
 
 
 def new_result_dir(run: Path) -> Path:
     """Make and return the folder of the next result. Raises `DiskError`."""
     return make_numbered_folder(inside(run, ANALYSIS))
-
-
-def new_certificate_dir(run: Path) -> Path:
-    """Make and return the folder of the next certificate. Raises `DiskError`."""
-    return make_numbered_folder(inside(run, CERTIFICATE))
-
-
-def find_certificate(run: Path, file: str) -> Path | None:
-    """Return the newest certificate of a run, a file of this name; None without one.
-
-    Of a run with a chain only a certificate with a link counts.
-
-    Raises
-    ------
-    RecordError
-        When the chain is damaged, or the certificate is missing, a link, or was changed; names it.
-    """
-    seal = read_seal(run)
-    if seal.links:
-        sealed = {int(found[1]): name for name in seal.newest if (found := _CERTIFICATE.match(name))}
-        if not sealed:
-            return None
-        newest = sealed[max(sealed)]
-        seal.require_unchanged(newest)
-        return inside(run, newest)
-    numbers = list_numbered_folders(inside(run, CERTIFICATE))
-    paths = [inside(run, f"{CERTIFICATE}/{number:03d}/{file}") for number in sorted(numbers)]
-    return next((path for path in reversed(paths) if path.exists()), None)
 
 
 def make_numbered_folder(parent: Path) -> Path:

@@ -18,7 +18,6 @@ from labrig.record.digest import hash_file
 from labrig.record.layout import (
     ANALYSIS,
     CALIBRATION,
-    CERTIFICATE,
     CHAIN,
     CLOSING,
     CONTROL,
@@ -226,8 +225,6 @@ def _check_file(run: Path, name: str, link: Link) -> Iterator[Problem]:
     hint = COPY_HINT
     if name.startswith(f"{ANALYSIS}/"):
         hint = "take the file from a copy of the run, or make a new result with labrig reanalyze"
-    elif name.startswith(f"{CERTIFICATE}/"):
-        hint = "take the file from a copy of the run, or make another: labrig campaign --certify"
     elif name in _MADE_AGAIN:
         hint = f"make it again: labrig {'report' if name == REPORT else 'view'}"
     try:

@@ -91,7 +91,7 @@ def finish_closing(run: Path) -> bool:
 
 
 def seal_files(run: Path, kind: Kind, names: Iterable[str], at: Time) -> None:
-    """Append a link over files that were written into a run: `result`, `page`, `certificate` or `signature`.
+    """Append a link over files that were written into a run: `result` or `page`.
 
     A record without a chain gets none.
 

@@ -17,7 +17,7 @@ def digest_sources(package: Path = _PACKAGE) -> str:
     """Return the SHA-256 of the code and the templates of a package; it takes 20 ms once.
 
     It is that of what `sha256sum` prints for the files, which are named from the package's folder, in the order of
-    their names by byte: the same for a checkout, a wheel and an installation from an sdist.
+    their names by byte: the same for a checkout, a wheel and an installation of it.
     """
     listing = hashlib.sha256()
     for name in sorted(_list_code(package)):

@@ -24,7 +24,7 @@ from labrig.record.digest import hash_file
 from labrig.record.layout import MANIFEST, PROTOCOL
 from labrig.record.manifest import read_document
 
-# A Path keeps only one of the slashes; one letter and a colon are a Windows drive.
+# A Path keeps only one of the slashes; one letter and a colon are no scheme.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")
 _ONE_SLASH = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/(?!/)")
 # Those that hand on what stands in a file; others, such as `reference:`, do what a file from elsewhere tells them.

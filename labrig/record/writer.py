@@ -36,6 +36,7 @@ from labrig.record.layout import (
     LOCK,
     MANIFEST,
     RESERVE,
+    SEQUENCED,
     SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
@@ -99,6 +100,7 @@ class Recorder:
         self._period = int(record.t0_s // self._fsync_period_s)
         self._frames = record.frames
         self._counted = list(record.counted)
+        self._seq = record.seq
         self._can_length = 0
         self._can_crc32 = 0
         self._appending = Lock()
@@ -433,7 +435,8 @@ class Recorder:
         held = self._appending if name == FRAME_LINES else nullcontext()
         lines = self._lines[name]
         with self._guard_disk(lines.path), held:
-            lines.append(fields)
+            lines.append({**fields, "seq": self._seq} if name in SEQUENCED else fields)
+        self._seq += name in SEQUENCED
 
     @contextmanager
     def _guard_disk(self, path: Path) -> Iterator[None]:

@@ -33,7 +33,7 @@ def draw_load_figure(states: pd.DataFrame, name: str) -> Markup | None:
     Returns
     -------
     Markup or None
-        None for a run without currents: one of before, or with drives that do not measure them.
+        None for a run without currents: its drives do not measure them.
     """
     shown = [panel for panel in _PANELS if panel[1] in states and states[panel[1]].notna().any()]
     if not shown:

@@ -127,7 +127,7 @@ def start_viewer(kind: ViewerKind, clock: Clock, program: str) -> RunningViewer:
 
 def has_display(environment: Mapping[str, str]) -> bool:
     """Return whether windows can be opened here."""
-    if sys.platform in {"win32", "darwin"}:
+    if sys.platform == "darwin":
         return True
     return any(environment.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
@@ -137,7 +137,7 @@ def find_free_port(wanted: int) -> int:
     for port in (wanted, 0):
         with suppress(OSError), closing(socket.socket()) as free:
             # Connections of the last run that linger do not keep its port from this one; a listener does.
-            free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(sys.platform != "win32"))
+            free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             free.bind((LOCALHOST, port))
             return int(free.getsockname()[1])
     raise MachineError("this computer has no free port", "close programs that listen on many")

@@ -252,7 +252,7 @@ def _jog(rig: Rig, name: str, distance: float, speed: float | None) -> float:
 
 def _jog_to(rig: Rig, name: str, position: float, speed: float | None) -> None:
     axis = rig.axis(name)
-    chosen = axis.nearest_speed(min(_jog_speed(axis.unit, speed), axis.max_speed))
+    chosen = axis.description.nearest_speed(min(_jog_speed(axis.unit, speed), axis.max_speed))
     what = f"move to {position:g} {axis.unit} at {chosen:.3g} {axis.unit}/s"
     _confirm(rig, ConfirmMotion(name, what))
     with rig.note_motion(name, what):

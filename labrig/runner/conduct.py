@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
+from labrig.devices.axis_positions import AxisPositions
 from labrig.errors import (
     BugError,
     ConditionMetError,
@@ -18,7 +19,6 @@ from labrig.errors import (
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import RunResume, RunStart, RunStop
 from labrig.record.sink import RecordSink
-from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.experiment import Experiment, Remainder
 from labrig.runner.session import Session
@@ -96,7 +96,12 @@ def _close(
     recorder: RecordSink, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
 ) -> Outcome:
     try:
-        stop = RunStop(exit_status=outcome.exit_status, reason=outcome.reason, fault=fault_of(outcome.error))
+        stop = RunStop(
+            exit_status=outcome.exit_status,
+            reason=outcome.reason,
+            error="" if outcome.error is None else type(outcome.error).__name__,
+            fault=fault_of(outcome.error),
+        )
         recorder.record_event(stop, t_s)
         recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except BugError as error:

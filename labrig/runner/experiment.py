@@ -7,7 +7,7 @@ from typing import Any, cast
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.outcome import TaskOutcome
 from labrig.analysis.result import AnyResult
-from labrig.analysis.summary import ResultComparison, Summary
+from labrig.analysis.summary import Summary
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.plugins import Plugin
@@ -18,7 +18,6 @@ from labrig.record.events import ValueMeasured
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import View
-from labrig.runner.assumption import VirtualRepeat
 from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.session import Session
 from labrig.runner.time_left import Workload
@@ -126,8 +125,6 @@ class Experiment(MeasuredExperiment):
         Whether it says which tracks a run left in specimens with a file.
     can_simulate : bool
         Whether a run of it can be computed without pictures.
-    can_certify : bool
-        Whether it says what a run of it took for granted.
     counts : str
         What the progress of its analysis counts: pictures, hinges.
     require_parts : callable
@@ -141,7 +138,6 @@ class Experiment(MeasuredExperiment):
     puts_needle_in_tissue: bool
     maps_tracks: bool
     can_simulate: bool
-    can_certify: bool
     counts: str
     require_parts: Callable[[], None]
 
@@ -177,18 +173,6 @@ class Experiment(MeasuredExperiment):
         """
         return cast("TaskOutcome", self.part("simulate")(protocol, rig, seed))
 
-    def list_assumptions(self, run: Run, protocol: ExperimentProtocol, rig: RigDescription) -> VirtualRepeat:
-        """Return how a run is repeated virtually, and what it took for granted.
-
-        Raises
-        ------
-        InputError
-            When the experiment has no such part, or the run cannot be repeated virtually.
-        RecordError
-            When what it needs of the record is damaged.
-        """
-        return cast("VirtualRepeat", self.part("assumptions")(run, protocol, rig))
-
     def list_tracks(
         self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None
     ) -> TracksBySpecimen:
@@ -206,10 +190,6 @@ class Experiment(MeasuredExperiment):
     def summarise(self, result: Mapping[str, Any]) -> Summary:
         """Return the terminal summary of a result."""
         return cast("Summary", self.part("summary")(result))
-
-    def compare(self, old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
-        """Return what a reanalysis changed besides the numbers, such as commands that would have differed."""
-        return cast("ResultComparison", self.part("compare")(old, new))
 
 
 def total_duration_s(moves: Sequence[PlannedMove]) -> float:

@@ -20,10 +20,9 @@ def confirm_needle_out(session: Session) -> None:
     SafetyStopError
         When the operator does not confirm.
     """
-    rig = session.rig
-    if rig.state.needle_in_tissue is not False:
-        session.ask(ConfirmNeedleOut(rig.state.doubt))
-        rig.needle.mark_out()
+    if session.state.needle_in_tissue is not False:
+        session.ask(ConfirmNeedleOut(session.state.doubt))
+        session.mark_needle_out()
 
 
 def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> Picture | None:

@@ -1,35 +1,50 @@
-"""Replays a record: runs the same procedure on recorded devices, and compares its commands and lines."""
+"""Replays a record: the same procedure asks again, gets the recorded answers, and has to ask the same.
 
-from collections import deque
+What is compared is what the procedure asks and says: moves, pictures, questions, stops, and every event. Times and
+readings are answers, and are not compared.
+"""
+
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.devices.replayed.comparison import Comparison, DifferingLines, ReplayDifference
-from labrig.devices.replayed.hardware import ReplayedHardware
-from labrig.devices.replayed.opening import load_recorded_rig, open_replayed
-from labrig.devices.replayed.recording import Recording, make_recording_without_rig, read_recordings
-from labrig.devices.rig import Opening
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.replayed.rig import ReplayedRig, load_recorded_rig
+from labrig.devices.replayed.tape import SessionPart, Tape, TapeDiffersError, TapeEndsError, list_sessions
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
+from labrig.errors import InputError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_tree import load_yaml_values
-from labrig.record.events import Event, Pause, RunStop, TrialStart
+from labrig.record.agreement import Agreement, Deviation, Verdict
+from labrig.record.events import Event, Move, Pause
 from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
-from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
+from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.dialogue import Dialogue
 from labrig.runner.experiment import Experiment
-from labrig.runner.known_changes import KnownChange, find_known_change
 from labrig.runner.pausing import NoRequests
 from labrig.runner.session import Progress, Session
 
-_STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}
+_TARGET_INCREMENTS = 10
+"""By so many increments of the encoder may the target of a move differ: what servos at rest dither."""
+
+_DRAWN_SHARE = 0.01
+"""Share of the pixels of a drawing that may differ: the edge of a line falls on either side of a pixel."""
+
+_ANSWERS = frozenset({"t_s", "seq"})
+_OF_A_FRAME = ("trial", "role")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a record something is: rig time [s], the last picture, the trial."""
+
+    t_s: float
+    frame: int | None
+    trial: int | None
 
 
 @dataclass
@@ -38,32 +53,37 @@ class Replay:
 
     Attributes
     ----------
-    first_difference : ReplayDifference or None
-        None if everything was identical as far as the record goes.
-    known_change : KnownChange or None
-        The change of labrig that explains this difference; None if none is known to.
+    agreement : Agreement
+        What differs.
+    place : Place or None
+        Where the first decision, or number beyond its tolerance, is.
+    stopped : bool
+        Whether the replay had to end there: what was asked then has no recorded answer.
     ended_early : str
         Where an incomplete record ends; empty for a complete one.
-    bit_exact : bool
-        Whether every line and every CAN frame was reproduced to the last bit, times included.
     counts : dict
-        The numbers of compared commands, questions, pictures and lines.
+        The numbers of what was compared.
     """
 
-    first_difference: ReplayDifference | None = None
-    known_change: KnownChange | None = None
+    agreement: Agreement = field(default_factory=Agreement)
+    place: Place | None = None
+    stopped: bool = False
     ended_early: str = ""
-    bit_exact: bool = True
     counts: dict[str, int] = field(default_factory=dict)
 
     @property
-    def identical(self) -> bool:
-        """Whether nothing differs."""
-        return self.first_difference is None
+    def verdict(self) -> Verdict:
+        """The verdict."""
+        return self.agreement.verdict
+
+    @property
+    def first_difference(self) -> Deviation | None:
+        """The first decision, or number beyond its tolerance."""
+        return self.agreement.first
 
 
 def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, progress: Progress) -> Replay:
-    """Run the procedure of a record with its recorded camera, drives, clock and operator, session by session.
+    """Run the procedure of a record with its recorded answers, session by session.
 
     Raises
     ------
@@ -82,13 +102,11 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
             "there is nothing to replay; its states, events and can.log show what was done",
         )
     found = Replay()
-    if not experiment.moves_rig:
-        _replay_without_rig(run, experiment, found)
-        return found
-    description = load_recorded_rig(run)
-    for recording in read_recordings(run, exact=description.kind == "simulated"):
-        _replay_session(_Replayed(run, experiment, protocol, description), recording, progress, found)
-        if not found.identical:
+    description = load_recorded_rig(run) if experiment.moves_rig else None
+    for number, part in enumerate(list_sessions(run)):
+        resumed = run.until(part.t0_s) if number else None
+        _replay_session(_Replayed(run, experiment, protocol, description, resumed), part, progress, found)
+        if found.stopped:
             break
     return found
 
@@ -102,166 +120,152 @@ def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) 
 
 @dataclass(frozen=True)
 class _Replayed:
-    """The run whose procedure runs again, and its rig."""
+    """A session that runs again: its run, its rig, and, if it resumed the run, the run as it was before."""
 
     run: Run
     experiment: Experiment
     protocol: ExperimentProtocol
-    rig: RigDescription
+    rig: RigDescription | None
+    resumed: Run | None
 
 
-def _replay_without_rig(run: Run, experiment: Experiment, found: Replay) -> None:
-    """Replay a run that moved nothing: only its beginning and its end are compared."""
-    recording = make_recording_without_rig(run)
-    comparison = Comparison(recording)
-    try:
-        conduct_without_rig(experiment, ReplayedJournal(run, recording, comparison), comparison.clock)
-    except ReplayDiffersError:
-        _keep_difference(found, comparison, run)
-    except RecordEndsError as error:
-        found.ended_early = error.message
-    found.bit_exact = found.identical
-    found.counts = comparison.counts
-
-
-def _replay_session(replayed: _Replayed, recording: Recording, progress: Progress, found: Replay) -> None:
+def _replay_session(replayed: _Replayed, part: SessionPart, progress: Progress, found: Replay) -> None:
     """Replay one session and add its result."""
-    comparison, journal = Comparison(recording), None
+    tape = Tape(replayed.run, part)
+    journal = ReplayedRecord(replayed.run, tape, replayed.rig, found)
     try:
-        opening = Opening(max_current_ma=replayed.protocol.current_limits_ma)
-        with open_replayed(replayed.rig, recording, comparison, opening) as (rig, hardware):
-            rig.describe()  # reads the state of the devices, as when the record was begun
-            journal = ReplayedJournal(replayed.run, recording, comparison)
-            dialogue = Dialogue(requests=RecordedRequests(journal))
-            _conduct(replayed, recording, Session(rig, journal, progress, dialogue))
-            _require_nothing_left(hardware, journal, comparison)
-    except ReplayDiffersError:
-        _keep_difference(found, comparison, replayed.run)
-    except RecordEndsError as error:
-        found.ended_early = error.message
-        left = None if journal is None else journal.find_next_line(besides=RunStop.kind)
-        if left is not None:
-            found.first_difference = comparison.make_difference(left[0], left[1], "nothing")
-    exact = journal is not None and journal.can_frames_are_exact()
-    found.bit_exact = found.bit_exact and found.identical and recording.exact and exact
-    for what, count in comparison.counts.items():
-        found.counts[what] = found.counts.get(what, 0) + count
+        outcome = _conduct(replayed, part, tape, journal, progress)
+        if isinstance(outcome.error, RecordError):
+            raise outcome.error
+        if tape.peek() is not None:
+            tape.differ("nothing more")
+    except TapeDiffersError as error:
+        journal.note(Deviation("what is asked", error.recorded, error.now))
+        found.stopped = True
+    except TapeEndsError:
+        if tape.peek() is None:
+            begin_s, end_s = part.t0_s, tape.total_t_s
+            found.ended_early = (
+                f"the session that began at t = {begin_s:.3f} s was interrupted at t = {end_s:.3f} s"
+            )
 
 
-def _keep_difference(found: Replay, comparison: Comparison, run: Run) -> None:
-    """Keep the first difference, and the change of labrig that explains it."""
-    found.first_difference = comparison.found
-    rig = {} if run.rig_path is None else load_yaml_values(run.rig_path)
-    found.known_change = find_known_change(comparison.lines, {"protocol": run.protocol, "rig": rig})
+def _conduct(
+    replayed: _Replayed, part: SessionPart, tape: Tape, journal: "ReplayedRecord", progress: Progress
+) -> Outcome:
+    run, experiment, protocol = replayed.run, replayed.experiment, replayed.protocol
+    if replayed.rig is None:
+        return conduct_without_rig(experiment, journal, SimulatedClock())
+    rig = ReplayedRig(run, replayed.rig, part, tape)
+    session = Session(rig, journal, progress, Dialogue(requests=RecordedRequests(tape)))
+    if replayed.resumed is None:
+        return conduct(experiment, protocol, session)
+    return conduct_remainder(experiment, experiment.resume(protocol, replayed.resumed), session)
 
 
-def _conduct(replayed: _Replayed, recording: Recording, session: Session) -> None:
-    experiment, protocol = replayed.experiment, replayed.protocol
-    if recording.is_first:
-        conduct(experiment, protocol, session)
-        return
-    remainder = experiment.resume(protocol, replayed.run.until(recording.span.t0_s))
-    conduct_remainder(experiment, remainder, session)
+class ReplayedRecord:
+    """Compares what a procedure records with the record, line by line; see `RecordSink`.
 
+    Parameters
+    ----------
+    run : Run
+        The record.
+    tape : Tape
+        The lines of a session.
+    rig : RigDescription or None
+        The rig file.
+    found : Replay
+        Gets what differs.
+    """
 
-def _require_nothing_left(
-    hardware: ReplayedHardware, journal: "ReplayedJournal", comparison: Comparison
-) -> None:
-    """Raise `ReplayDiffersError` if the record continues after the end of the procedure."""
-    command, line = hardware.bus.find_next_command(), journal.find_next_line()
-    if command is not None:
-        comparison.raise_difference("command", command, "nothing")
-    if line is not None:
-        comparison.raise_difference(line[0], line[1], "nothing")
-
-
-class ReplayedJournal:
-    """Compares what a procedure records with the lines of the record."""
-
-    def __init__(self, run: Run, recording: Recording, comparison: Comparison) -> None:
+    def __init__(self, run: Run, tape: Tape, rig: RigDescription | None, found: Replay) -> None:
         self.run_name = run.path.name
         self.path: Path = run.path
         self._run = run
-        self._comparison = comparison
-        self._recording = recording
-        self._t0_s = recording.span.t0_s
-        self._frame = recording.first_frame
-        self._can: list[tuple[float, int, bytes, str]] = []
-        self._expected = {stream: deque(self._select_lines(run, stream)) for stream in _STREAMS}
+        self._tape = tape
+        self._axes = {} if rig is None else dict(rig.axes.items())
+        self._found = found
 
-    def _select_lines(self, run: Run, stream: str) -> Iterable[Mapping[str, Any]]:
-        if stream == "truth":
-            return [line for line in run.lines(stream) if line.get("trial") in self._recording.trials]
-        return self._recording.span.of(run.lines(stream))
-
-    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
-        """Compare the line of a picture, and a drawn picture itself, and return its number."""
-        number = self._frame
-        line = {"frame": number, "t_s": self._t0_s + t_s, **fields}
-        self._compare("frames", line, without=("file", "sha256", "offset", "bytes", "shape"))
-        if fields.get("drawn") and not np.array_equal(image, self._run.read_frame(number)):
-            self._comparison.raise_difference("frame", f"picture {number}", "another drawing")
-        self._frame += 1
+    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:  # noqa: ARG002 - times are answers
+        """Compare what a picture is for, and a drawing itself, and return its number."""
+        what = "drawing" if fields.get("drawn") else "frame"
+        line = self._tape.expect(what, f"{what} {fields.get('role')}")
+        number = int(line["frame"])
+        now = as_recorded(fields)
+        self._compare(
+            what, {key: line.get(key) for key in _OF_A_FRAME}, {key: now.get(key) for key in _OF_A_FRAME}
+        )
+        if what == "drawing":
+            self._compare_drawing(number, image)
+        self._take("pictures")
         return number
 
-    def state(self, t_s: float, **fields: object) -> None:
-        """Compare a state of the axes."""
-        self._compare("states", {"t_s": self._t0_s + t_s, **fields})
+    def state(self, t_s: float, **fields: object) -> None:  # noqa: ARG002 - readings are answers
+        """Go on behind the reading that the procedure was given."""
+        self._tape.expect("state", "a reading of the axes")
+        self._take("readings")
 
-    def event(self, kind: str, t_s: float, **fields: object) -> None:
+    def event(self, kind: str, t_s: float, **fields: object) -> None:  # noqa: ARG002
         """Compare an event."""
-        if kind == TrialStart.kind and isinstance(trial := fields.get("trial"), int):
-            self._comparison.trial = trial
-        self._compare("events", {"kind": kind, "t_s": self._t0_s + t_s, **fields})
+        if self._tape.is_over:  # the procedure ends because nothing more can be compared
+            return
+        line = self._tape.expect(kind, kind)
+        recorded = {key: value for key, value in line.items() if key not in _ANSWERS}
+        now = as_recorded({"kind": kind, **fields})
+        if kind == Move.kind:
+            self._compare_target(recorded, now)
+        self._compare(kind, recorded, now)
+        self._take("moves" if kind == Move.kind else "questions" if kind == "operator" else "events")
 
     def record_event(self, event: Event, t_s: float) -> None:
         """Compare an event."""
         self.event(event.kind, t_s, **event.line_fields())
 
     def truth(self, **fields: object) -> None:
-        """Compare a truth of the simulated world."""
-        self._compare("truth", fields)
+        """Do nothing: what is true of a world is no answer."""
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
-        """Keep the frames on the bus."""
-        self._can += frames
+        """Do nothing: nothing is sent."""
 
     def close(self, exit_status: str, reason: str, ended: datetime, **updates: object) -> None:
         """Do nothing: the last event states how the run ended."""
 
-    def can_frames_are_exact(self) -> bool:
-        """Return whether the same CAN frames passed at the same times as in the record."""
-        return _convert_to_microseconds(self._can) == _convert_to_microseconds(self._recording.can_frames)
+    def note(self, deviation: Deviation) -> None:
+        """Take note of a value that is not the recorded one, and where the first one beyond its tolerance is."""
+        self._found.agreement.add(deviation)
+        self._note_place()
 
-    def peek_event(self) -> Mapping[str, Any]:
-        """Return the next event of the record; an empty line at its end."""
-        return self._expected["events"][0] if self._expected["events"] else {}
+    def _note_place(self) -> None:
+        if self._found.place is None and self._found.agreement.first is not None:
+            tape = self._tape
+            self._found.place = Place(tape.total_t_s, tape.frame, tape.trial)
 
-    def find_next_line(self, besides: str | None = None) -> tuple[str, str] | None:
-        """Return the stream and the text of the next line of the record, an event of kind `besides` left out."""
-        for stream, lines in self._expected.items():
-            for line in lines:
-                if line.get("kind") != besides or besides is None:
-                    return _STREAMS[stream], str(dict(line))
-        return None
+    def _compare(self, name: str, recorded: Mapping[str, object], now: Mapping[str, object]) -> None:
+        self._found.agreement.compare(name, recorded, now)
+        self._note_place()
 
-    def _compare(self, stream: str, now: Mapping[str, object], without: tuple[str, ...] = ()) -> None:
-        self._comparison.require_ongoing()
-        what = _STREAMS[stream]
-        plain = as_recorded(now)
-        if not self._expected[stream]:
-            self._comparison.raise_end(what, str(plain))
-        recorded = self._expected[stream].popleft()
-        left_out = {*without, *(() if self._recording.exact else ("t_s",))}
-        for key in dict.fromkeys((*recorded, *plain)):
-            if key not in left_out and recorded.get(key) != plain.get(key):
-                compared = (_leave_out(line, left_out) for line in (recorded, plain))
-                self._comparison.lines = DifferingLines(what, *compared)
-                name = f"{recorded.get('kind', what)}: {key} = "
-                self._comparison.raise_difference(
-                    what, f"{name}{recorded.get(key)!r}", f"{name}{plain.get(key)!r}"
-                )
-        self._comparison.count_same(f"{what}s" if what != "truth" else what)
+    def _compare_target(self, recorded: dict[str, object], now: dict[str, object]) -> None:
+        """Compare the target of a move in increments of its encoder."""
+        before, after = recorded.pop("asked_position"), now.pop("asked_position")
+        if before == after:
+            return
+        axis = self._axes[str(recorded["axis"])]
+        size = abs(float(str(after)) - float(str(before)))
+        tolerance = _TARGET_INCREMENTS / axis.scale().counts_per_unit
+        self.note(Deviation(f"move.{recorded['axis']}_{axis.unit}", before, after, size, tolerance))
+
+    def _compare_drawing(self, number: int, image: NDArray[np.uint8]) -> None:
+        recorded = self._run.read_frame(number)
+        if recorded.shape != image.shape:
+            self.note(Deviation("drawing", f"{recorded.shape} pixels", f"{image.shape} pixels"))
+            return
+        share = float(np.mean(recorded != image))
+        if share > 0.0:
+            self.note(Deviation("drawing.pixels", 0.0, share, share, _DRAWN_SHARE))
+
+    def _take(self, what: str) -> None:
+        self._tape.take()
+        self._found.counts[what] = self._found.counts.get(what, 0) + 1
 
 
 class RecordedRequests(NoRequests):
@@ -269,25 +273,16 @@ class RecordedRequests(NoRequests):
 
     Parameters
     ----------
-    journal : ReplayedJournal
+    tape : Tape
         Knows the next event of the record.
     """
 
-    def __init__(self, journal: ReplayedJournal) -> None:
-        self._journal = journal
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
 
     def find(self, point: str) -> str | None:
-        """Return by what the record was paused, if its next event is a pause at this point."""
-        line = self._journal.peek_event()
-        return str(line.get("by")) if line.get("kind") == Pause.kind and line.get("point") == point else None
-
-
-def _leave_out(line: Mapping[str, Any], keys: set[str]) -> dict[str, Any]:
-    return {key: value for key, value in line.items() if key not in keys}
-
-
-def _convert_to_microseconds(
-    frames: Iterable[tuple[float, int, bytes, str]],
-) -> list[tuple[int, int, bytes, str]]:
-    """Return CAN frames with times in microseconds, as in can.log."""
-    return [(round(t_s * 1e6), can_id, data, way) for t_s, can_id, data, way in frames]
+        """Return by what the record was paused, if its next line is a pause at this point."""
+        line = self._tape.peek()
+        if line is None or line.what != Pause.kind or line.fields.get("point") != point:
+            return None
+        return str(line.fields.get("by"))

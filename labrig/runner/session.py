@@ -1,20 +1,31 @@
 """What every procedure works with: it asks the operator, moves axes, takes pictures and records events.
 
+A procedure calls the session and nothing behind it. The rig below is one of the makers of `RigCalls`: an opened one,
+real or simulated, or a record that is replayed.
+
 It also carries what a person may do in between (`dialogue`): a pause flows one way, from a request (Ctrl+C, a key at a
 question, `labrig pause`) to the next safe point, to an event of the record, to the evaluation and the report.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 from labrig.devices.axis import AxisReadback
+from labrig.devices.axis_description import AxisDescription
+from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
+from labrig.devices.needle_state import RigState, RollZero
 from labrig.devices.operator import Answer, Choice, OperatorRequest, Paused, request_details
-from labrig.devices.rig import Rig
-from labrig.errors import ConditionMetError, SafetyStopError
-from labrig.record.decisions import RESCHEDULING
+from labrig.devices.past_insertion import PastInsertion
+from labrig.devices.rig_calls import RigCalls
+from labrig.devices.rig_file import RigDescription
+from labrig.devices.state_line import write_state_line
+from labrig.errors import ConditionMetError, OperatorDeclinedError
+from labrig.record.decisions import RESCHEDULING, Decisions
 from labrig.record.events import (
+    AxesReferenced,
+    AxesStopped,
     ConditionMet,
     Continue,
     Event,
@@ -33,7 +44,6 @@ from labrig.record.events import (
 )
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
-from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.dialogue import Attempt, Dialogue
 from labrig.runner.pausing import AFTER_ANSWER, AT_QUESTION, BEFORE_QUESTION, TRIAL_END
 from labrig.vision.picture import Picture
@@ -48,6 +58,9 @@ class Progress(Protocol):
 
 
 _T = TypeVar("_T")
+
+_AT_START_MM = 0.05
+"""How far needle and sheath may stand from zero to be where an insertion begins."""
 
 WhileMoving = Callable[[Mapping[str, AxisReadback]], None]
 
@@ -79,9 +92,12 @@ _POINTS = {
 
 @dataclass(frozen=True)
 class Session:
-    """The opened rig, the record of this run, the receiver of progress, and what its person may do."""
+    """The rig, the record of this run, the receiver of progress, and what its person may do.
 
-    rig: Rig
+    `rig`, `recorder` and `dialogue` are for the runner; a procedure needs none of them.
+    """
+
+    rig: RigCalls
     recorder: RecordSink
     progress: Progress
     dialogue: Dialogue = field(default_factory=Dialogue)
@@ -118,6 +134,89 @@ class Session:
                 self.record(
                     ConditionMet(trial=trial, action=met.action, condition=met.text, name=name, value=value)
                 )
+
+    # What a procedure may know
+
+    @property
+    def description(self) -> RigDescription:
+        """The rig file."""
+        return self.rig.description
+
+    @property
+    def run_name(self) -> str:
+        """The name of the run."""
+        return self.recorder.run_name
+
+    @property
+    def state(self) -> RigState:
+        """What is known of the needle across runs."""
+        return self.rig.needle.state
+
+    @property
+    def referenced(self) -> frozenset[str]:
+        """The axes that have their reference."""
+        return self.rig.referenced
+
+    @property
+    def is_referenced(self) -> bool:
+        """Whether every axis has its reference."""
+        return self.referenced == dict(self.description.axes.items()).keys()
+
+    @property
+    def decisions(self) -> Decisions:
+        """What a person has decided so far."""
+        return self.dialogue.decisions
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether conditions of the protocol are on values that `judge` takes."""
+        return bool(self.dialogue.watch.names)
+
+    def axis(self, name: str) -> AxisDescription:
+        """Return an axis of the rig file: insertion, rotation or linear."""
+        return dict(self.description.axes.items())[name]
+
+    def stands_at_start(self) -> bool:
+        """Return whether every axis has kept its reference, and needle and sheath stand where an insertion begins."""
+        if not self.is_referenced:
+            return False
+        states = self.read_states()
+        return all(abs(states[name].position) <= _AT_START_MM for name in ("insertion", "linear"))
+
+    # What a procedure says
+
+    def tell_place(self, place: str) -> None:
+        """Say where the run is, such as `hole 3 of 18, gel 2 of 4`, for the questions that follow."""
+        self.dialogue.place = place
+
+    def tell_next_point(self, point: str) -> None:
+        """Say when a pause that is asked for now begins; empty for the end of the trial in progress."""
+        self.dialogue.next_point = point
+
+    def mark_needle_in_tissue(self) -> None:
+        """Remember, across a crash, that this run is putting a needle into tissue. Raises `DiskError`."""
+        self.rig.needle.mark_in_tissue(self.run_name)
+
+    def mark_needle_out(self) -> None:
+        """Remember that no needle is in tissue. Raises `DiskError`."""
+        self.rig.needle.mark_out()
+
+    def recall_roll_zero(self, needle_id: str) -> RollZero | None:
+        """Return the certified roll zero of this needle as it is clamped, or None."""
+        return self.rig.needle.recall_roll_zero(needle_id)
+
+    def certify_roll_zero(self, roll_zero: RollZero) -> None:
+        """Remember the roll zero of a needle. Raises `SafetyStopError` if the rotation axis has no reference."""
+        self.rig.needle.certify_roll_zero(roll_zero)
+
+    def record_truth(self, trial: int) -> None:
+        """Record what is true of the present insertion in a simulated world; nothing on a bench."""
+        for line in self.rig.truth():
+            self.recorder.truth(trial=trial, **line)
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
+        self.rig.recall(insertions)
 
     # Pauses, and what a person chooses
 
@@ -195,7 +294,7 @@ class Session:
         dialogue, started_s = self.dialogue, self.rig.clock.now_s()
         self.record(Pause(point=point, by=by, trial=dialogue.trial))
         if in_tissue:
-            self.rig.stop()
+            self.stop()
         dialogue.requests.begin()
         place = _POINTS.get(point) or dialogue.describe_point(ended=point == TRIAL_END)
         request, reschedules = Paused(f"{place}, because {because}" if because else place), False
@@ -203,7 +302,9 @@ class Session:
             reschedules = self._decide(answer, paused=True) or reschedules
         dialogue.note_pause(self.rig.clock.now_s() - started_s)
         if not answer.confirmed:
-            raise SafetyStopError("the operator ended the run during a pause", "labrig resume continues it")
+            raise OperatorDeclinedError(
+                "the operator ended the run during a pause", "labrig resume continues it"
+            )
         self.record(Continue(by=answer.note))
         dialogue.requests.end()
         if reschedules and dialogue.can_leave:
@@ -268,7 +369,7 @@ class Session:
         """
         answer = self._ask_operator(request)
         if not answer.confirmed:
-            raise SafetyStopError(
+            raise OperatorDeclinedError(
                 f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
             )
         return answer
@@ -315,20 +416,13 @@ class Session:
         return answer
 
     def take_picture(self, role: PictureRole, trial: int | None = None) -> TakenPicture:
-        """Take a picture, record it with the axis positions at its exposure, and return it.
-
-        The exposure lies between two readings of the encoders. The positions are interpolated to the time of the camera
-        or, without one, half-way. At 1 mm/s their error is a few hundredths of a millimetre.
-        """
-        before = collect_axis_positions(self.rig.read_states())
-        frame, states = self.rig.take_picture()
-        positions = before.interpolate_to(
-            collect_axis_positions(states), 0.5 if frame.fraction is None else frame.fraction
-        )
+        """Take a picture, record it with the axis positions at its exposure, and return it."""
+        taken = self.rig.take_picture()
         self.recorder.can_frames(self.rig.take_can_frames())
-        known = {**frame.time_fields(), **asdict(positions)}
-        number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **known)
-        return TakenPicture(number, frame.image, positions)
+        times = {"t_bound_s": taken.t_bound_s, "fraction": taken.fraction}
+        known = {name: value for name, value in times.items() if value is not None} | asdict(taken.positions)
+        number = self.recorder.frame(taken.image, taken.t_s, trial=trial, role=role, **known)
+        return TakenPicture(number, taken.image, taken.positions)
 
     def compute(self, call: Callable[[], _T]) -> _T:
         """Return what takes long to compute, or to read from a file; the axes are supervised meanwhile.
@@ -380,7 +474,7 @@ class Session:
         ------
         LimitError, SafetyStopError, DriveError, BusError
         """
-        setpoint = self.rig.axis(axis_name).start_move(position, speed)
+        setpoint = self.rig.start_move(axis_name, position, speed)
         self.record(Move(axis=axis_name, **setpoint.document()))
 
     def record_next_states(self) -> Mapping[str, AxisReadback]:
@@ -391,33 +485,42 @@ class Session:
         DriveError, BusError, InterruptedRunError
             All axes have been stopped.
         """
-        self.rig.wait(self.rig.state_period_s)
+        self.rig.wait(1 / self.description.recording.state_rate_hz)
         self._look_for_requests()
+        return self.read_states()
+
+    def read_states(self) -> Mapping[str, AxisReadback]:
+        """Read every axis now, record it, and return it. Raises as `record_next_states`."""
         states = self.rig.read_states()
-        self._record_states(states)
+        self.recorder.can_frames(self.rig.take_can_frames())
+        self.recorder.state(self.rig.clock.now_s(), **write_state_line(self.description, states))
         return states
 
-    def _record_states(self, states: Mapping[str, AxisReadback]) -> None:
-        self.recorder.can_frames(self.rig.take_can_frames())
-        self.recorder.state(self.rig.clock.now_s(), **_state_fields(self.rig, states))
+    def read_positions(self) -> AxisPositions:
+        """Read the positions of the axes now, as `read_states` does."""
+        return collect_axis_positions(self.read_states())
+
+    def wait(self, duration_s: float) -> None:
+        """Let rig time pass; the axes are supervised. Raises as `record_next_states`."""
+        self.rig.wait(duration_s)
+
+    def stop(self) -> None:
+        """Stop every axis, and record that they stand still. Raises `SafetyStopError`."""
+        self.rig.stop()
+        self.record(AxesStopped())
+
+    def reference_axes(self) -> None:
+        """Set the present positions of all axes to zero, and record that.
+
+        Raises
+        ------
+        SafetyStopError
+            When a needle is or may be in tissue: its depth and roll would be lost.
+        DriveError, BusError
+        """
+        self.rig.reference_axes()
+        self.record(AxesReferenced())
 
 
 def _describe_met(met: ConditionMet) -> str:
     return f"{met.name} of trial {met.trial} is {met.value:.4g} ({met.action}: {met.condition})"
-
-
-def _state_fields(rig: Rig, states: Mapping[str, AxisReadback]) -> dict[str, object]:
-    """Return the fields of a state line: positions, statuswords, motor currents [mA], then the inputs by their names.
-
-    A rig that replays a record of before reads neither currents nor inputs.
-    """
-    columns = {axis.name: f"{axis.name}_{axis.unit}" for axis in rig.axes}
-    fields: dict[str, object] = {columns[name]: state.position for name, state in states.items()}
-    fields |= {f"{name}_statusword": state.statusword for name, state in states.items()}
-    if rig.reads_load:
-        fields |= {f"{name}_current_ma": state.current_ma for name, state in states.items()}
-    for axis in rig.axes:
-        channels = axis.description.inputs
-        inputs = states[axis.name].inputs
-        fields |= {channels[name].column(name): value for name, value in inputs.items()}
-    return fields

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.rig_file import RigDescription
-from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import PlannedMove
 from labrig.runner.withdrawal import SLOWLY, ReverseMove, plan_reverse_moves
 

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.operator import (
     ConfirmNeedleOut,
     ConfirmStance,
     ConfirmWithdrawal,
     WithdrawNeedle,
 )
-from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription
 from labrig.protocol.sections import Sheath
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
 from labrig.record.reader import Run, open_run
-from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.plan import Speeds
 from labrig.runner.session import Session
 
@@ -45,11 +45,11 @@ SLOWLY: Mapping[str, float] = {"insertion": 1.0, "rotation": 0.5, "linear": 1.0}
 """Default speed of each axis in a withdrawal [mm/s or rad/s]."""
 
 
-def find_speeds(rig: Rig, advance: Speeds, sheath: Sheath) -> Mapping[str, float]:
+def find_speeds(rig: RigDescription, advance: Speeds, sheath: Sheath) -> Mapping[str, float]:
     """Return the speed of each axis in the withdrawals of a run, by its protocol's sections [mm/s or rad/s]."""
     return {
         "insertion": advance.withdraw_speed_mm_s,
-        "rotation": rig.rotation.max_speed / 2,
+        "rotation": rig.axes.rotation.max_speed / 2,
         "linear": sheath.speed_mm_s,
     }
 
@@ -170,15 +170,12 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
     DriveError, BusError, InterruptedRunError
         The needle still counts as in tissue.
     """
-    rig = session.rig
-    moves = plan_reverse_moves((*path, collect_axis_positions(rig.read_states())))
+    moves = plan_reverse_moves((*path, session.read_positions()))
     session.record(WithdrawalStart(moves=len(moves)))
-    for move in moves:
-        axis = rig.axis(move.axis)
-        session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
-    if not all(axis.referenced for axis in rig.axes):
+    _make_moves(session, moves, speeds)
+    if not session.is_referenced:
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
-    rig.needle.mark_out()
+    session.mark_needle_out()
     session.record(WithdrawalStop())
 
 
@@ -189,9 +186,12 @@ def withdraw_partly(
 
     The needle stays in tissue, and the sheath where it is. Arguments and errors are otherwise as in `withdraw`.
     """
-    rig = session.rig
-    for move in plan_partial_moves((*path, collect_axis_positions(rig.read_states())), to_mm):
-        axis = rig.axis(move.axis)
+    _make_moves(session, plan_partial_moves((*path, session.read_positions()), to_mm), speeds)
+
+
+def _make_moves(session: Session, moves: Sequence[ReverseMove], speeds: Mapping[str, float]) -> None:
+    for move in moves:
+        axis = session.axis(move.axis)
         session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
 
 
@@ -200,17 +200,16 @@ def take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
 
     It can only be withdrawn along its path if every drive has kept its reference; otherwise its position is unknown.
     """
-    rig = session.rig
-    if rig.state.needle_in_tissue is False:
+    state = session.state
+    if state.needle_in_tissue is False:
         return
-    of_this_run = rig.state.since_run == session.recorder.run_name
-    if path and of_this_run and all(axis.referenced for axis in rig.axes):
+    if path and state.since_run == session.run_name and session.is_referenced:
         deepest_mm = max(positions.insertion_mm for positions in path)
-        if session.offer(WithdrawNeedle(session.recorder.run_name, deepest_mm)):
+        if session.offer(WithdrawNeedle(session.run_name, deepest_mm)):
             withdraw(session, path)
             return
-    session.ask(ConfirmNeedleOut(rig.state.doubt))
-    rig.needle.mark_out()
+    session.ask(ConfirmNeedleOut(state.doubt))
+    session.mark_needle_out()
 
 
 def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:
@@ -234,21 +233,20 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
     DriveError, BusError, InterruptedRunError
         The needle still counts as in tissue.
     """
-    rig = session.rig
     assumed = {
         "insertion": standing.insertion_mm,
         "rotation": standing.rotation_rad,
         "linear": standing.linear_mm,
     }
-    lost = tuple(axis.name for axis in rig.axes if not axis.referenced)
+    lost = tuple(name for name in assumed if name not in session.referenced)
     if lost:
         session.ask(
             ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
         )
-        rig.assume_positions({name: assumed[name] for name in lost})
-    moves = plan_reverse_moves((*path, collect_axis_positions(rig.read_states())))
+        session.rig.assume_positions({name: assumed[name] for name in lost})
+    moves = plan_reverse_moves((*path, session.read_positions()))
     session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))
-    rig.needle.mark_in_tissue(session.recorder.run_name)
+    session.mark_needle_in_tissue()
     withdraw(session, path)
 
 

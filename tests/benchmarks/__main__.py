@@ -13,7 +13,6 @@ from tests.benchmarks import (
     campaign_engines,
     can_load,
     catalogue,
-    certificate,
     circles,
     closed_loop,
     coverage,
@@ -98,7 +97,6 @@ TABLES: dict[str, Callable[[], None]] = {
     "sweep": sweep.print_table,
     "pausing": pausing.print_table,
     "rehearsal": rehearsal.print_table,
-    "certificate": certificate.print_table,
 }
 
 

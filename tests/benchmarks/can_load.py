@@ -34,14 +34,14 @@ def print_table() -> None:
 
 
 @contextmanager
-def open_served_rig(interface: str, *further: str) -> Iterator[Rig]:
-    """Serve drives in another process, with further arguments of its command, and open a rig whose needle moves."""
+def open_served_rig(interface: str) -> Iterator[Rig]:
+    """Serve drives in another process, and open a rig whose needle moves."""
     arguments, reached_by = BUSES[interface]
     command = [sys.executable, "-m", "labrig", "devices", "simulate", "--interface", interface]
     with (
         tempfile.TemporaryDirectory() as folder,
         subprocess.Popen(
-            [*command, "--nodes", "1,2,3", *arguments, *further], stdout=subprocess.PIPE, text=True
+            [*command, "--nodes", "1,2,3", *arguments], stdout=subprocess.PIPE, text=True
         ) as serving,
     ):
         try:

@@ -37,7 +37,7 @@ from labrig.analysis.result import load_centre_lines
 from labrig.campaign.campaign_file import load_campaign_file
 from labrig.cli.main import run_command
 from labrig.devices.cia402.eds import read_eds
-from labrig.devices.files.folder import read_sidecar
+from labrig.devices.files import read_sidecar
 from labrig.devices.motion_log import read_last_motion
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig
@@ -520,7 +520,7 @@ _SLOW = (
 _EXPORTS = (
     ("export", "RUN", "--record", "--out", "out"),
     ("export", "RUN", "--csv", "--out", "out"),
-    ("export", "RUN", "--parquet", "--mat", "--mcap", "--out", "out"),
+    ("export", "RUN", "--parquet", "--mat", "--out", "out"),
 )
 
 
@@ -597,7 +597,7 @@ devices home --rig RIG --axis linear --needle none --method 1 --current-ma 0 --y
 devices jog --rig RIG --axis linear --distance 1 --speed 1 --current-ma 0 --yes
 devices withdraw --rig RIG --run runs/insertion --insertion-mm 3 --rotation-rad 0 --linear-mm 1
 devices stop --rig RIG
-devices simulate --interface virtual --nodes 1,2 --port 1 --bitrate 1 --journal j
+devices simulate --interface virtual --nodes 1,2 --port 1 --bitrate 1
 """.splitlines()
 ]
 _WORDS = (

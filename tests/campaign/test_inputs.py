@@ -53,13 +53,14 @@ def test_a_worker_with_another_calibration_ends_the_campaign(
         list(run_in_order(pool, compute_task, tasks.list_orders(0)))
 
 
-def test_a_campaign_leaves_the_state_of_a_rig_alone(tmp_path: Path) -> None:
-    """Virtual needles are forgotten: the state file of the rig is neither read nor written."""
+def test_a_campaign_leaves_the_state_of_a_rig_and_its_person_alone(tmp_path: Path) -> None:
+    """Virtual needles are forgotten, and nobody is asked: neither a state file nor a real clock of the rig counts."""
     shutil.copytree(RIGS, tmp_path / "calibration")
     rig = tmp_path / "calibration" / "rig-simulated.yaml"
     text = rig.read_text()
-    rig.write_text(text.replace("state_file: null", "state_file: state.json"))
+    rig.write_text(text.replace("state_file: null", "clock: real\nstate_file: state.json"))
     assert rig.read_text() != text
     (inputs,) = load(write_campaign(tmp_path), rig).inputs
     assert isinstance(inputs, ArmInputs)
-    assert json.loads(inputs.rig or "")["state_file"] is None
+    described = json.loads(inputs.rig or "")
+    assert (described["state_file"], described["clock"]) == (None, None)

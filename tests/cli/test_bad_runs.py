@@ -15,7 +15,7 @@ from labrig.record.pictures import Store
 from tests.cli.conftest import ROOT, Labrig
 from tests.record.faults import flip_bit, full_run
 
-FORMS = ("csv", "parquet", "mat", "mcap", "record")
+FORMS = ("csv", "parquet", "mat", "record")
 COMMANDS: Mapping[str, tuple[str, ...]] = {
     "check": ("runs", "check", "RUN"),
     "repair": ("runs", "check", "RUN", "--repair"),

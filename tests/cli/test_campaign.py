@@ -218,7 +218,19 @@ def test_what_cannot_be_computed_is_refused(
     assert not (made / "none").exists()
 
 
+def test_a_cluster_needs_its_extra(labrig: Labrig, made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it the command ends with the page that says how to install it."""
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
+    done = labrig(
+        "campaign", made / "campaign-tried.yaml", "--cluster", "tcp://127.0.0.1:1", "--out", made / "none"
+    )
+    assert done.exit_code == 2
+    assert "extra cluster" in done.err
+    assert "labrig manual install" in done.err
+
+
 EXAMPLES = {
+    "campaign-assumptions": ("sample.n=2",),
     "campaign-camera": ("vary={rig.world.noise_sd: [18]}", f"set={json.dumps(TINY)}"),
     "campaign-hinge": (),
     "campaign-policy": ("set={target.position_mm: [0, 0, 40], obstacles: []}",),
@@ -241,7 +253,7 @@ def test_every_example_gives_a_table_and_a_page(labrig: Labrig, tmp_path: Path, 
 
 
 def test_a_campaign_needs_a_name(labrig: Labrig) -> None:
-    """And says how one is named; an unknown name lists the campaigns."""
-    assert "labrig campaign campaign-" in labrig("campaign").err
+    """Of an unknown name the nearest campaign is named."""
+    assert "Missing argument 'FILE'" in labrig("campaign").err
     assert "there is no campaign campaign-x" in labrig("campaign", "campaign-x").err
     assert "did you mean campaign-reach?" in labrig("campaign", "reach").err

@@ -18,10 +18,10 @@ FIRST = ROOT / "data" / "first-record"
 
 def test_all_formats_are_written_at_once(labrig: Labrig, tmp_path: Path) -> None:
     """The written files are named, and a second export is refused without --force."""
-    formats = ("--csv", "--parquet", "--mat", "--mcap")
+    formats = ("--csv", "--parquet", "--mat")
     document = labrig("export", FIRST, *formats, "--out", tmp_path / "out", "--json").json()
     names = set(document["files"])
-    assert {"states.csv", "measurements.parquet", "run.mat", "run.mcap", "manifest.json"} <= names
+    assert {"states.csv", "measurements.parquet", "run.mat", "manifest.json"} <= names
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     again = labrig("export", FIRST, "--csv", "--out", tmp_path / "out", "--json")
     assert (again.exit_code, again.json()["error"]["type"]) == (2, "OutputExistsError")
@@ -168,7 +168,7 @@ def test_private_tables_name_no_person_and_no_computer(
 ) -> None:
     """Private tables hold no personal data in any format; a private copy of a record is refused."""
     out = tmp_path / "tables"
-    formats = ("--csv", "--parquet", "--mat", "--mcap")
+    formats = ("--csv", "--parquet", "--mat")
     assert labrig("export", personal_run, *formats, "--out", out).exit_code == 0
     assert b"lab-pc-7" in (out / "manifest.json").read_bytes()
     assert b"chen-x" in (out / "notes.csv").read_bytes()

@@ -80,14 +80,6 @@ def test_no_name_is_cut(command: str, columns: int) -> None:
     assert max(len(line) for line in lines) <= columns
 
 
-@pytest.mark.parametrize("columns", [80, 40])
-def test_brackets_are_no_markup(columns: int) -> None:
-    """The extra that MCAP files need is named whole, in columns and without."""
-    assert "labrig[mcap]." in _python(
-        "from labrig.cli.main import run_command; run_command(['export', '--help'])", columns
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "unneeded"),
     [

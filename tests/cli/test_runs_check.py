@@ -68,15 +68,6 @@ def test_a_root_that_was_written_down_is_compared(sweep: SweepRun, labrig: Labri
     assert labrig("runs", "check", run, run, "--root", root).exit_code == 2
 
 
-def test_a_request_for_a_time_stamp_is_written_once(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
-    """It holds the hash of the newest link; an existing file is replaced only with --force."""
-    out = tmp_path / "run.tsq"
-    done = labrig("runs", "stamp", sweep.run, "--out", out, "--json")
-    assert (done.exit_code, bytes.fromhex(done.json()["sha256"]) in out.read_bytes()) == (0, True)
-    assert labrig("runs", "stamp", sweep.run, "--out", out).exit_code == 2
-    assert labrig("runs", "stamp", sweep.run, "--out", out, "--force").exit_code == 0
-
-
 def test_a_group_of_commands_serves_any_number_of_command_lines(sweep: SweepRun, labrig: Labrig) -> None:
     """What is put around its commands is put there once in a process."""
     for _ in range(3):

@@ -2,14 +2,16 @@
 
 import json
 from collections.abc import Sequence
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
+from labrig.devices.clocks import SystemClock
 from labrig.record.reader import open_run
 from tests.cli.conftest import RIG, Labrig
 from tests.cli.cut_runs import cut_short
-from tests.protocol.specimens import sweep_in, write_specimen
+from tests.protocol.specimens import CAST_ON, sweep_in, write_specimen
 
 SHORT = (
     *("--rig", RIG, "--set", "insertions_per_specimen=1", "--set", "insertion.length_mm=22"),
@@ -36,7 +38,7 @@ def list_places_mm(run: Path) -> Sequence[float]:
 
 def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Labrig) -> None:
     """The first run's hole is refused, the proposed one is clear, and the page of the second shows both tracks."""
-    assert labrig("specimens", "new", "A1", "--gelatin-percent", 10, "--batch", "<b>7</b>").exit_code == 0
+    write_specimen(bench, lines="batch: <b>7</b>\n")
     protocol = sweep_in(bench, "specimen_file: A1")
     assert labrig("run", protocol, *SHORT, "--run-name", "one", "--json").exit_code == 0
     checked = labrig("check", protocol, *SHORT, "--json")
@@ -89,28 +91,21 @@ def test_a_block_that_is_not_of_an_age_to_be_used_is_refused(bench: Path, labrig
     path.write_text(path.read_text().replace("2026", "9026"), encoding="utf-8")
     early = labrig("check", protocol, *SHORT)
     assert (early.exit_code, "was cast on 9026-11-20T09:30+01:00, and now" in early.out) == (1, True)
-    assert labrig("specimens", "new", "A2", "--gelatin-percent", 10, "--cured-for-h", 24).exit_code == 0
+    hour_ago = SystemClock().utc() - timedelta(hours=1)
+    path = write_specimen(bench, "A2", "cured_for_h: 24\n")
+    path.write_text(
+        path.read_text().replace(CAST_ON, hour_ago.isoformat(timespec="minutes")), encoding="utf-8"
+    )
     curing = labrig("check", protocol, *SHORT, "--set", "specimens.0.specimen_file=A2")
     assert (curing.exit_code, "cures for 24 h by its file" in curing.out) == (0, True)
 
 
-def test_a_specimen_is_written_once_listed_and_labelled(bench: Path, labrig: Labrig) -> None:
-    """Neither a file nor a label is replaced; a name that is a path, or of no specimen, is refused with a hint."""
+def test_specimens_are_listed_and_shown(bench: Path, labrig: Labrig) -> None:
+    """A file that cannot be read is named; of a name that no specimen has, the nearest one is."""
     assert labrig("specimens", "list").err.startswith("no specimens in data/specimens")
-    new = ("specimens", "new", "A1", "--gelatin-percent", 10, "--cast-on", "2026-11-20 09:30+01:00")
-    assert labrig(*new, "--json").json()["cast_on"] == "2026-11-20 09:30+01:00"
-    kept = (bench / "data/specimens/A1.yaml").read_bytes()
-    assert labrig(*new).err.startswith("error: data/specimens/A1.yaml exists already")
-    assert (bench / "data/specimens/A1.yaml").read_bytes() == kept
-    assert labrig("specimens", "new", "../A1", "--gelatin-percent", 10).exit_code == 2
-    wrong = labrig("specimens", "new", "C1", "--gelatin-percent", 10, "--cured-for-h", -1).err
-    assert wrong.startswith("error: labrig specimens new: --cured-for-h is -1.0, expected")
-    assert not (bench / "data" / "A1.yaml").exists()
+    write_specimen(bench)
     (bench / "data/specimens/B1.yaml").write_text("name: [", encoding="utf-8")
     listed = labrig("specimens", "list", "--json")
     assert [row["name"] for row in json.loads(listed.out)] == ["A1"]
     assert "B1.yaml" in listed.err
     assert "did you mean A1?" in labrig("specimens", "show", "A11").err
-    assert labrig("specimens", "label", "A1", "--to", "a1.svg").exit_code == 0
-    assert labrig("specimens", "label", "A1", "--to", "a1.svg").exit_code == 2
-    assert labrig("specimens", "label", "A1", "--to", "a1.png").exit_code == 2

@@ -12,8 +12,6 @@ import pytest
 from labrig.cli.output import escape_controls
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
-
 HOSTILE = "gel \x1b[2J\x1b]0;owned\x07 was \x9b31mcloudy\u202e <b>"
 
 

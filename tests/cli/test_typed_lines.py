@@ -1,14 +1,11 @@
 """Lines that are typed while a program is busy."""
 
 import os
-import sys
 from collections.abc import Iterator
 
 import pytest
 
 from labrig.cli.typed_lines import TypedLines
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pipes cannot be waited for on Windows")
 
 
 @pytest.fixture(name="typing")

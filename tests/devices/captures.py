@@ -3,7 +3,6 @@
 from collections import deque
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from queue import Queue
 
 import cv2
 import numpy as np
@@ -150,28 +149,3 @@ class FakeControls:
 
     def close(self) -> None:
         """Nothing is held."""
-
-
-class FedStream:
-    """A network stream that gives what a test puts in; None is its end."""
-
-    def __init__(self) -> None:
-        self.arriving: Queue[Picture | None] = Queue()
-        self.released = 0
-
-    def read(self) -> tuple[bool, Picture | None]:
-        """Wait for the next picture."""
-        image = self.arriving.get()
-        return image is not None, image
-
-    def release(self) -> None:
-        """Count."""
-        self.released += 1
-
-
-class EndlessStream(FedStream):
-    """A network stream whose pictures arrive without a pause."""
-
-    def read(self) -> tuple[bool, Picture | None]:
-        """Return another picture."""
-        return True, np.zeros(SIZE_PX[::-1], np.uint8)

@@ -141,7 +141,14 @@ def opened_rig(
     kept: Hardware = hardware
     link, source = kept.open_link(), kept.open_source()
     signal, person = Signal(), person or Person()
-    rig = Rig(description, hardware=hardware, link=link, source=source, person=person, interrupted=signal)
+    rig = Rig(
+        description,
+        hardware=hardware,
+        link=link,
+        source=source,
+        person=hardware.accompany(person),
+        interrupted=signal,
+    )
     yield OpenedRig(rig, hardware, signal, person)
     link.close()
     hardware.close()

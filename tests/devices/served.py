@@ -14,8 +14,8 @@ import pytest
 from labrig.devices.drive import DEFAULT_DRIVER
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.serving import ServedBus, ServedDrives
-from labrig.devices.simulated.slcan_adapter import SlcanAdapter
+from labrig.devices.simulated.serving import ServedDrives, open_bus
+from labrig.devices.simulated.slcan_server import SlcanServer
 from labrig.errors import BusError
 
 INTERFACES = ("virtual", "udp_multicast", "slcan")
@@ -57,10 +57,10 @@ def _open(interface: str) -> tuple[can.BusABC, dict[str, Any]]:
     if interface == "udp_multicast":
         reached_by = {"interface": "udp_multicast", "channel": _GROUP, "port": _free_port()}
         return _multicast(reached_by), reached_by
-    adapter = SlcanAdapter(1_000_000)
-    return adapter, {
+    server = SlcanServer(0, 1_000_000)
+    return server, {
         "interface": "slcan",
-        "channel": adapter.path,
+        "channel": server.path,
         "bitrate": 1_000_000,
         "sleep_after_open": 0,
     }
@@ -69,7 +69,7 @@ def _open(interface: str) -> tuple[can.BusABC, dict[str, Any]]:
 def _multicast(reached_by: dict[str, Any]) -> can.BusABC:
     """Open a multicast bus; the test is skipped where a frame does not come back."""
     try:
-        bus = ServedBus("udp_multicast", _GROUP, _free_port()).open()
+        bus = open_bus("udp_multicast", _GROUP, _free_port())
         with can.Bus(**reached_by) as probe:
             probe.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
             heard = bus.recv(5.0)

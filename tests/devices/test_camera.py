@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.devices.camera import Camera, Exposure, Picture
-from labrig.devices.camera_kind import CameraContext
+from labrig.devices.camera import Camera, CameraContext, Exposure, Picture
 from labrig.devices.camera_settings import CONTROL_NAMES, Setting
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -62,7 +61,7 @@ class Lens:
 
 def test_every_setting_is_made_and_read_back() -> None:
     """A setting that is null is left alone."""
-    camera = Camera(SimulatedSource(_world()), CAMERA, SimulatedClock())
+    camera = Camera(SimulatedSource(_world(), SimulatedClock()), CAMERA, SimulatedClock())
     assert camera.settings.asked == camera.settings.readback == CAMERA.settings()
     assert set(CAMERA.settings()) == set(SimulatedCameraDescription.model_fields) - {
         "driver",
@@ -91,7 +90,7 @@ def test_a_camera_that_ignores_a_setting_is_refused(name: str, asked: Setting) -
     """The error names the setting, the requested value and the value in use."""
     description = CAMERA.model_copy(update={name: asked})
     with pytest.raises(CameraError, match=f"ignored {name}: {asked} was asked for, it uses"):
-        Camera(SimulatedSource(_world(name)), description, SimulatedClock())
+        Camera(SimulatedSource(_world(name), SimulatedClock()), description, SimulatedClock())
 
 
 def test_a_setting_that_cannot_be_read_back_is_refused() -> None:
@@ -140,7 +139,7 @@ def test_frames_are_numbered_and_stamped_in_rig_time() -> None:
 
 def test_exposure_and_gain_make_the_picture_brighter() -> None:
     """The simulated sensor is linear in the exposure, and doubles every 64 steps of gain."""
-    source = SimulatedSource(_world())
+    source = SimulatedSource(_world(), SimulatedClock())
 
     def brightness(exposure_us: int, gain: int) -> float:
         source.set("exposure_us", exposure_us)

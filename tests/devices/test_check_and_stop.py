@@ -9,8 +9,7 @@ import pytest
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
-from labrig.devices.camera import Camera, Exposure, PictureSource
-from labrig.devices.camera_kind import check_rate
+from labrig.devices.camera import Camera, Exposure, PictureSource, check_rate
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus

@@ -6,7 +6,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices.clocks import MAX_STEP_S, SimulatedClock, SystemClock
+from labrig.devices.clocks import MAX_STEP_S, SimulatedClock, SystemClock, WatchedClock
 
 
 @given(st.lists(st.floats(0, 3), max_size=20))
@@ -45,3 +45,14 @@ def test_the_system_clock_never_goes_back_and_starts_near_zero() -> None:
     clock.sleep(0.0)
     assert 0.0 <= before <= clock.now_s()
     assert clock.utc().utcoffset() == SimulatedClock().utc().utcoffset() == timedelta(0)
+
+
+def test_a_watched_clock_tells_of_the_computers_time_while_somebody_waits() -> None:
+    """Its listeners hear of a sleep before it, at its end and often between, and the computer sleeps as long."""
+    clock, computer, heard = WatchedClock(), SystemClock(), []
+    clock.on_advance(lambda: heard.append(clock.now_s()))
+    clock.sleep(0.05)
+    assert computer.now_s() >= 0.05
+    assert heard == sorted(heard)
+    assert heard[-1] - heard[0] >= 0.05
+    assert len(heard) >= 3

@@ -27,8 +27,6 @@ COMPUTER = 0x77F
 PATIENCE_S = 120.0
 ATTEMPTS = 5
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="SIGSTOP and pseudo-terminals are POSIX's")
-
 
 class Beats:
     """When beats passed the drives, in the drives' time: before the first of them heard one, and after the last had."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from labrig.devices.camera_kind import CameraContext, find_camera_kind
+from labrig.devices.camera import CameraContext, find_camera_kind
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig, rig_schema
 from labrig.errors import FileFormatError
@@ -20,7 +20,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from labrig.devices.camera import Exposure
-from labrig.devices.camera_kind import CameraKind
+from labrig.devices.camera import CameraKind
 from labrig.devices.camera_settings import CameraDescription
 
 class Section(CameraDescription):

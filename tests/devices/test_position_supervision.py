@@ -17,7 +17,6 @@ from labrig.devices.position_supervision import (
     expect_move,
     supervise_position,
 )
-from labrig.devices.rig import Guards
 from labrig.devices.trapezoid import Limits, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, TARGET_CHANGED, DriveStrayedError
 from tests.devices.rigs import OpenedRig, epos2_axis, opened_rig, simulated_rig
@@ -267,10 +266,3 @@ def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
         opened.rig.wait(1.0)
         opened.rig.rotation.start_move(0.0, math.pi)
         arrive(opened, opened.rig.rotation)
-
-
-def test_what_a_rig_guards_against_is_in_its_record() -> None:
-    """A record of before names fewer guards, and its replay does without the others."""
-    with opened_rig() as opened:
-        assert ready(opened).rig.describe()["guards"] == 4
-    assert [Guards.recorded(level, exact=True).level for level in range(5)] == [0, 1, 2, 3, 4]

@@ -3,8 +3,7 @@
 import pytest
 
 from labrig.devices import canopen_objects as co
-from labrig.devices.rig import Guards, Rig
-from tests.devices.rigs import OpenedRig, Person, one_drive, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, one_drive, opened_rig, simulated_rig
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
 
@@ -60,23 +59,6 @@ def test_inputs_of_a_drive_come_in_a_second_report() -> None:
         assert states["insertion"].inputs == {"needle_force": pytest.approx(5.0), "door": True}
         assert states["linear"].inputs == {}
         assert set(_frames(opened)) == {SYNC, *REPORTS, 0x481}
-
-
-def test_a_record_of_before_is_replayed_without_the_load() -> None:
-    """Without the guard of forces nothing is mapped, and a state has no current."""
-    with opened_rig() as opened:
-        rig = Rig(
-            opened.rig.description,
-            hardware=opened.hardware,
-            link=opened.hardware.open_link(),
-            source=None,
-            person=Person(),
-            interrupted=lambda: None,
-            guards=Guards.recorded(1, exact=True),
-        )
-        rig.connect()
-        assert rig.read_states()["insertion"].current_ma is None
-        assert opened.drives["insertion"].objects.value(co.TPDO_MAPS[2][0]) == 2
 
 
 def test_a_missing_report_is_requested_and_counted() -> None:

@@ -14,10 +14,8 @@ from labrig.errors import FileFormatError
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol, GelAbove, GraphPaper
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
-from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.protocol.load import load_protocol, load_recorded_protocol
-from labrig.protocol.yaml_file import dump_yaml
+from labrig.protocol.load import load_protocol
 from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -155,15 +153,3 @@ def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(
     fits = (count - 1) * spacing_mm <= width_mm - STEERABILITY.lateral_reach_mm
     with nullcontext() if fits else pytest.raises(FileFormatError, match="sideways"):
         load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS, overrides)
-
-
-def test_a_record_without_a_later_key_keeps_what_was_before(tmp_path: Path):
-    """A new protocol without the key gets the new default; one of a record gets what its run was made with."""
-    recorded = dump_yaml(load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS))
-    before = "".join(line for line in recorded.splitlines(keepends=True) if "robust" not in line)
-    path = tmp_path / "protocol.yaml"
-    path.write_text(before, encoding="utf-8")
-    old, new = load_recorded_protocol(path, PROTOCOL_MODELS), load_protocol(path, PROTOCOL_MODELS)
-    assert isinstance(old, InsertionProtocol)
-    assert isinstance(new, InsertionProtocol)
-    assert (old.estimator.robust, new.estimator.robust) == (False, True)

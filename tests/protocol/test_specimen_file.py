@@ -92,7 +92,7 @@ def test_a_malformed_specimen_file_is_refused_at_its_line(lines: str, words: str
     ],
 )
 def test_a_block_says_how_it_cures_as_far_as_its_file_does(stated: dict[str, int], said: str | None) -> None:
-    """Page and label have the same words."""
+    """Without a time, by its temperature; nothing where the file says nothing."""
     block = {"name": "A1", "gelatin_percent": 10, "cast_on": "2026-11-20T09:30+01:00"}
     assert SpecimenFile.model_validate({**block, **stated}).describe_curing() == said
 

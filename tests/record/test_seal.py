@@ -1,10 +1,8 @@
 """The chain of a run: what is changed, removed or added is named, and what no link covers is not used."""
 
-import hashlib
 import json
 import multiprocessing
 import os
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +21,6 @@ from labrig.record.reader import open_run
 from labrig.record.repair import repair_run
 from labrig.record.seal import find_root
 from labrig.record.search import find_runs
-from labrig.record.signature import Signature, make_stamp_request, sign_run, verify_signatures
 from labrig.record.writer import Recorder
 from tests.record.faults import describe_damage, full_run
 from tests.record.forgery import edit_line, edit_manifest, redo_chain, redo_hashes
@@ -331,70 +328,6 @@ def test_two_processes_do_not_fork_the_chain(tmp_path: Path) -> None:
         process.join()
     scan = scan_chain(run)
     assert (scan.damaged, len(scan.links)) == ((), 2 + 60)
-
-
-@pytest.fixture
-def key(tmp_path: Path) -> Path:
-    """Return a new SSH key, with a file of allowed signers beside it."""
-    if shutil.which("ssh-keygen") is None:
-        pytest.skip("ssh-keygen is not installed")
-    path = tmp_path / "key"
-    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", path], check=True)
-    public = path.with_suffix(".pub").read_text()
-    (tmp_path / "signers").write_text(f"ada@lab {public}")
-    (tmp_path / "others").write_text(f'ada@lab namespaces="git" {public}')
-    return path
-
-
-def test_a_signature_is_verified_with_the_keys_that_are_trusted(run: Path, key: Path) -> None:
-    """It names its signer and its link; a link of its own covers it, and another key or namespace does not do."""
-    signed = sign_run(run, key, ENDED)
-    checked = check_run(run)
-    assert (checked.damage, checked.notices, checked.links[-1].kind) == ((), (), "signature")
-    assert list(verify_signatures(run, checked.links, key.parent / "signers")) == [
-        Signature(signed.number, "ada@lab")
-    ]
-    (refused,) = verify_signatures(run, checked.links, key.parent / "others")
-    assert not isinstance(refused, Signature)
-    with pytest.raises(InputError, match="cannot sign with"):
-        sign_run(run, key.parent / "no key", ENDED)
-
-
-def test_a_signature_does_not_fit_a_chain_that_was_written_anew(run: Path, key: Path) -> None:
-    """The forger has no key."""
-    sign_run(run, key, ENDED)
-    _edit_result(run)
-    redo_chain(run)
-    checked = check_run(run)
-    assert checked.damage == ()
-    (refused,) = verify_signatures(run, checked.links, key.parent / "signers")
-    assert not isinstance(refused, Signature)
-    assert "does not fit link 7" in refused.message
-
-
-def test_openssl_reads_the_request_for_a_time_stamp(run: Path, tmp_path: Path) -> None:
-    """It asks for a stamp of the SHA-256 of the newest link, whose line is the data that the stamp is of."""
-    link, request = make_stamp_request(run)
-    line = (run / "chain.jsonl").read_bytes().splitlines(keepends=True)[-1]
-    assert hashlib.sha256(line).hexdigest() == link.sha256
-    assert request.endswith(bytes.fromhex(link.sha256) + bytes.fromhex("0101ff"))
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl is not installed")
-    (tmp_path / "newest").write_bytes(line)
-    made = subprocess.run(
-        ["openssl", "ts", "-query", "-data", tmp_path / "newest", "-sha256", "-cert", "-no_nonce"],
-        check=True,
-        capture_output=True,
-    )
-    assert made.stdout == request
-
-
-def test_time_stamp_and_signature_need_a_chain(tmp_path: Path) -> None:
-    """A record that has none has nothing to sign."""
-    run = without_chain(closed_run(tmp_path))
-    for act in (make_stamp_request, lambda path: sign_run(path, path, ENDED)):
-        with pytest.raises(InputError, match="it was made before runs were sealed"):
-            act(run)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
-from labrig.devices.rig import GUARDED, Guards, Opening
+from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -86,14 +86,11 @@ class RunBench:
 
 
 @contextmanager
-def bench(
-    tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = (), guards: Guards = GUARDED
-) -> Iterator[RunBench]:
+def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[RunBench]:
     """Open a simulated rig and a record, as a run has them before power is switched on."""
     description = simulated_rig(*overrides)
     with opened_rig(description) as opened:
         opened.rig._opening = Opening(max_current_ma=protocol.current_limits_ma)
-        opened.rig._guards = guards
         opened.rig.verify()
         recorder = Recorder.create(
             tmp_path,

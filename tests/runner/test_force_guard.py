@@ -6,6 +6,7 @@ import pytest
 
 from labrig.errors import ForceGuardError
 from labrig.experiments.registry import find_experiment
+from labrig.record.agreement import Verdict
 from labrig.report.tables import run_tables
 from labrig.runner.replay import replay_run
 from tests.runner.sessions import Told, bench, sweep
@@ -25,7 +26,7 @@ INPUTS = (
 
 
 def test_every_state_line_has_currents_and_inputs(tmp_path: Path) -> None:
-    """So have the tables of an export; the limits of the protocol hold; the replay is identical to the last bit."""
+    """So have the tables of an export; the limits of the protocol hold; the replay is identical."""
     protocol = sweep(*SHORT, "max_current_ma={insertion: 700}")
     with bench(tmp_path, protocol, INPUTS) as opened:
         outcome, run = opened.conduct(protocol)
@@ -37,7 +38,7 @@ def test_every_state_line_has_currents_and_inputs(tmp_path: Path) -> None:
     assert states["input_needle_force_N"].max() == pytest.approx(0.6, abs=0.02)
     assert states["input_door"].all()
     replayed = replay_run(run, find_experiment(protocol.experiment), protocol, Told())
-    assert (replayed.first_difference, replayed.bit_exact) == (None, True)
+    assert replayed.verdict is Verdict.IDENTICAL
 
 
 def test_a_run_that_ended_in_a_stall_can_be_replayed(tmp_path: Path) -> None:
@@ -53,4 +54,4 @@ def test_a_run_that_ended_in_a_stall_can_be_replayed(tmp_path: Path) -> None:
     assert outcome.reason.startswith("the insertion axis is stalled: 800 mA for ")
     assert run.states["insertion_current_ma"].iloc[-1] < 800
     replayed = replay_run(run, find_experiment(protocol.experiment), protocol, Told())
-    assert (replayed.first_difference, replayed.bit_exact) == (None, True)
+    assert replayed.verdict is Verdict.IDENTICAL

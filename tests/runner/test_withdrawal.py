@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
 from labrig.devices.operator import (
     ConfirmAxesAtZero,
     ConfirmNeedleOut,
@@ -18,7 +19,6 @@ from labrig.devices.operator import (
 from labrig.errors import DriveError, SafetyStopError
 from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
-from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.withdrawal import (
     ReverseMove,
     plan_partial_moves,
@@ -134,7 +134,7 @@ def _turn_in_gel(rig: RunBench) -> None:
     session.record(TrialStart(trial=0))
     rig.opened.rig.needle.mark_in_tissue("run")
     for axis, position in (("linear", 5), ("insertion", 6), ("rotation", 3), ("insertion", 14)):
-        session.move(axis, position, rig.opened.rig.axis(axis).nearest_speed(3.0))
+        session.move(axis, position, session.axis(axis).nearest_speed(3.0))
 
 
 def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:

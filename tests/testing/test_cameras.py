@@ -1,25 +1,16 @@
 """Every kind of camera that labrig has passes the suite for cameras."""
 
-from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
-from threading import Event, Thread
 from typing import Literal
 
-import numpy as np
 import pytest
 
-from labrig.devices.camera_kind import CameraContext
-from labrig.devices.clocks import SimulatedClock, SystemClock
-from labrig.devices.files.camera import CAMERA as FILES
-from labrig.devices.files.settings import FilesCameraDescription
-from labrig.devices.files.stream import ArrivingPictures
-from labrig.devices.mjpeg.camera import CAMERA as MJPEG
-from labrig.devices.mjpeg.settings import MjpegCameraDescription
+from labrig.devices.camera import CameraContext
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.files import CAMERA as FILES
+from labrig.devices.files import FilesCameraDescription
 from labrig.devices.simulated.camera import CAMERA as SIMULATED
 from labrig.devices.simulated.camera import SimulatedCameraDescription
-from labrig.devices.simulated.picture_stream import PictureStream
-from labrig.devices.stream_source import StreamSource
 from labrig.devices.uvc.source import UvcSource
 from labrig.simulation.world import World
 from labrig.testing.cameras import CameraConformance, OpenedCamera
@@ -27,14 +18,12 @@ from tests.devices.captures import (
     SIZE_PX,
     Computer,
     ComputerClock,
-    EndlessStream,
     FakeCapture,
     FakeControls,
     uvc_section,
 )
 from tests.devices.recorded import write_film, write_pictures
 from tests.devices.rigs import simulated_rig
-from tests.rehearsing import free_port
 
 
 class TestSimulated(CameraConformance):
@@ -110,59 +99,3 @@ class TestFilm(_Files):
     """A video file, by its own times."""
 
     source = "film.avi"
-
-
-class TestStream(CameraConformance):
-    """A stream that never ends, in real time."""
-
-    def open_camera(self) -> OpenedCamera:
-        """Open one whose pictures arrive as fast as they are taken."""
-        clock = SystemClock()
-        section = FilesCameraDescription(
-            driver="files",
-            source="http://camera/stream",
-            width_px=SIZE_PX[0],
-            height_px=SIZE_PX[1],
-            rate_hz=100.0,
-            latency_s=0.002,
-        )
-        pictures = ArrivingPictures(EndlessStream(), section.address)
-        source = StreamSource(pictures, clock, bound_s=section.latency_s)
-        source.wait_for_first()
-        return OpenedCamera(source, section, clock)
-
-
-class TestMjpeg(CameraConformance):
-    """A camera over HTTP that stamps each picture, in real time."""
-
-    url = ""
-
-    @pytest.fixture(autouse=True)
-    def _send(self) -> Iterator[None]:
-        """Show another picture every few milliseconds."""
-        over, clock = Event(), SystemClock()
-        with closing(PictureStream(free_port())) as stream:
-
-            def show_until_over() -> None:
-                while not over.wait(0.005):
-                    stream.show(np.zeros(SIZE_PX[::-1], np.uint8), clock.utc().timestamp())
-
-            shower = Thread(target=show_until_over)
-            shower.start()
-            self.url = stream.url
-            yield
-            over.set()
-            shower.join()
-
-    def open_camera(self) -> OpenedCamera:
-        """Open it on the same computer."""
-        clock = SystemClock()
-        section = MjpegCameraDescription(
-            driver="mjpeg",
-            source=self.url,
-            width_px=SIZE_PX[0],
-            height_px=SIZE_PX[1],
-            rate_hz=100.0,
-            stamp_error_s=0.002,
-        )
-        return OpenedCamera(MJPEG.open(section, CameraContext(clock)), section, clock)

@@ -9,9 +9,9 @@ What is decided here
   answered it, unless a fault is scripted. No thread and no real-time timeout decides anything.
 - Motion is a closed form of simulated time. Drives follow their profile exactly; stops and blockages hold a shaft, and
   a load shows in the motor current alone (`motor`). The journal of a drive has each event with its exact instant.
-- `served_rig` serves a whole rig to another labrig, which takes it for a bench: drives with the mechanics of their axes
-  on a bus over TCP, a camera as a stream of pictures, both of one world and one clock, on this computer alone. Nobody
-  tells that world what labrig asks its operator; a person types what they do by hand.
+- `clock: real` rehearses a bench: the same drives and the same world in the computer's time, in the thread that
+  supervises, which tells them of it whenever it sends a frame, takes a picture or waits. So a labrig that hangs
+  stops those drives too. A person is asked, and what they confirm is done in the world.
 - A script injects faults of the bus (`bus`), of the node (`canopen_node`) or of the motor (`cia402_node`), which
   decide what follows.
 - Where documents are ambiguous, the simulation takes the dangerous reading: releasing Halt resumes the old

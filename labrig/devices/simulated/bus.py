@@ -23,6 +23,8 @@ class InProcessWire:
         self._delay_s = 0.0
         self._late: list[tuple[float, InProcessBus, can.Message]] = []
         self._dead = self._unplugged = False
+        self.before_command: Callable[[], None] = lambda: None
+        """Called before a frame of labrig's adapter is carried."""
 
     def lose(self, frames: int) -> None:
         """Lose the next frames."""
@@ -55,11 +57,6 @@ class InProcessWire:
         """Unplug the adapter: sending fails, and it receives nothing."""
         self._unplugged = True
 
-    @property
-    def is_unplugged(self) -> bool:
-        """Whether the adapter is unplugged."""
-        return self._unplugged
-
     def restore(self) -> None:
         """Restore the bus."""
         self._dead = self._unplugged = False
@@ -75,6 +72,8 @@ class InProcessWire:
         """
         if self._unplugged and sender.is_adapter:
             raise can.CanOperationError("the adapter has been unplugged")
+        if sender.is_adapter:
+            self.before_command()
         if self._dead:
             return
         if self._losses:

@@ -4,8 +4,8 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from labrig.devices.camera import Exposure
-from labrig.devices.camera_kind import CameraContext, CameraKind
+from labrig.clock import Clock
+from labrig.devices.camera import CameraContext, CameraKind, Exposure
 from labrig.devices.camera_settings import ControlledCameraDescription, RigKind, Setting
 from labrig.errors import CameraError
 from labrig.simulation.world import World
@@ -34,11 +34,14 @@ class SimulatedSource:
     ----------
     world : World
         What is drawn.
+    clock : Clock
+        Rig time; the world is where it has brought the axes.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, clock: Clock) -> None:
         self.exposures = 0
         self._world = world
+        self._clock = clock
         self._settings = dict(_POWER_ON)
 
     def set(self, name: str, value: Setting) -> None:
@@ -51,11 +54,15 @@ class SimulatedSource:
         return self._settings.get(name)
 
     def read(self) -> Exposure:
-        """Draw a picture."""
+        """Draw a picture; if time passes by itself, with the time of what it shows."""
         self.exposures += 1
+        asked_s = self._clock.now_s()
+        self._clock.sleep(0.0)  # brings the axes to where they are now
+        t_s = self._clock.now_s()
         exposure, gain = self._settings["exposure_us"], self._settings["gain"]
         light = float(exposure) / REFERENCE_EXPOSURE_US * 2 ** (float(gain) / _GAIN_STEPS_A_DOUBLING)
-        return Exposure(self._world.picture(light))
+        picture = self._world.picture(light)
+        return Exposure(picture) if t_s == asked_s else Exposure(picture, t_s, t_bound_s=t_s - asked_s)
 
     def close(self) -> None:
         """Nothing to release."""
@@ -81,7 +88,7 @@ class SimulatedCamera(CameraKind[SimulatedCameraDescription]):
             raise CameraError(
                 "a simulated camera needs a simulated world", "use it on a rig of kind simulated"
             )
-        return SimulatedSource(context.world)
+        return SimulatedSource(context.world, context.clock)
 
 
 CAMERA = SimulatedCamera()

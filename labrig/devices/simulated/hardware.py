@@ -1,18 +1,22 @@
-"""The simulated rig: drives on a bus, with their shafts coupled to the world, all in one simulated time."""
+"""The simulated rig: drives on a bus, with their shafts coupled to the world, all in one time.
+
+The time is simulated, or real for a rehearsal. There is one thread for all of it, that which supervises: the drives and
+the world see time pass whenever labrig sends a frame, takes a picture or waits.
+"""
 
 from collections.abc import Sequence
 
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import PictureSource
-from labrig.devices.camera_kind import CameraContext, find_camera_kind
-from labrig.devices.clocks import SimulatedClock
+from labrig.devices.camera import CameraContext, PictureSource, find_camera_kind
+from labrig.devices.clocks import SimulatedClock, WatchedClock
+from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.faults import FaultScript
-from labrig.devices.simulated.operator import SimulatedOperator
+from labrig.devices.simulated.operator import RehearsedOperator, SimulatedOperator
 from labrig.devices.simulated.plant import SimulatedPlant
-from labrig.devices.worker import SAME_THREAD, Worker
+from labrig.devices.worker import SAME_THREAD, Worker, WorkerThread
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 
@@ -36,22 +40,30 @@ class SimulatedHardware:
     """
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
-        self.clock = SimulatedClock()
+        self.clock = SimulatedClock() if rig.clock is None else WatchedClock()
         self.camera_worker: Worker = SAME_THREAD
-        self.disk_worker: Worker = SAME_THREAD
+        self.disk_worker = SAME_THREAD if rig.clock is None else WorkerThread("disk", self.clock)
         self._rig = rig
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.wire = InProcessWire()
         self.world = World(world, seed)
         self._plant = SimulatedPlant(rig, self.wire, self.clock, forces=self.world)
         self.drives = self._plant.drives
-        self.operator = SimulatedOperator(self.world, self._plant.true_positions)
+        self._hands = SimulatedOperator(self.world, self._plant.true_positions)
+        self.operator = None if rig.asks_person else self._hands
         self._positions = dict.fromkeys(self.drives, 0.0)
         for drive in self.drives.values():
             self.clock.on_advance(drive.tick)
         self.faults = FaultScript(self.wire, self.drives, self.clock, rig.faults)
         self.clock.on_advance(self.faults.tick)
         self.clock.on_advance(self._move_world)
+        if isinstance(self.clock, WatchedClock):
+            self.wire.before_command = self.clock.tell
+            self.world.picture()  # the first one takes a third of a second, later ones some milliseconds
+
+    def accompany(self, person: Operator) -> Operator:
+        """Return the person, whose hands the world follows."""
+        return RehearsedOperator(person, self._hands)
 
     def open_link(self) -> CanLink:
         """Return a link to the bus inside the process."""
@@ -76,8 +88,9 @@ class SimulatedHardware:
                 self.world.advance(insertion_mm, rotation_rad, linear_mm)
 
     def close(self) -> None:
-        """Take the drives off the bus."""
+        """Take the drives off the bus, once everything is on disk."""
         self._plant.close()
+        self.disk_worker.close()
 
     def _move_world(self) -> None:
         """Move the world to where the shafts are; in a new rig all of them are at zero."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from labrig.devices.operator import (
     NO_OFFER,
@@ -12,6 +13,7 @@ from labrig.devices.operator import (
     LayGraphPaper,
     MountNeedle,
     Offer,
+    Operator,
     OperatorRequest,
     PickObstacle,
     PickTarget,
@@ -94,3 +96,31 @@ class SimulatedOperator:
             case _:
                 pass  # a confirmation is always true here: the world is new, and the axes are at zero
         return Answer(confirmed=True, note=_WHO)
+
+
+class RehearsedOperator:
+    """A person answers as at a bench; what their hands would have done there is done in the world.
+
+    Parameters
+    ----------
+    person : Operator
+        Who answers.
+    hands : SimulatedOperator
+        Does what the person has confirmed, and reads the scales that the person cannot see.
+    """
+
+    def __init__(self, person: Operator, hands: SimulatedOperator) -> None:
+        self._person = person
+        self._hands = hands
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
+        """Ask the person, and do what is confirmed. Raises what the two raise."""
+        if isinstance(request, ReadScale):
+            shown = self._hands.ask(request, meanwhile).reading
+            request = replace(
+                request, instruction=f"{request.instruction} It is simulated and shows {shown:.3f}."
+            )
+        answer = self._person.ask(request, meanwhile, offer)
+        if answer.confirmed:
+            self._hands.ask(request, meanwhile)
+        return answer

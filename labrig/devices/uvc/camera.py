@@ -5,7 +5,7 @@ from typing import Literal
 import cv2
 from pydantic import Field
 
-from labrig.devices.camera_kind import CameraContext, CameraKind
+from labrig.devices.camera import CameraContext, CameraKind
 from labrig.devices.camera_settings import ControlledCameraDescription
 from labrig.devices.uvc.source import UvcSource
 from labrig.devices.uvc.v4l2 import V4l2Controls

@@ -17,6 +17,7 @@ from labrig.clock import Clock
 from labrig.devices.camera import Exposure
 from labrig.devices.camera_settings import Setting
 from labrig.devices.uvc.v4l2 import CONTROLS
+from labrig.errors import CameraError
 
 _PROPERTIES = {
     "pixel_format": cv2.CAP_PROP_FOURCC,
@@ -121,7 +122,13 @@ class UvcSource:
         return value if value > 0 else None
 
     def read(self) -> Exposure | None:
-        """Return a picture whose exposure began after this call; None when the camera gives none."""
+        """Return a picture whose exposure began after this call; None when the camera gives none.
+
+        Raises
+        ------
+        CameraError
+            When every picture is older by its stamp, as many as the driver may have had ready.
+        """
         asked_s = self._monotonic_s()
         stamp_s: float | None = None
         # One more may have been exposed when the call came.
@@ -132,6 +139,13 @@ class UvcSource:
             stamp_s = self._read_stamp_s()
             if stamp_s is not None and stamp_s - self._exposure_s >= asked_s:
                 break
+        else:
+            if stamp_s is not None:
+                raise CameraError(
+                    f"the camera gave {_QUEUED_PICTURES + 2} pictures, each older than its command; the exposure of "
+                    f"the last one began {asked_s - (stamp_s - self._exposure_s):.3f} s before it",
+                    "unplug the camera and plug it in again",
+                )
         ok, image = self._capture.retrieve()
         if not ok:
             return None

@@ -24,7 +24,7 @@ class CalibrationResult(Result):
 
     `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
     coverage. `scale_comparison` compares the scale with that of the rig's plane map when the run began; it is None
-    without one, and in results of earlier versions.
+    without one.
     """
 
     kind: Literal["calibration"] = "calibration"

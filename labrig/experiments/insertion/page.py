@@ -1,6 +1,5 @@
 """The page of an insertion run: figure 9 of the paper, and the estimated tip along the way."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -31,7 +30,6 @@ from labrig.experiments.shared.specimen_page import make_specimen_views
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
-from labrig.report.certificate_view import make_certificate_view
 from labrig.report.formatting import Rows, number
 from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
@@ -157,8 +155,6 @@ def _collect_content(
             MarkerRow(trial.trial + 1, marker) for trial in content.insertions for marker in trial.markers
         ],
         "places": _describe_places(content.insertions),
-        "certificate": make_certificate_view(run),
-        "certify_command": f"labrig campaign --certify {shlex.quote(run.shown_path)}",
         "specimens": make_specimen_views(content.maps, protocol.gels, make_straight_shape(protocol)),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),

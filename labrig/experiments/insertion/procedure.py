@@ -22,6 +22,7 @@ from functools import cached_property, partial
 from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
+from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickObstacle, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
@@ -80,7 +81,6 @@ from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.record.decisions import Decisions
-from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw, withdraw_partly
@@ -133,7 +133,7 @@ def make_insertions(protocol: InsertionProtocol, session: Session, earlier: Sequ
     CalibrationRefusedError
         When the grid pictures before and after show that the camera was bumped.
     """
-    view = session.compute(partial(load_tip_view, session.rig.description))
+    view = session.compute(partial(load_tip_view, session.description))
     before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     roll_zero = _obtain_roll_zero(protocol, session)
     made = _make_remaining(
@@ -141,7 +141,7 @@ def make_insertions(protocol: InsertionProtocol, session: Session, earlier: Sequ
     )
     after = photograph_grid(protocol.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, protocol.sentinel, view.plane, session)
-    _require_reached([trial for trial in made if not _is_left_out(trial, session.dialogue.decisions)])
+    _require_reached([trial for trial in made if not _is_left_out(trial, session.decisions)])
 
 
 def _make_remaining(
@@ -151,11 +151,11 @@ def _make_remaining(
     insert: Callable[[PlannedInsertion], Ending],
 ) -> list[MadeTrial]:
     """Make one insertion after another, and return them all."""
-    made, dialogue = list(earlier), session.dialogue
+    made = list(earlier)
     while planned := find_next_trial(
-        protocol.repetitions, [trial.begun for trial in made], dialogue.decisions
+        protocol.repetitions, [trial.begun for trial in made], session.decisions
     ):
-        dialogue.place = f"insertion {planned.repetition + 1} of {protocol.repetitions}"
+        session.tell_place(f"insertion {planned.repetition + 1} of {protocol.repetitions}")
         ending = session.attempt(planned.trial, partial(insert, planned), repeats=planned.repeats)
         if ending is not None:
             made.append(MadeTrial(BegunInsertion(planned), ending))
@@ -181,9 +181,9 @@ def _require_reached(made: Sequence[MadeTrial]) -> None:
 
 def _obtain_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
     """Return the certified roll zero of the needle; without one, find it as the protocol's section says."""
-    needle, rig = protocol.needle, session.rig
-    known = rig.needle.recall_roll_zero(needle.needle_id)
-    if known is not None and all(axis.referenced for axis in rig.axes):
+    needle = protocol.needle
+    known = session.recall_roll_zero(needle.needle_id)
+    if known is not None and session.is_referenced:
         confirm_needle_out(session)
         _move_to_start(protocol, session)
         return known
@@ -198,7 +198,7 @@ def _obtain_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero
 
 def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:
     """Move needle and sheath back to zero if they are elsewhere; no needle is in tissue."""
-    states = session.rig.read_states()
+    states = session.read_states()
     for axis, speed in (("insertion", protocol.insertion.speed_mm_s), ("linear", protocol.sheath.speed_mm_s)):
         if abs(states[axis].position) > _OFF_ZERO_MM:
             session.move(axis, 0.0, speed)
@@ -212,7 +212,7 @@ def _insert_once(
     planned: PlannedInsertion,
 ) -> Ending:
     """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return how it ended."""
-    rig, sheath, trial = session.rig, protocol.sheath, planned.trial
+    sheath, trial = protocol.sheath, planned.trial
     session.progress(
         _estimate_done_s(protocol, planned.repetition, 0.0),
         f"insertion {planned.repetition + 1} of {protocol.repetitions}",
@@ -223,15 +223,15 @@ def _insert_once(
     insertion = _Insertion(protocol, session, view, roll_zero, planned, aim, settings)
     insertion.record_start(state)
     insertion.find_markers()
-    session.dialogue.next_point = "at the next question"
+    session.tell_next_point("at the next question")
     if command.stop is not None:
         raise TargetMissedError(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
         )
-    rig.needle.mark_in_tissue(session.recorder.run_name)
+    session.mark_needle_in_tissue()
     insertion.bevel.centre()
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
-    insertion.path.append(collect_axis_positions(rig.read_states()))
+    insertion.path.append(session.read_positions())
     picture = session.take_picture(InsertionRole.SCENE, trial)
     origin = insertion.find_sheath(picture)
     halt = insertion.follow_markers(picture, 0.0)
@@ -242,7 +242,7 @@ def _insert_once(
     if command.stop is None:
         insertion.confirm(picture.image, state, origin)
         state, command = _steer(insertion, state, command)
-    rig.stop()
+    session.stop()
     return insertion.finish(state, command)
 
 
@@ -250,8 +250,7 @@ def _steer(
     insertion: "_Insertion", state: SteeringState, command: SteeringCommand
 ) -> tuple[SteeringState, SteeringCommand]:
     """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
-    dialogue = insertion.session.dialogue
-    dialogue.next_point = "now, axes hold"
+    insertion.session.tell_next_point("now, axes hold")
     while command.stop is None:
         if insertion.session.reach_safe_point(IN_TISSUE, in_tissue=True):
             insertion.run_to_mm = 0.0  # the move ended where the needle was stopped
@@ -269,7 +268,7 @@ def _steer(
             partial(step_steering, state, sighting, insertion.settings, halt)
         )
         insertion.record_sighting(picture, seen, before, state)
-    dialogue.next_point = ""
+    insertion.session.tell_next_point("")
     return state, command
 
 
@@ -342,7 +341,7 @@ class _Insertion:
         """Turn the bevel, if by anything."""
         if roll_rad != 0.0:
             self.bevel.turn(roll_rad, state, self.path[-1].insertion_mm)
-            self.path.append(collect_axis_positions(self.session.rig.read_states()))
+            self.path.append(self.session.read_positions())
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
         """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
@@ -378,7 +377,7 @@ class _Insertion:
         )
         session.record(event)
         withdraw_partly(session, self.path, to_mm, self._withdrawal_speeds)
-        self.path.append(collect_axis_positions(session.rig.read_states()))
+        self.path.append(session.read_positions())
         self.bevel.path.follow_retreat(event)
         self.run_to_mm = to_mm
         state, command = session.compute(partial(retreat_steering, state, leave_mm, self.settings))
@@ -472,14 +471,14 @@ class _Insertion:
         """Hold, take the last picture, record the truth, withdraw along the path, and return how it ended."""
         session, protocol = self.session, self.protocol
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
-        session.rig.wait(_HOLD_S)
+        session.wait(_HOLD_S)
         final = session.take_picture(NeedleRole.FINAL, self.trial)
         self.follow_markers(final, state.insertion_mm)
-        is_judged = bool(session.dialogue.watch.names)
-        bounds = self._bound_error(final, state) if command.stop == "target_reached" or is_judged else None
+        bounds = (
+            self._bound_error(final, state) if command.stop == "target_reached" or session.is_judged else None
+        )
         ending = self._decide(bounds, command)
-        for line in session.rig.truth():
-            session.recorder.truth(trial=self.trial, **line)
+        session.record_truth(self.trial)
         session.progress(
             _estimate_done_s(protocol, self.planned.repetition, state.insertion_mm),
             f"{ending.stop}: {ending.cause}",
@@ -543,7 +542,7 @@ class _Insertion:
     @property
     def _withdrawal_speeds(self) -> Mapping[str, float]:
         """The speed of each axis while the needle is withdrawn [mm/s or rad/s]."""
-        return find_speeds(self.session.rig, self.protocol.insertion, self.protocol.sheath)
+        return find_speeds(self.session.description, self.protocol.insertion, self.protocol.sheath)
 
     def record_start(self, state: SteeringState) -> None:
         """Record target and obstacles, and the first plan."""

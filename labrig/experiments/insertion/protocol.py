@@ -8,7 +8,6 @@ from pydantic import Field
 from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.model import (
     Conflict,
-    Former,
     Line,
     MarkerDictionary,
     MarkerId,
@@ -170,12 +169,12 @@ class Planner(Model):
     weights: PlannerWeights = Field(
         default_factory=PlannerWeights, description="What makes one path better than another."
     )
-    staging: Annotated[Literal["staged", "unbounded"], Former("unbounded")] = Field(
+    staging: Literal["staged", "unbounded"] = Field(
         "staged",
         description="With staged, a needle that moves waits for a quick search only, and halts for a thorough one; "
         "with unbounded, the planner searches on while the needle advances.",
     )
-    mends_path: Annotated[bool, Former(value=False)] = Field(
+    mends_path: bool = Field(
         default=True,
         description="Whether the path that the needle follows, mended, is compared with the new ones when the path is "
         "replanned. The paper's planner does not compare paths.",
@@ -205,12 +204,12 @@ class Estimator(Model):
         description="Mean path length between cavities, in which the needle does not steer; null: cavities are not "
         "modelled [mm].",
     )
-    slip_sd: Annotated[float, Field(ge=0, le=0.2), Former(value=0.0)] = Field(
+    slip_sd: Annotated[float, Field(ge=0, le=0.2)] = Field(
         0.01,
         description="Standard deviation of the slip, the share of the inserted length by which the tip stays behind; "
         "0: the slip is not estimated. The paper's filter does not estimate it [-].",
     )
-    robust: Annotated[bool, Former(value=False)] = Field(
+    robust: bool = Field(
         default=True,
         description="Whether rejected sightings are kept from the estimate of cavities and from the search for a stuck "
         "needle, and several in a row may move the estimated position but not turn the heading.",
@@ -268,7 +267,7 @@ class Policy(Model):
         _DEFAULT.least_clearance_mm,
         description="If no path keeps clearance_mm, take a path that keeps this [mm].",
     )
-    turning: Annotated[Turning, Former(value="back_and_forth")] = Field(
+    turning: Turning = Field(
         "compensated",
         description="How the bevel is turned against torsion of the needle. compensated: in the directions whose lags "
         "displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and "
@@ -346,7 +345,7 @@ class InsertionProtocol(JudgedProtocol):
     planner: Planner = Field(description="How a path is planned.")
     estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
     policy: Policy = Field(default_factory=Policy, description="When the path is replanned.")
-    out_of_plane: Annotated[OutOfPlane | None, Former(None)] = Field(
+    out_of_plane: OutOfPlane | None = Field(
         default_factory=OutOfPlane,
         description="What leads the needle out of the plane that the camera sees. The target is reached if the 95 % "
         "interval of the distance in space lies within the tolerance; null: if the distance in the plane does.",

@@ -88,8 +88,7 @@ class TargetErrorSources(Model):
 
     Four lead the end out of the plane: `roll_zero` is by the roll zero, `torsion` by the bevel's lag behind its drive,
     `heading_noise` by the needle's wandering, `start` by place and lean of the start. `in_plane` is by the reading of
-    the picture, over both axes, `target` by the place of the target, along each axis; older results count the target
-    for exact.
+    the picture, over both axes, `target` by the place of the target, along each axis.
     """
 
     roll_zero: float
@@ -166,19 +165,19 @@ class InsertionTrial(Model):
     camera does not tell for space. `target_error_interval_mm` holds the distance in space with a probability of 95 %,
     and `target_error_sources_mm` says what that consists of; without `out_of_plane:` in the protocol both are None, and
     the plane decides. `target_error_interval_by` and `target_error_interval_tip_mm`, (y, z), say from which place it is
-    measured; None in older results. `depth` is what the final picture shows of it; None if it shows nothing.
+    measured. `depth` is what the final picture shows of it; None if it shows nothing.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
     is no tip. `target_error_mm` is from that tip, by the shaft alone. `target_error_budget_mm` says what
     `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll,
-    lighting, and the reading of the end; older results do not.
+    lighting, and the reading of the end.
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
-    the live run to the last digit, as it is with its settings and its code; older results say neither that nor
-    `commands`. `retreats` counts how often the needle was withdrawn part of the way to go on elsewhere. `target_mm` and
-    `obstacles` are told for the start, and `motion` says how they were told to move; None: not at all. `marker_ids` are
-    the markers that the target and each obstacle are bound to, the target's first, `marker_steps` what these showed,
-    and `markers` how far they moved. Errors and clearances are from where they were then.
+    the live run to the last digit, as it is with its settings and its code. `retreats` counts how often the needle was
+    withdrawn part of the way to go on elsewhere. `target_mm` and `obstacles` are told for the start, and `motion` says
+    how they were told to move; None: not at all. `marker_ids` are the markers that the target and each obstacle are
+    bound to, the target's first, `marker_steps` what these showed, and `markers` how far they moved. Errors and
+    clearances are from where they were then.
     """
 
     trial: int
@@ -286,8 +285,8 @@ class InsertionResult(Result):
     """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
 
     `causes` counts why the others did not. `reached` is False if one of them missed, None if none missed and one is not
-    known to have arrived in space. `sighting_noise` is None for fewer than twenty sightings; older results do not have
-    it. `not_in_interval` lists the sources of error that an error bar leaves out; it is None in older results.
+    known to have arrived in space. `sighting_noise` is None for fewer than twenty sightings.
+    `not_in_interval` lists the sources of error that an error bar leaves out.
     `maps` has the tracks in the block of gel, if that has a specimen file.
     """
 
@@ -306,7 +305,7 @@ class InsertionResult(Result):
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
     sighting_noise: SightingNoise | None = None
-    not_in_interval: tuple[str, ...] | None = None
+    not_in_interval: tuple[str, ...] = ()
     maps: tuple[SpecimenMap, ...] = ()
 
     @property

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from labrig.devices.axis_positions import AxisPositions
 from labrig.errors import InputError
 from labrig.experiments.insertion.ending import Ending
 from labrig.experiments.insertion.events import InsertionStart, InsertionStop
@@ -13,7 +14,6 @@ from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInserti
 from labrig.record.decisions import Decisions
 from labrig.record.events import INTERRUPTED, RecordedTrial
 from labrig.record.reader import Run
-from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import Remainder
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path, take_needle_out

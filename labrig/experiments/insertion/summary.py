@@ -1,11 +1,9 @@
-"""Terminal summary of insertions to a target, and of the commands that other settings would have given."""
+"""Terminal summary of insertions to a target."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import zip_longest
 from typing import Any
 
-from labrig.analysis.summary import ResultComparison, Summary, TextTable
+from labrig.analysis.summary import Summary, TextTable
 from labrig.experiments.shared.specimen_result import summarise_maps
 from labrig.text import interval, number
 
@@ -22,82 +20,6 @@ _PLACES = {
     "shaft_and_estimate": "the shaft in the last picture and the estimate on the way together",
     "estimate": "the estimate on the way alone",
 }
-_COMMAND = ("roll_rad", "observe_at_mm", "run_to_mm", "stop")
-
-
-@dataclass(frozen=True)
-class CommandDivergence:
-    """The first command that differs: its picture (None: before the first), its depth, and both values."""
-
-    frame: int | None
-    depth_mm: float
-    what: str
-    old: float | str | None
-    new: float | str | None
-
-
-@dataclass(frozen=True)
-class SteeringSummary:
-    """The commands of an insertion with one set of settings: its turns, its replans, and its first stop.
-
-    `tip_mm` is the estimated tip at the last picture, (y, z); None without a picture.
-    """
-
-    turns: int
-    replans: int
-    stop: str | None
-    tip_mm: tuple[float, float] | None
-    turns_at_mm: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class WhatIf:
-    """One insertion in two results; `divergence` is None if all commands are equal."""
-
-    trial: int
-    old: SteeringSummary
-    new: SteeringSummary
-    divergence: CommandDivergence | None
-
-
-def compare_steering(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[WhatIf, ...]:
-    """Compare the commands in two results of an insertion run, insertion by insertion.
-
-    Parameters
-    ----------
-    old, new : Mapping
-        Their documents. An insertion that is missing in one of them, or whose commands an older labrig did not
-        record, is left out; so are results of other experiments.
-    """
-    before = {trial["trial"]: trial for trial in old.get("insertions", ()) if trial.get("commands")}
-    after = {trial["trial"]: trial for trial in new.get("insertions", ()) if trial.get("commands")}
-    return tuple(_compare_trials(before[trial], after[trial]) for trial in after if trial in before)
-
-
-def _compare_trials(old: Mapping[str, Any], new: Mapping[str, Any]) -> WhatIf:
-    divergence = _find_divergence(old["commands"], new["commands"])
-    return WhatIf(new["trial"], summarise_steering(old), summarise_steering(new), divergence)
-
-
-def summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary:
-    """Return the summary of an insertion's commands; results of earlier versions have none."""
-    commands, steps = insertion["commands"], insertion["steps"]
-    turns = tuple(command["depth_mm"] for command in commands if command["roll_rad"] != 0.0)
-    last, tip = commands[-1], steps[-1]["estimate_mm"] if steps else None
-    return SteeringSummary(len(turns), last["replans"], last["stop"], tip and (tip[0], tip[1]), turns)
-
-
-def _find_divergence(
-    old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]
-) -> CommandDivergence | None:
-    nothing = dict.fromkeys(_COMMAND)
-    for before, after in zip_longest(old, new):
-        there = after or before
-        for what in _COMMAND:
-            old_value, new_value = (before or nothing)[what], (after or nothing)[what]
-            if old_value != new_value:
-                return CommandDivergence(there["frame"], there["depth_mm"], what, old_value, new_value)
-    return None
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
@@ -123,14 +45,16 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     for trial in trials:
         values |= _list_values(trial)
     noise = describe_sighting_noise(document.get("sighting_noise"))
-    alarm = () if noise is None else (noise,)
+    alarms: tuple[str, ...] = () if noise is None else (noise,)
+    if not document["overrides"] and any(trial["as_recorded"] is False for trial in trials):
+        alarms += ("this labrig estimates otherwise than the one that made the run, with the same settings",)
     places = describe_places(
         [(trial["trial"], source) for trial in trials if (source := trial.get("target_error_interval_by"))]
     )
     rests_on = () if places is None else (f"error mm: by the shaft in the last picture; in space: {places}",)
     specimens = summarise_maps(document.get("maps", ()))
     tables = (TextTable(_HEADS, rows), *_list_sources(trials))
-    return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarm, *specimens), values)
+    return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarms, *specimens), values)
 
 
 def _list_markers(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -212,28 +136,9 @@ def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:
         f"{name}: mean NIS": trial["mean_nis"],
         f"{name}: sightings not believed": trial["missed_sightings"],
     }
-    if trial.get("commands"):
-        steering = summarise_steering(trial)
-        values[f"{name}: turns asked for"] = steering.turns
-        values[f"{name}: paths found anew"] = steering.replans
-        values[f"{name}: stop"] = steering.stop
+    commands = trial["commands"]
+    if commands:
+        values[f"{name}: turns asked for"] = sum(command["roll_rad"] != 0.0 for command in commands)
+        values[f"{name}: paths found anew"] = commands[-1]["replans"]
+        values[f"{name}: stop"] = commands[-1]["stop"]
     return values
-
-
-def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
-    """Return the first command of each insertion that differs with the new settings."""
-    comparisons = compare_steering(old, new)
-    lines = [_describe_divergence(what_if) for what_if in comparisons]
-    if not new["overrides"] and any(trial.get("as_recorded") is False for trial in new["insertions"]):
-        lines.append("this labrig estimates otherwise than the one that made the run, with the same settings")
-    return ResultComparison(
-        tuple(lines), {"what_if": [asdict(what_if) for what_if in comparisons]} if comparisons else {}
-    )
-
-
-def _describe_divergence(what_if: WhatIf) -> str:
-    name, first = f"insertion {what_if.trial + 1}", what_if.divergence
-    if first is None:
-        return f"{name}: every command is the same"
-    where = "before it moves" if first.frame is None else f"at {first.depth_mm:.1f} mm, frame {first.frame}"
-    return f"{name}: first command that differs {where}: {first.what} {first.old} before, {first.new} now"

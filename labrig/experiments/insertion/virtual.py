@@ -72,15 +72,10 @@ told to be.
 """
 
 
-def simulate(
-    protocol: InsertionProtocol, rig: RigDescription | None, seed: int, roll_zero: RollZero | None = None
-) -> TaskOutcome:
+def simulate(protocol: InsertionProtocol, rig: RigDescription | None, seed: int) -> TaskOutcome:
     """Return what comes of one insertion; the same seed gives the same bits in any process.
 
-    Parameters
-    ----------
-    roll_zero : RollZero or None
-        That of a run that is repeated; None: the one that is certified for the rig, else found as the protocol says.
+    Its roll zero is the one that is certified for the rig, else found as the protocol says.
 
     Raises
     ------
@@ -101,9 +96,7 @@ def simulate(
             "make whole runs on a simulated rig, or leave out markers",
         )
     try:
-        return _describe(
-            _insert(protocol, _Scene.of(protocol, rig.with_needle(protocol.needle), seed, roll_zero))
-        )
+        return _describe(_insert(protocol, _Scene.of(protocol, rig.with_needle(protocol.needle), seed)))
     except TargetMissedError as error:
         return TaskOutcome("failed", error.reason, _NO_VALUES)
     except MeasurementRefusedError as error:
@@ -121,14 +114,12 @@ class _Scene:
     rotation_rad: float
 
     @classmethod
-    def of(
-        cls, protocol: InsertionProtocol, rig: RigDescription, seed: int, known: RollZero | None
-    ) -> "_Scene":
+    def of(cls, protocol: InsertionProtocol, rig: RigDescription, seed: int) -> "_Scene":
         assert rig.world is not None
         world = World(rig.world, seed)
         world.mount_needle(protocol.needle.needle_id)
         camera = CalibratedCamera(rig.world.lens, load_plane_map(rig), stream(seed, "sightings"))
-        certified = known or NeedleState(rig.state_path).recall_roll_zero(protocol.needle.needle_id)
+        certified = NeedleState(rig.state_path).recall_roll_zero(protocol.needle.needle_id)
         if certified is not None:
             return cls(rig, world, camera, certified, 0.0)
         order = _order_search(protocol)

@@ -4,7 +4,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from labrig.protocol.model import Former, Model, NonNegativeMm
+from labrig.protocol.model import Model, NonNegativeMm
 from labrig.steering.parameters import PlanWeights
 
 Weight: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
@@ -31,7 +31,7 @@ class PlannerWeights(Model):
         description="Cost of each millimetre by which the worst radius of its tolerance moves the tip; without a "
         "tolerance, a radius one per cent larger.",
     )
-    room_per_mm: Annotated[Weight, Former(value=0.0)] = Field(
+    room_per_mm: Weight = Field(
         _DEFAULT.room_per_mm,
         description="Cost, in the plane, of each millimetre missing to a comfortable room: the clearance from an "
         "obstacle that the needle would have if it bent away from it at once.",

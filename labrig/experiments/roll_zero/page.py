@@ -132,7 +132,7 @@ def _list_rows(result: RollZeroResult) -> list[RollRow]:
 
 
 def _evaluate_fit_mm(result: RollZeroResult, roll_rad: float) -> float | None:
-    """Return the fitted cosine at a roll; None without a fit, and in results of earlier versions."""
+    """Return the fitted cosine at a roll; None without a fit."""
     if result.fit is None or result.offset_mm is None:
         return None
     return result.offset_mm - result.fit["bend_mm"] * math.cos(roll_rad - result.fit["zero_rad"])

@@ -35,8 +35,7 @@ class TorsionResult(Model):
 class RollZeroResult(Result):
     """The result of a roll zero run: the deflection at each roll, and the fitted cosine; None if the fit was refused.
 
-    `offset_mm` is the sheath's lateral offset, the constant of that fit; None in results of earlier versions. `torsion`
-    is None if it was not measured.
+    `offset_mm` is the sheath's lateral offset, the constant of that fit. `torsion` is None if it was not measured.
     """
 
     kind: Literal["roll-zero"] = "roll-zero"
@@ -46,7 +45,7 @@ class RollZeroResult(Result):
     rolls_rad: tuple[float, ...]
     deflections_mm: tuple[float, ...]
     fit: dict[str, float] | None
-    offset_mm: float | None = None
+    offset_mm: float | None
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
     torsion: TorsionResult | None = None

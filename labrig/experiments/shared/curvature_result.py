@@ -27,7 +27,7 @@ class PictureResult(Model):
 
     `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
     needle's tip in their frame, (lateral, along). All other points are in the plane's frame. `radius_budget_mm` and
-    `tip_budget_mm` say what the standard deviations of radius and tip consist of; older results do not.
+    `tip_budget_mm` say what the standard deviations of radius and tip consist of.
     """
 
     frame: int
@@ -116,8 +116,8 @@ class _Settings(ResultPart):
 class CurvatureResult(Result):
     """The result of a steerability run or of imported pictures.
 
-    `not_in_interval` lists the sources of error that an interval leaves out; older results do not, None. `maps` has the
-    tracks in each block of gel with a specimen file.
+    `not_in_interval` lists the sources of error that an interval leaves out. `maps` has the tracks in each block of gel
+    with a specimen file.
     """
 
     kind: Literal["curvature"] = "curvature"
@@ -128,7 +128,7 @@ class CurvatureResult(Result):
     truth: TruthComparison | None
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
-    not_in_interval: tuple[str, ...] | None = None
+    not_in_interval: tuple[str, ...] = ()
     maps: tuple[SpecimenMap, ...] = ()
 
     @property

@@ -12,6 +12,7 @@ from functools import partial
 from labrig.analysis.origin import find_sheath, lateral_offset_mm
 from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
+from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig_file import RigDescription
@@ -20,7 +21,6 @@ from labrig.experiments.shared.rig_view import load_plane_map, require_light
 from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
 from labrig.experiments.shared.torsion_measurement import TorsionOrder, measure_torsion
 from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroSteps, Sheath
-from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import PlannedMove
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.plan import plan_insertion_moves, plan_roll_move
@@ -118,12 +118,12 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     CalibrationRefusedError
         When the camera was bumped during the search.
     """
-    rig, steps = session.rig, order.steps
-    plane = session.compute(partial(load_plane_map, rig.description))
+    steps = order.steps
+    plane = session.compute(partial(load_plane_map, session.description))
     confirm_needle_out(session)
     session.ask(MountNeedle(order.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
-    rig.reference_axes()
+    session.reference_axes()
     before = photograph_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = order.rolls_rad
@@ -141,8 +141,8 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     torsion = None if order.torsion is None else measure_torsion(order.torsion, fit.zero_rad, plane, session)
     after = photograph_grid(order.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, order.sentinel, plane, session)
-    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name, torsion)
-    rig.needle.certify_roll_zero(certified)
+    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.run_name, torsion)
+    session.certify_roll_zero(certified)
     return certified
 
 
@@ -160,14 +160,14 @@ def _measure_stray_mm(
     order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session
 ) -> float:
     """Insert at one roll into a fresh hole, withdraw, and return the lateral deflection of the tip [mm]."""
-    rig, steps, advance = session.rig, order.steps, order.advance
+    steps, advance, rotation = order.steps, order.advance, session.axis("rotation")
     session.progress(step * order.rolls_duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
     session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
     if steps.torsion is not None:
         side = 1 if step % 2 else -1
-        session.move("rotation", roll_rad - side * math.pi / 2, rig.rotation.max_speed / 2)
-    session.move("rotation", roll_rad, rig.rotation.max_speed / 2)
-    rig.needle.mark_in_tissue(session.recorder.run_name)
+        session.move("rotation", roll_rad - side * math.pi / 2, rotation.max_speed / 2)
+    session.move("rotation", roll_rad, rotation.max_speed / 2)
+    session.mark_needle_in_tissue()
     session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
     origin = _find_sheath(order, step, plane, session)
     picture = None
@@ -175,7 +175,7 @@ def _measure_stray_mm(
         session.move("insertion", steps.length_mm, advance.speed_mm_s)
         picture = session.take_picture(RollZeroRole.NEEDLE)
     path = (AxisPositions(0.0, roll_rad, order.sheath.depth_mm),)
-    withdraw(session, path, find_speeds(rig, advance, order.sheath))
+    withdraw(session, path, find_speeds(session.description, advance, order.sheath))
     if picture is None:
         reason = "" if origin is None else (origin.reason or "")
         raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")

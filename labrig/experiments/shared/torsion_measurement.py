@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 
+from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.needle_state import Torsion
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
 from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, measure_bend
 from labrig.protocol.sections import Advance, Needle, RollZeroSteps, Sheath, TorsionSteps
-from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.out_of_plane import RolledStretch
@@ -90,7 +90,7 @@ def measure_torsion(order: TorsionOrder, zero_rad: float, plane: PlaneMap, sessi
         fit.lag_rad,
         fit.lag_rad_per_mm,
         fit.sd_rad,
-        session.recorder.run_name,
+        session.run_name,
         LagError(fit.best_mm, fit.best_sd_rad, fit.lag_per_mm_sd_rad),
     )
 
@@ -104,7 +104,7 @@ def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
     session.progress(done_s, f"torsion, {number + 1} of {len(order.holes)}")
     session.ask(ShiftToHole(steps.specimen.name, place, place * steps.hole_spacing_mm))
     turn, end = probe.insert(depth_mm, direction)
-    withdraw(session, probe.path, find_speeds(session.rig, order.advance, order.sheath))
+    withdraw(session, probe.path, find_speeds(session.description, order.advance, order.sheath))
     made = TorsionHole(
         hole=place,
         depth_mm=depth_mm,
@@ -134,9 +134,9 @@ class _Probe:
 
     def insert(self, depth_mm: float, direction: int) -> tuple[TakenPicture, TakenPicture]:
         """Insert to a depth, turn to 90 degrees in a direction, go on, and return the pictures at turn and end."""
-        rig, arcs_mm = self.session.rig, list_arcs_mm(depth_mm)
+        arcs_mm = list_arcs_mm(depth_mm)
         self._turn(self._fit_in(0.0 if len(arcs_mm) % 2 else math.pi))
-        rig.needle.mark_in_tissue(self.session.recorder.run_name)
+        self.session.mark_needle_in_tissue()
         self.session.move("linear", self.order.sheath.depth_mm, self.order.sheath.speed_mm_s)
         rolled: list[RolledStretch] = []
         for number, arc_mm in enumerate(arcs_mm):
@@ -165,15 +165,15 @@ class _Probe:
 
     def _turn(self, base_rad: float) -> None:
         """Turn the base to an angle from the roll zero."""
-        rotation = self.session.rig.rotation
+        rotation = self.session.axis("rotation")
         self.session.move("rotation", self.zero_rad + base_rad, rotation.max_speed / 2)
-        self.session.rig.wait(rotation.lag_s)
+        self.session.wait(rotation.lag_s)
         self.base_rad = base_rad
-        self.path.append(collect_axis_positions(self.session.rig.read_states()))
+        self.path.append(self.session.read_positions())
 
     def _advance(self, to_mm: float) -> None:
         self.session.move("insertion", to_mm, self.order.advance.speed_mm_s)
-        self.path.append(collect_axis_positions(self.session.rig.read_states()))
+        self.path.append(self.session.read_positions())
 
     def _fit_in(self, base_rad: float) -> float:
         """Return an angle, modulo a full turn, in the middle of the limits for the arcs."""
@@ -183,5 +183,5 @@ class _Probe:
     @property
     def _limits(self) -> BaseLimits:
         """The limits of the base for the arcs, from which the turns to 90 degrees are within the axis' limits."""
-        axis = BaseLimits.of_axis(self.session.rig.rotation.limits, self.zero_rad)
+        axis = BaseLimits.of_axis(self.session.axis("rotation").limits, self.zero_rad)
         return BaseLimits(axis.low_rad + _QUARTER_RAD, axis.high_rad - 3 * _QUARTER_RAD)

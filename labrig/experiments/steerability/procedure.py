@@ -88,8 +88,8 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
     """Have the needle mounted, take the present positions of the axes as zero, and turn the bevel."""
     session.ask(MountNeedle(protocol.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
-    session.rig.reference_axes()
-    session.move("rotation", protocol.insertion.bevel_roll_rad, session.rig.rotation.max_speed / 2)
+    session.reference_axes()
+    session.move("rotation", protocol.insertion.bevel_roll_rad, session.axis("rotation").max_speed / 2)
 
 
 def make_insertions(
@@ -131,12 +131,12 @@ class _Sweep:
 
     def list_remaining(self) -> tuple[PlannedTrial, ...]:
         """Return the insertions that remain."""
-        return list_remaining_trials(self.protocol, self.begun, self.session.dialogue.decisions)
+        return list_remaining_trials(self.protocol, self.begun, self.session.decisions)
 
     def make(self, remaining: Sequence[PlannedTrial]) -> None:
         """Make the first of the remaining insertions, unless the person chooses otherwise before it starts."""
         trial = remaining[0]
-        self.session.dialogue.place = self._describe_place(trial)
+        self.session.tell_place(self._describe_place(trial))
         done = max(len(list_planned_trials(self.protocol)) - len(remaining), 0)
         self.session.attempt(
             trial.trial,
@@ -161,7 +161,7 @@ class _Sweep:
         _insert_once(self.protocol, trial, start, done, session)
 
     def _can_repeat(self, trial: int) -> bool:
-        return can_repeat(self.protocol, self.begun, self.session.dialogue.decisions, trial)
+        return can_repeat(self.protocol, self.begun, self.session.decisions, trial)
 
     def _describe_place(self, trial: PlannedTrial) -> str:
         specimens = self.protocol.specimens
@@ -190,21 +190,20 @@ def _insert_once(
     specimen, trial = planned.specimen, planned.trial
     session.record(start)
     session.take_picture(SweepRole.HOLE, trial)
-    session.rig.needle.mark_in_tissue(session.recorder.run_name)
+    session.mark_needle_in_tissue()
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     session.take_picture(SweepRole.SHEATH, trial)
     pictures = _PicturesOnTheWay(session, trial, insertion.frame_every_mm, insertion.length_mm)
     session.move("insertion", insertion.length_mm, insertion.speed_mm_s, pictures)
     final = session.take_picture(NeedleRole.FINAL, trial)
-    for line in session.rig.truth():
-        session.recorder.truth(trial=trial, **line)
+    session.record_truth(trial)
     session.progress(
         done * total_s + insertion.length_mm / insertion.speed_mm_s, f"{specimen.name}, withdrawing"
     )
     session.move("insertion", 0.0, insertion.withdraw_speed_mm_s)
     session.move("linear", 0.0, sheath.speed_mm_s)
-    session.rig.needle.mark_out()
-    if session.dialogue.watch.names:
+    session.mark_needle_out()
+    if session.is_judged:
         _judge_radius(protocol, trial, final, session)
     session.record(SweepTrialStop(trial=trial, exit_status="success", final_frame=final.frame))
     session.progress((done + 1) * total_s, f"{specimen.name}, hole {planned.hole + 1} done")
@@ -216,7 +215,7 @@ def _judge_radius(protocol: SteerabilityProtocol, trial: int, final: TakenPictur
     What only the whole run tells is not in it: a sheath that was elsewhere, and the drift of the camera.
     """
     name = session.picture_path(final.frame).name
-    measured = session.compute(partial(_measure_radius, protocol, session.rig.description, final.image, name))
+    measured = session.compute(partial(_measure_radius, protocol, session.description, final.image, name))
     values: dict[str, float | None] = {"radius_mm": None, "radius_sd_mm": None}
     if isinstance(measured, CurvatureMeasurement) and measured.accepted:
         values = {"radius_mm": measured.radius_mm, "radius_sd_mm": measured.sigma_radius_mm}

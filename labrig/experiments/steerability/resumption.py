@@ -7,6 +7,7 @@ from functools import partial
 
 import pandas as pd
 
+from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.operator import ConfirmUnchanged
 from labrig.devices.past_insertion import PastInsertion
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
@@ -16,7 +17,6 @@ from labrig.experiments.steerability.schedule import BegunTrial, list_remaining_
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.record.events import INTERRUPTED, TrialStop
 from labrig.record.reader import Run
-from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import Remainder
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path, take_needle_out
@@ -85,15 +85,15 @@ def _continue_sweep(protocol: SteerabilityProtocol, past: Past, session: Session
     placed = _find_placed(protocol, past, session)
     if placed is None:
         mount_and_reference(protocol, session)
-    session.rig.recall(past.insertions)
+    session.recall(past.insertions)
     make_insertions(protocol, session, past.begun, placed)
 
 
 def _find_placed(protocol: SteerabilityProtocol, past: Past, session: Session) -> TrackedSpecimen | None:
     """Return the specimen in the frame if the operator confirms that all is as it was; None: it is asked for again."""
-    if not past.begun or not session.rig.stands_at_start:
+    if not past.begun or not session.stands_at_start():
         return None
     name = past.begun[-1].start.specimen
     specimen = next((specimen for specimen in protocol.specimens if specimen.name == name), None)
-    as_it_was = ConfirmUnchanged(session.recorder.run_name, protocol.needle.needle_id, name)
+    as_it_was = ConfirmUnchanged(session.run_name, protocol.needle.needle_id, name)
     return specimen if specimen is not None and session.offer(as_it_was) else None

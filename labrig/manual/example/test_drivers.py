@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager
 
-from labrig.devices.camera_kind import CameraContext
+from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
 from labrig.testing.cameras import CameraConformance, OpenedCamera
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive

@@ -21,6 +21,7 @@ from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.experiments.registry import find_experiment, follow_run
 from labrig.protocol.load import load_protocol
+from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.report.rerun_view import write_view
 from labrig.runner.replay import replay_run
@@ -85,7 +86,7 @@ def test_the_record_has_every_displacement_and_replays() -> None:
         assert marker["displacement_mm"] == pytest.approx([0.12 * event["depth_mm"], 0.0], abs=0.05)
     experiment = find_experiment("insertion")
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *BOUND])
-    assert replay_run(run, experiment, protocol, Told()).identical
+    assert replay_run(run, experiment, protocol, Told()).verdict is Verdict.IDENTICAL
 
 
 def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -> None:

@@ -1,23 +1,13 @@
 """The page of an insertion run: figure 9."""
 
 import re
-import shutil
-from pathlib import Path
 
 import pytest
 
-from labrig.analysis.certificate import (
-    Arrivals,
-    Certificate,
-    Margin,
-    NotTriedPart,
-    TriedValue,
-    write_certificate,
-)
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.cia402_states import describe_statusword
-from labrig.experiments.registry import find_run_experiment, follow_run, load_run_result, make_run_view
+from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
@@ -106,50 +96,3 @@ def test_what_a_person_wrote_stays_text(html: str) -> None:
     """Markup in a title is escaped."""
     assert "To &lt;b&gt;there&lt;/b&gt;" in html
     assert "<b>there" not in html
-
-
-def test_a_certificate_is_shown_with_its_date_and_as_virtual(html: str, tmp_path: Path) -> None:
-    """Without one the page names the command; with one it has table and bars, and text stays text."""
-    assert "labrig campaign --certify" in html
-    assert "What would have to be wrong for this to miss</h2>" not in html
-    copied = Path(shutil.copytree(record_insertion().path, tmp_path / "copy"))
-    write_certificate(open_run(copied), make_certificate())
-    run = open_run(copied)
-    page = write_page(run, load_run_result(run), NOW).read_text(encoding="utf-8")
-    section = page[page.index("What would have to be wrong for this to miss</h2>") :]
-    section = section[: section.index("<h2", 10)]
-    assert "labrig campaign --certify" not in page
-    for shown in (
-        "2026-03-04 05:06:07 UTC",
-        "Virtual: 123 insertions",
-        "29 of 30",
-        "&lt;b&gt;radius&lt;/b&gt;",
-    ):
-        assert shown in section
-    assert "<b>radius" not in page
-    rows = re.findall(r"<tr><td class=.name.*?</tr>", section, re.DOTALL)
-    assert [("−1.5" in row, "&gt; 40" in row, "target missed" in row) for row in rows] == [
-        (True, False, True),
-        (False, True, False),
-    ]
-    (figure,) = re.findall(r"<svg.*?</svg>", section, re.DOTALL)
-    assert "radius" in figure
-
-
-def make_certificate() -> Certificate:
-    """Return a certificate of two margins, one of them without end."""
-    few = Arrivals(n=30, arrived=14, share_ci95=(0.3, 0.64))
-    missed = TriedValue(value=-1.5, arrivals=few, ends={"target_missed": 16})
-    margin = Margin(
-        name="<b>radius</b>", unit="mm", key="world.gels", direction=-1, stated=0.0, sd=0.5, misses_at=missed,
-        half_between=(-1.0, None), arrives_to=-0.5, farthest=-1.5, at_sds=(missed,), tried=(missed,),
-    )  # fmt: skip
-    never = margin.model_copy(
-        update={"name": "play", "direction": 1, "sd": None, "misses_at": None, "farthest": 40.0}
-    )
-    return Certificate(
-        run="copy", experiment="insertion", created="2026-03-04T05:06:07+00:00", provenance={}, arrival="it arrives",
-        notes=(), seed=1, repetitions=30, insertions=123, margins=(margin, never),
-        base=Arrivals(n=30, arrived=29, share_ci95=(0.83, 0.99)),
-        not_tried=(NotTriedPart(name="scale", why="it is <i>fixed</i>"),),
-    )  # fmt: skip

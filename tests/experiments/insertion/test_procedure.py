@@ -27,6 +27,7 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.registry import find_experiment, load_run_protocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.dialogue import Dialogue
@@ -407,7 +408,7 @@ def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_ident
     assert stated["position_mm"] == [0.0, 10.0, 20.0]
     assert picked["position_mm"] == pytest.approx([0.0, 6.0, 18.0], abs=0.1)
     assert picked["radius_mm"] == 1.5
-    assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical
+    assert replay_run(run, find_experiment("insertion"), protocol, Told()).verdict is Verdict.IDENTICAL
 
 
 def test_an_obstacle_that_the_world_lacks_is_named(tmp_path: Path) -> None:
@@ -501,7 +502,7 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     assert looks[len(passed)]["depth_mm"] > stood
     assert "now, axes hold" in asks.told
     assert truth(run)["true_target_error_mm"] < 1.0
-    assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical
+    assert replay_run(run, find_experiment("insertion"), protocol, Told()).verdict is Verdict.IDENTICAL
 
 
 def test_a_condition_on_the_target_error_stops_the_run_when_the_needle_is_out(tmp_path: Path) -> None:
@@ -521,4 +522,4 @@ def test_a_condition_on_the_target_error_stops_the_run_when_the_needle_is_out(tm
         run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE
     ).document["insertions"]
     assert met["value"] == pytest.approx(trial["target_error_mm"], rel=1e-9)
-    assert replay_run(run, find_experiment("insertion"), protocol, Told()).identical
+    assert replay_run(run, find_experiment("insertion"), protocol, Told()).verdict is Verdict.IDENTICAL

@@ -2,14 +2,9 @@
 
 import math
 import re
-from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import AnalysisResult
-from labrig.experiments.registry import load_run_protocol
-from labrig.experiments.roll_zero.page import make_page as roll_zero_page
-from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
 from tests.analysis.synthetic import record_roll_zero
 from tests.report.conftest import WrittenPage, make_page
@@ -46,16 +41,3 @@ def test_each_insertion_has_its_line_and_its_picture(page: WrittenPage) -> None:
     assert len(residuals) == 5
     total = math.fsum(float(residual.replace("−", "-")) for residual in residuals)
     assert total == pytest.approx(0.0, abs=0.005)
-
-
-def test_a_result_of_an_earlier_labrig_has_its_page(tmp_path: Path) -> None:
-    """A result without the constant of the fit has its deflections drawn, without a curve."""
-    run = record_roll_zero(tmp_path, 0.0)
-    first = make_page(run)
-    assert first.result is not None
-    shown = first.result.content.model_copy(update={"offset_mm": None})
-    assert isinstance(shown, RollZeroResult)
-    protocol = load_run_protocol(first.run)
-    assert isinstance(protocol, RollZeroProtocol)
-    page = roll_zero_page(first.run, protocol, AnalysisResult(first.result.path, shown))
-    assert "fitted cosine" not in page.shown["figure"]

@@ -44,7 +44,7 @@ def run(protocol: RepeatabilityProtocol, session: Session) -> None:
     """Move away and back, and take a picture each time."""
     confirm_needle_out(session)
     session.ask(AttachMarker("linear"))
-    session.rig.reference_axes()
+    session.reference_axes()
     there_and_back_s = 2 * protocol.far_mm / protocol.speed_mm_s
     for visit in range(protocol.visits):
         session.progress(visit * there_and_back_s, f"visit {visit + 1} of {protocol.visits}")

@@ -1,0 +1,242 @@
+"""The rig of a record: it answers what the recorded rig answered, and nothing moves."""
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+from labrig.devices.axis import AxisReadback, Setpoint
+from labrig.devices.axis_description import AXES
+from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.needle_state import NEW, NeedleState, RigState, parse_current_limits, parse_roll_zero
+from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorRequest
+from labrig.devices.past_insertion import PastInsertion
+from labrig.devices.replayed.tape import SessionPart, Tape
+from labrig.devices.rig_calls import Photograph
+from labrig.devices.rig_file import RigDescription, kept_name, load_rig
+from labrig.devices.state_line import read_state_line
+from labrig.errors import InputError, RecordError
+from labrig.plugins import require_devices_installed
+from labrig.record.events import Move, OperatorQuestion
+from labrig.record.layout import COPY_HINT
+from labrig.record.reader import Run
+
+_T = TypeVar("_T")
+
+
+def load_recorded_rig(run: Run) -> RigDescription:
+    """Return the rig of a run, with the calibration that the run holds.
+
+    Raises
+    ------
+    InputError
+        When the run had no rig, or a drive or camera of it is not installed.
+    RecordError
+        When its rig file is missing or was changed, or a calibration file was changed or added.
+    """
+    if run.rig_path is None:
+        raise InputError(f"{run.path} had no rig", "it moved nothing")
+    require_devices_installed(str(run.path), run.plugin_packages)
+    description = load_rig(run.rig_path)
+    named = {key: value for key, value in description.calibration if value is not None}
+    held = {key: f"{key}{Path(value).suffix}" for key, value in named.items()}
+    calibration = description.calibration.model_copy(update=held)
+    axes = {
+        name: axis.model_copy(update={key: kept_name(name, key, path) for key, path in axis.files.items()})
+        for name, axis in description.axes.items()
+    }
+    placed = description.model_copy(
+        update={"calibration": calibration, "axes": description.axes.model_copy(update=axes)}
+    )
+    placed = placed.placed_in(run.own("calibration"))
+    for name in placed.calibration_files():
+        run.calibration_path(name)  # refuses a file that was changed, or that the run did not begin with
+    return placed
+
+
+class TapeClock:
+    """Rig time of a replay: that of the line that was taken last."""
+
+    def __init__(self, tape: Tape, started: datetime) -> None:
+        self._tape = tape
+        self._started = started
+
+    def now_s(self) -> float:
+        """Return the rig time [s]."""
+        return self._tape.t_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Do nothing: time passes as the record does."""
+
+    def suspended_s(self) -> float:
+        """Return 0: a record does not hold it."""
+        return 0.0
+
+    def utc(self) -> datetime:
+        """Return the calendar time at which the session was started."""
+        return self._started
+
+
+class ReplayedRig:
+    """The rig of a recorded session; see `RigCalls`. What it answers stays the next line until it is recorded.
+
+    Parameters
+    ----------
+    run : Run
+        The record.
+    description : RigDescription
+        Its rig file.
+    part : SessionPart
+        The session.
+    tape : Tape
+        Its lines.
+
+    Raises
+    ------
+    RecordError
+        When the manifest does not say what state the rig was in.
+    """
+
+    def __init__(self, run: Run, description: RigDescription, part: SessionPart, tape: Tape) -> None:
+        self.description = description
+        self.clock = TapeClock(tape, datetime.fromisoformat(part.started))
+        self._run = run
+        self._tape = tape
+        try:
+            state = _read_state(part.devices.get("state"))
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordError(
+                f"the manifest of {run.path} does not say the state of its rig: {error}", COPY_HINT
+            ) from error
+        self.needle = NeedleState(None, state)
+        self._referenced = frozenset(state.referenced)
+
+    @property
+    def referenced(self) -> frozenset[str]:
+        """The axes that had their reference."""
+        return self._referenced
+
+    def read_states(self) -> Mapping[str, AxisReadback]:
+        """Return the next recorded reading."""
+        line = self._tape.expect("state", "a reading of the axes")
+        return self._parse(lambda: read_state_line(self.description, line))
+
+    def take_picture(self) -> Photograph:
+        """Return the next recorded picture; its SHA-256 is verified."""
+        line = self._tape.expect("frame", "one more picture")
+        return self._parse(
+            lambda: _parse_photograph(self._run.read_frame(int(line["frame"])), line, self._tape)
+        )
+
+    def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
+        """Return what was sent for the next recorded move, which has to be of this axis."""
+        line = self._tape.expect(Move.kind, f"a move of {axis_name} to {position:.6g}")
+        if line.get("axis") != axis_name:
+            self._tape.differ(f"a move of {axis_name} to {position:.6g}")
+        sent = {key: value for key, value in line.items() if key.startswith("sent_")}
+        return self._parse(
+            lambda: Setpoint(position, speed, sent, float(line["position"]), float(line["speed"]))
+        )
+
+    def wait(self, duration_s: float) -> None:
+        """Do nothing: time passes as the record does."""
+
+    def ask(
+        self,
+        request: OperatorRequest,
+        offer: Offer = NO_OFFER,  # noqa: ARG002 - what was chosen is recorded
+        *,
+        also: Callable[[], None] = lambda: None,  # noqa: ARG002
+        of_person: bool = False,  # noqa: ARG002
+    ) -> Answer:
+        """Return the answer to the next recorded question, which has to be of this kind."""
+        line = self._tape.expect(OperatorQuestion.kind, f"question {type(request).__name__}: {request.text}")
+        if line.get("request") != type(request).__name__:
+            self._tape.differ(f"question {type(request).__name__}: {request.text}")
+        return self._parse(lambda: _parse_answer(line))
+
+    def do_aside(self, call: Callable[[], _T]) -> _T:
+        """Do it."""
+        return call()
+
+    def reference_axes(self) -> None:
+        """Note that the axes stand at zero."""
+        self._referenced = frozenset(AXES)
+        self.needle.update(referenced=AXES, roll_zero=None)
+
+    def assume_positions(self, positions: Mapping[str, float]) -> None:
+        """Do nothing."""
+
+    def stop(self) -> None:
+        """Do nothing: the event is compared."""
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return nothing: a procedure only records it."""
+        return ()
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Do nothing: the pictures have been taken."""
+
+    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
+        """Return none: nothing is sent."""
+        return []
+
+    def enable(self) -> None:
+        """Do nothing."""
+
+    def end(self) -> None:
+        """Do nothing."""
+
+    def snapshot(self) -> Mapping[str, object]:
+        """Return nothing: there are no devices."""
+        return {}
+
+    def _parse(self, read: Callable[[], _T]) -> _T:
+        """Return what a line holds. Raises `RecordError` where it lacks a value."""
+        try:
+            return read()
+        except RecordError:
+            self._tape.is_over = True
+            raise
+        except (KeyError, TypeError, ValueError) as error:
+            self._tape.is_over, line = True, self._tape.peek()
+            what = "line" if line is None else line.what
+            raise RecordError(
+                f"{self._run.path} cannot be replayed: a {what} at t = {self._tape.total_t_s:.3f} s or after it "
+                f"lacks a value: {error}",
+                COPY_HINT,
+            ) from error
+
+
+def _parse_photograph(image: Any, line: Mapping[str, Any], tape: Tape) -> Photograph:
+    return Photograph(
+        image,
+        float(line["t_s"]) - (tape.total_t_s - tape.t_s),
+        AxisPositions(float(line["insertion_mm"]), float(line["rotation_rad"]), float(line["linear_mm"])),
+        line.get("t_bound_s"),
+        line.get("fraction"),
+    )
+
+
+def _parse_answer(line: Mapping[str, Any]) -> Answer:
+    pixel, choice = line.get("pixel"), line.get("choice")
+    return Answer(
+        confirmed=bool(line["confirmed"]),
+        note=str(line["answer"]),
+        reading=line.get("reading"),
+        pixel=None if pixel is None else (float(pixel[0]), float(pixel[1])),
+        choice=None if choice is None else Choice(choice),
+    )
+
+
+def _read_state(recorded: object) -> RigState:
+    if not isinstance(recorded, Mapping):
+        return NEW
+    return RigState(
+        needle_in_tissue=recorded.get("needle_in_tissue"),
+        since_run=recorded.get("since_run"),
+        referenced=tuple(recorded.get("referenced", ())),
+        note=str(recorded.get("note", "")),
+        roll_zero=parse_roll_zero(recorded.get("roll_zero")),
+        current_limits=parse_current_limits(recorded.get("current_limits")),
+    )

@@ -1,0 +1,126 @@
+"""The seam between a procedure and the rig: all that a session asks of a rig, and what it is answered.
+
+Everything above it is the same on a bench, on simulated devices and in a replay; everything below it is theirs. An
+opened rig implements it (`labrig.devices.rig`, real or simulated), and so does a record that is replayed
+(`labrig.devices.replayed.rig`). What a procedure asks and what it was answered stands once in the record, in order:
+
+=================  ==================================================
+asked              answered, and where it stands
+=================  ==================================================
+`read_states`      a line of states.jsonl
+`take_picture`     a picture and its line of frames.jsonl
+`start_move`       the event `move`: as asked, and as sent
+`ask`              the event `operator`: the question and its answer
+`reference_axes`   the event `axes_referenced`
+`stop`             the event `axes_stopped`
+`truth`            a line of truth.jsonl, of a simulated world
+an error of these  the event `run_stop`: the class of the error, its message and fault
+=================  ==================================================
+
+Each line has its place in the order of all lines, `seq`, and its time, `t_s`: times are answers too.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from labrig.clock import Clock
+from labrig.devices.axis import AxisReadback, Setpoint
+from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.camera import Picture
+from labrig.devices.needle_state import NeedleState
+from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
+from labrig.devices.past_insertion import PastInsertion
+from labrig.devices.rig_file import RigDescription
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A picture, (H, W) or (H, W, 3) uint8, its rig time [s], and the axis positions at its exposure.
+
+    `t_bound_s` bounds the error of its time [s], and `fraction` is its place between the readings of the encoders
+    before and after it, 0 to 1; both are None where the time is that of the call.
+    """
+
+    image: Picture
+    t_s: float
+    positions: AxisPositions
+    t_bound_s: float | None = None
+    fraction: float | None = None
+
+
+class RigCalls(Protocol):
+    """What a session asks of a rig."""
+
+    @property
+    def description(self) -> RigDescription:
+        """The rig file."""
+
+    @property
+    def clock(self) -> Clock:
+        """Rig time."""
+
+    @property
+    def needle(self) -> NeedleState:
+        """Where the needle is, and its roll zero, across runs."""
+
+    @property
+    def referenced(self) -> frozenset[str]:
+        """The axes that have their reference."""
+
+    def read_states(self) -> Mapping[str, AxisReadback]:
+        """Read every axis, all at one instant. Raises `DriveError`, `BusError`, `SafetyStopError`."""
+
+    def take_picture(self) -> Photograph:
+        """Take a picture between two readings of the axes. Raises `CameraError`, `DriveError`, `BusError`."""
+
+    def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
+        """Start a move [mm or rad, per s] and return at once.
+
+        Raises `LimitError`, `SafetyStopError`, `DriveError`, `BusError`.
+        """
+
+    def wait(self, duration_s: float) -> None:
+        """Let rig time pass; the axes are supervised. Raises `InterruptedRunError`, `DriveError`, `BusError`."""
+
+    def ask(
+        self,
+        request: OperatorRequest,
+        offer: Offer = NO_OFFER,
+        *,
+        also: Callable[[], None] = lambda: None,
+        of_person: bool = False,
+    ) -> Answer:
+        """Let the operator do something; the axes hold still. Raises as `wait`."""
+
+    def do_aside(self, call: Callable[[], _T]) -> _T:
+        """Do what may block; the axes are supervised. Raises as `wait`, and what `call` raises."""
+
+    def reference_axes(self) -> None:
+        """Set the present positions of all axes to zero. Raises `SafetyStopError`, `DriveError`, `BusError`."""
+
+    def assume_positions(self, positions: Mapping[str, float]) -> None:
+        """Assume positions that a person has confirmed [mm or rad]. Raises `DriveError`, `BusError`."""
+
+    def stop(self) -> None:
+        """Stop every axis and verify that each stands still. Raises `SafetyStopError`."""
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return the truth of the present insertion, one dict; nothing if it is unknown."""
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Repeat in a simulated world what earlier sessions of the run did."""
+
+    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
+        """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
+
+    def enable(self) -> None:
+        """Switch power on; each axis holds its position. Raises `DriveError`, `BusError`."""
+
+    def end(self) -> None:
+        """Stop every axis for good. Raises `SafetyStopError`."""
+
+    def snapshot(self) -> Mapping[str, object]:
+        """Return the present state of the devices, ready for JSON."""

@@ -1,0 +1,90 @@
+"""A simulated rig with a real clock: it asks a person, and its drives and its world live in the computer's time."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from labrig.devices.clocks import SystemClock
+from labrig.devices.operator import MountNeedle, PlaceSpecimen, ReadScale
+from labrig.errors import DriveError
+from tests.devices.rigs import OpenedRig, Person, opened_rig, simulated_rig
+
+TIMEOUT_S = 3.0
+REHEARSED = ("clock=real", f"can.heartbeat.timeout_ms={1000 * TIMEOUT_S:.0f}")
+
+
+@pytest.fixture(name="opened")
+def _opened() -> Iterator[OpenedRig]:
+    with opened_rig(simulated_rig(*REHEARSED)) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        yield opened
+
+
+def test_a_move_takes_the_time_that_it_takes_on_a_bench(opened: OpenedRig) -> None:
+    """5 mm at 10 mm/s and 50 mm/s2: 0.5 s and the ramps, by another clock."""
+    clock = SystemClock()
+    opened.rig.linear.start_move(5.0, 10.0)
+    while not opened.rig.read_states()["linear"].target_reached:
+        opened.rig.wait(0.02)
+    assert 0.7 <= clock.now_s() < TIMEOUT_S
+    assert opened.rig.read_states()["linear"].position == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_picture_has_the_time_at_which_the_axes_stood_as_it_shows(opened: OpenedRig) -> None:
+    """While an axis moves, its time lies within the call, and it is known by far less than a period."""
+    opened.rig.linear.start_move(20.0, 5.0)
+    before_s = opened.rig.clock.now_s()
+    frame = opened.rig.camera.capture()
+    assert before_s <= frame.t_s <= opened.rig.clock.now_s()
+    assert frame.t_bound_s is not None
+    assert frame.t_bound_s < 0.1  # on a busy machine
+
+
+def test_a_labrig_that_hangs_stops_the_drives(opened: OpenedRig) -> None:
+    """Time passes for the drives while labrig does nothing: they miss its heartbeat, as on a bench."""
+    opened.rig.linear.start_move(100.0, 5.0)
+    opened.rig.wait(0.1)
+    SystemClock().sleep(TIMEOUT_S + 0.5)
+    with pytest.raises(DriveError):
+        opened.rig.wait(1.0)
+    emergency = opened.drives["linear"].journal.last("emergency")
+    assert emergency is not None
+    assert emergency.text == "0x8130"
+
+
+def test_a_fault_comes_while_nobody_commands_anything() -> None:
+    """Faults of the rig file are due in real time, also while labrig only waits."""
+    faults = "faults=[{fault: emergency, axis: linear, once: moving, code: 0x8611}]"
+    with opened_rig(simulated_rig(*REHEARSED, faults)) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+
+        def move_and_wait() -> None:
+            opened.rig.linear.start_move(100.0, 5.0)
+            opened.rig.wait(10.0)
+
+        with pytest.raises(DriveError, match="0x8611"):
+            move_and_wait()
+
+
+def test_the_person_is_asked_and_the_world_does_what_their_hands_would(opened: OpenedRig) -> None:
+    """A confirmed request is done; a reading is shown beside its question, since nobody could see it."""
+    rig = opened.rig
+    assert rig.needs_person
+    rig.ask(MountNeedle("N1"))
+    rig.ask(PlaceSpecimen("gel", 13.0))
+    assert opened.hardware.world.truth()["specimen"] == "gel"
+    rig.ask(ReadScale("linear", "mm", "Look."))
+    asked = opened.person.asked
+    assert [type(request) for request in asked] == [MountNeedle, PlaceSpecimen, ReadScale]
+    assert (
+        asked[-1].text == "Look. It is simulated and shows 0.000. Type the reading of the axis linear in mm."
+    )
+
+
+def test_what_the_person_refuses_is_not_done() -> None:
+    """No specimen is placed by a no."""
+    with opened_rig(simulated_rig(*REHEARSED), Person(yes=False)) as opened:
+        assert not opened.rig.ask(PlaceSpecimen("gel", 13.0)).confirmed
+        assert opened.hardware.world.truth().get("specimen") != "gel"

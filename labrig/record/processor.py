@@ -99,8 +99,7 @@ def _name_numpy() -> str | None:
     numpy = sys.modules.get("numpy")
     if numpy is None:
         return None
-    found = numpy.show_config(mode="dicts").get("SIMD Extensions", {})
-    return " ".join((*found.get("baseline", ()), *found.get("found", ())))
+    return " ".join(numpy.show_config(mode="dicts").get("SIMD Extensions", {}).get("found", ()))
 
 
 def _name_opencv() -> dict[str, str | None]:

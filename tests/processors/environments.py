@@ -26,8 +26,7 @@ class Environment:
 def list_environments() -> tuple[Environment, ...]:
     """Return the environments, the default first; of features, they name those of this processor, as numpy demands."""
     found = describe_kernels()
-    # numpy takes what it needs at least from every processor; it says so first, and cannot switch that off.
-    numpy = str(found["numpy"]).split()[1:]
+    numpy = str(found["numpy"]).split()
     opencv = [name for name in str(found["opencv"]).split() if name.startswith("AVX512")]
     switches = {
         "BLAS": {_BLAS: "Nehalem"},

@@ -16,8 +16,9 @@ from typing import Any
 from labrig.analysis.installation import describe_kernels
 from labrig.analysis.run import analyze_run
 from labrig.campaign.tasks import CampaignTasks, compute_task
-from labrig.experiments.registry import find_run_experiment
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.reader import open_run
+from labrig.runner.replay import replay_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.campaign.campaigns import RIGS, load, write_campaign
 
@@ -178,7 +179,25 @@ def repeat_insertions() -> Iterator[Case]:
                 yield Case(f"insertion {number} on {rig}", decided, numbers)
 
 
-PROBES: tuple[Callable[[], Iterator[Case]], ...] = (measure_kept_records, repeat_insertions)
+def replay_kept_records() -> Iterator[Case]:
+    """Replay each kept record that a procedure made; its tolerances are a tenth of a sigma or more."""
+    for record in sorted(path for path in RECORDS.iterdir() if path.name != "import"):
+        run = open_run(record)
+        found = replay_run(run, find_run_experiment(run), load_run_protocol(run), lambda _done, _doing: None)
+        first = found.first_difference
+        share = max(found.agreement.shares.values(), default=0.0)
+        decided = "agrees" if first is None else f"different: {first.path}"
+        yield Case(f"replay {record.name}", decided, {"replay [share of tolerance]": [(share, _WHOLE)]})
+
+
+_WHOLE = 100.0
+"""Makes a whole tolerance one hundredth of a sigma, which is what numbers may differ by here."""
+
+PROBES: tuple[Callable[[], Iterator[Case]], ...] = (
+    measure_kept_records,
+    replay_kept_records,
+    repeat_insertions,
+)
 
 
 def main() -> None:

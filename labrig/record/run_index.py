@@ -209,7 +209,9 @@ def _open_index(place: str, source: Path | None = None) -> sqlite3.Connection:
     index = sqlite3.connect(place, timeout=_BUSY_TIMEOUT_S)
     try:
         if source is not None:
-            with closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", timeout=0, uri=True)) as original:
+            with closing(
+                sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", timeout=0, uri=True)
+            ) as original:
                 # Without this, backup would wait for a lock forever.
                 original.executescript("BEGIN; SELECT name FROM sqlite_master")
                 original.backup(index)

@@ -535,7 +535,7 @@ def _make_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], 
 def _join_trial_rows(events: Iterable[dict[str, object]]) -> list[dict[str, object]]:
     trials: dict[object, dict[str, object]] = {}
     for event in events:
-        fields = {key: value for key, value in event.items() if key not in {"kind", "t_s"}}
+        fields = {key: value for key, value in event.items() if key not in {"kind", "t_s", "seq"}}
         trial = event.get("trial")
         if event.get("kind") == TRIAL_START:
             trials[trial] = {"start_t_s": event.get("t_s"), "exit_status": "incomplete", **fields}

@@ -31,7 +31,7 @@ _ENDED_WELL = frozenset({"success"})
 _DETAILS = frozenset({Move.kind, MoveDone.kind, "observation"})
 """Kinds that there are so many of that they hide the others."""
 _DECIDED = frozenset(model.kind for model in TOLD)
-_HIDDEN = frozenset({"kind", "t_s", "trial"})
+_HIDDEN = frozenset({"kind", "t_s", "seq", "trial"})
 _COUNTED_FROM_ZERO = frozenset({"hole", "view"})
 """Details of a question that count from zero on disk; people count from one, as the question did."""
 

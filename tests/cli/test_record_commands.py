@@ -190,9 +190,9 @@ def test_the_headline_names_a_result_that_was_chosen_or_has_other_settings(
         assert labrig("report", run, *choice).exit_code == 0
         headers.append((run / "report.html").read_text(encoding="utf-8").split("</header>")[0])
     assert (
-        "Result 4 was measured with settings changed after the run: analysis.window_start_mm=5." in headers[0]
+        "Result 2 was measured with settings changed after the run: analysis.window_start_mm=5." in headers[0]
     )
     assert '<span class="pill doubtful">complete, judged doubtful</span>' in headers[0]
-    assert "Result 1 is shown; the newest is 4." in headers[1]
+    assert "Result 1 is shown; the newest is 2." in headers[1]
     assert "settings changed" not in headers[1]
     assert labrig("report", run, "--result", 9).exit_code == 2

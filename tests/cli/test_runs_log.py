@@ -11,8 +11,8 @@ _SWEEP = ROOT / "tests" / "records" / "steerability"
 def test_the_log_of_a_run_is_its_events_in_words(labrig: Labrig) -> None:
     """Each has its rig time; the moves of the axes are told when they are asked for."""
     printed = labrig("runs", "log", _SWEEP).out.splitlines()
-    assert printed[0] == "    0.495 s  run starts: steerability"
-    assert printed[-1] == "   26.155 s  run succeeded"
+    assert printed[0] == "    1.200 s  run starts: steerability"
+    assert printed[-1] == "   26.910 s  run succeeded"
     every = labrig("runs", "log", _SWEEP, "--all").out.splitlines()
     assert set(printed) < set(every)
     assert any("insertion moves to" in line for line in every)
@@ -22,7 +22,7 @@ def test_the_log_is_one_document_too(labrig: Labrig) -> None:
     """The first events can be left out, as a program does that has read them."""
     every = labrig("runs", "log", _SWEEP, "--json").json()["events"]
     assert every[0] == {
-        "t_s": 0.495,
+        "t_s": 1.2,
         "kind": "run_start",
         "level": "INFO",
         "text": "run starts: steerability",

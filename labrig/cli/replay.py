@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labrig.cli.agreement import print_deviation, print_largest, print_verdict
 from labrig.cli.damage import require_undamaged
@@ -10,12 +10,9 @@ from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError
-from labrig.record.agreement import Verdict
+from labrig.record.agreement import Agreement, Verdict
 from labrig.record.processor import describe_change
 from labrig.record.provenance import collect_provenance
-
-if TYPE_CHECKING:
-    from labrig.runner.replay import Replay
 
 
 def replay(
@@ -49,27 +46,28 @@ def replay(
     if as_json:
         print_json(document)
     else:
-        _print(document, found)
+        _print(document, found.agreement)
     return AnswerIsNoError.exit_code if found.verdict is Verdict.DIFFERENT else 0
 
 
-def _print(document: Mapping[str, Any], found: "Replay") -> None:
+def _print(document: Mapping[str, Any], agreement: Agreement) -> None:
     """Print the verdict, the first difference with both values, the largest ones, and what was compared."""
-    print_verdict(found.agreement)
-    difference, place = found.first_difference, found.place
-    if difference is not None and place is not None:
-        where = f"after picture {_format(place.frame)}, in trial {_format(place.trial)}"
-        print_deviation(difference, f"at t = {place.t_s:.3f} s, {where}", ("in the record", "in the replay"))
-    if found.stopped:
-        print_line("  the replay ends there: the record has no answer to what is asked now")
-    elif found.agreement.beyond > 1:
-        print_line(f"  to the end {found.agreement.beyond} values differ by more than is allowed")
-    print_largest(found.agreement)
+    print_verdict(agreement)
+    place = document["first_difference"]
+    if agreement.first is not None and place is not None:
+        where = f"after picture {_format(place['frame'])}, in trial {_format(place['trial'])}"
+        where = f"at t = {place['t_s']:.3f} s, {where}"
+        print_deviation(agreement.first, where, ("in the record", "in the replay"))
+        if not place["went_on"]:
+            print_line("  the replay ends there: the record has no answer to what is asked now")
+        elif agreement.beyond > 1:
+            print_line(f"  to the end {agreement.beyond} values differ by more than is allowed")
+    print_largest(agreement)
     for sentence in document["explained_by"]:
         print_line(f"  {sentence}")
-    if found.ended_early:
-        print_line(f"  {found.ended_early}; it is compared up to there")
-    same = ", ".join(f"{count} {what}" for what, count in found.counts.items())
+    if document["ended_early"]:
+        print_line(f"  {document['ended_early']}; it is compared up to there")
+    same = ", ".join(f"{count} {what}" for what, count in document["compared"].items())
     print_line(f"  compared: {same or 'nothing'}")
 
 

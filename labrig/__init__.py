@@ -16,7 +16,6 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `steering` plans a path, estimates the pose of the tip, and joins the two in a step
 - `needle` is what the needle is: the design of its hinges, and what it can reach
 - `vision` turns pixels into mm
-- `geometry` holds frames, signs, units, and circle fits
 - `lab` is the folder of a lab: its protocols, rig files and runs, and the examples that it starts with
 - `durable` writes files whole or not at all, under names of its own until they are complete
 - `posix` is what the operating system must give
@@ -30,6 +29,8 @@ nothing.
 A name is imported from the file that defines it, so that a command loads what it needs: `labrig runs` lists thousands
 of runs without pandas or OpenCV. The `__init__` of a room holds its docstring, and the names of the documented Python
 interface.
+
+Units, frames, signs and the paper's symbols are those of one page, `labrig/manual/reference/conventions.md`.
 
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.
 """

@@ -3,7 +3,7 @@
 What is decided here
 --------------------
 - The world shares no model with the code that measures it: it has its own projection, path and frames, so that it
-  can contradict `vision` and `geometry`. import-linter forbids the import.
+  can contradict `vision`. import-linter forbids the import.
 - Every draw depends on the seed and its purpose (specimen, hole, needle, picture of the hole), never on earlier
   draws: hole 7 has the same radius whether or not holes 0 to 6 were used.
 - Frames are those of the steering plane: z along the insertion (right in the picture), y up, x away from the

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.geometry.arcs import Arc, fit_arcs
-from labrig.geometry.circle import Circle, fit_circle
+from labrig.vision.arcs import Arc, fit_arcs
 from labrig.vision.bending_plane import BendingPlane, combine_turns
+from labrig.vision.circle import Circle, fit_circle
 from labrig.vision.error_budget import (
     LEAST_LIGHT_SHIFT_PX,
     ErrorBudget,

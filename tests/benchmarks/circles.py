@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.geometry.circle import CircleMethod, fit_circle
+from labrig.vision.circle import CircleMethod, fit_circle
 from tests.benchmarks.table import print_rows
 
 CIRCLES = Path(__file__).parents[3] / "shared" / "data" / "circlefit"

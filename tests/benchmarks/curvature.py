@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.geometry.circle import fit_circle
 from labrig.vision.boards import board_points_mm
+from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.geometry.circle import fit_circle
 from labrig.vision.bending_plane import BendingPlane, combine_turns
+from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place, propagate_map
 from labrig.vision.plane import PlaneMap, Variation

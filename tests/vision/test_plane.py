@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import CalibrationRefusedError, InputError, PictureError
-from labrig.geometry.circle import fit_circle
+from labrig.vision.circle import fit_circle
 from labrig.vision.graph_paper import find_crossings
 from labrig.vision.picture import read_picture
 from labrig.vision.plane import PlaneMap

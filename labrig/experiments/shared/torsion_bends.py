@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from labrig.experiments.shared.roll_zero_events import TorsionHole
-from labrig.geometry.circle import fit_circle
 from labrig.protocol.sections import TorsionSteps
 from labrig.steering.torsion_fit import BendLengths, TorsionBend
+from labrig.vision.circle import fit_circle
 from labrig.vision.shaft_tip import ShaftTip
 
 ARC_MM = 20.0

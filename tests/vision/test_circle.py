@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.geometry.circle import fit_circle
+from labrig.vision.circle import fit_circle
 
 CIRCLES = Path(__file__).parents[2].parent / "shared" / "data" / "circlefit"
 METHODS = ("robust", "geometric", "taubin")

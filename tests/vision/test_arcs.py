@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.geometry.arcs import fit_arcs
+from labrig.vision.arcs import fit_arcs
 
 
 def path(curvatures, lengths, step=0.1, noise=0.0, seed=0):

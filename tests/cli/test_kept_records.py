@@ -1,36 +1,4 @@
-r"""A record of each experiment, made once and kept under tests/records.
-
-They were made by what follows, from the top of a checkout, and their manifests say by which commit and on which
-processor. Another processor measures and replays them within the tolerances of `labrig.record.agreement`.
-
-KEPT=tests/records
-NEAR=(--rig calibration/rig-simulated.yaml --runs-dir $KEPT --set rig.world.noise_sd=0
-  --set rig.recording.state_rate_hz=2
-  --set rig.can.heartbeat.period_ms=250 --set rig.can.heartbeat.timeout_ms=1250
-  --set rig.camera.width_px=352 --set rig.camera.height_px=224 --set "rig.world.lens={width_px: 352, height_px: 224,
-  fx_px: 493, fy_px: 494, cx_px: 178, cy_px: 110, distance_mm: 63, origin_px: [123, 112]}")
-FOUND=camera-calibration/analysis/001
-QUICK=("${NEAR[@]}" --set rig.calibration.intrinsics=../$KEPT/$FOUND/intrinsics.json
-  --set rig.calibration.plane=../$KEPT/$FOUND/plane.json
-  --set sheath.speed_mm_s=15 --set insertion.speed_mm_s=5 --set insertion.withdraw_speed_mm_s=15)
-ROLLS=(--set roll_zero.rolls=4 --set roll_zero.length_mm=12)
-labrig run protocols/calibration.yaml --run-name camera-calibration "${NEAR[@]}" --set rig.calibration.plane=null \
-  --set rig.calibration.intrinsics=null --set views=6 --set plane.origin_px=[123,112]
-labrig run protocols/steerability.yaml --run-name steerability "${QUICK[@]}" --set insertions_per_specimen=2 \
-  --set "specimens=[{name: gel, gelatin_percent: 13}]" --set insertion.length_mm=22 --set insertion.frame_every_mm=20
-labrig run protocols/roll-zero.yaml --run-name roll-zero "${QUICK[@]}" "${ROLLS[@]}" --set roll_zero.torsion=null
-labrig run protocols/insertion.yaml --run-name insertion "${QUICK[@]}" "${ROLLS[@]}" --set target.position_mm=[0,2,20] \
-  --set "obstacles=[{position_mm: [0, 9, 12], radius_mm: 3}]" --set insertion.max_length_mm=30 \
-  --set insertion.frame_every_mm=3 --set policy.near_mm=0 --set policy.final_mm=0
-labrig run protocols/design.yaml --run-name design --runs-dir $KEPT --set grid_points=3
-mkdir import && cp $KEPT/steerability/frames/00000[37].png import
-labrig import import --intrinsics $KEPT/$FOUND/intrinsics.json --plane $KEPT/$FOUND/plane.json \
-  --needle-diameter-mm 1.2 --sheath-diameter-mm 2 --runs-dir $KEPT --json
-mv $KEPT/*-import $KEPT/import && labrig reanalyze $KEPT/import
-rm -r import $KEPT/*/report.html
-
-They are made anew whenever the format of records or what a procedure asks changes.
-"""
+"""A record of each experiment, made by `python -m tests.records` and kept under tests/records."""
 
 import json
 import shutil

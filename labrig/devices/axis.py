@@ -318,7 +318,7 @@ class Axis:
         try:
             yield from self.drive.wait_until_still(self._stop_time_s(self.description.acceleration))
         except DriveError:
-            self.drive.quick_stop()
+            self.drive.stop(quick=True)
             again_s = self._stop_time_s(self.description.quick_stop_deceleration)
             yield from self.drive.wait_until_still(again_s)
 
@@ -327,22 +327,15 @@ class Axis:
 
     # Reference
 
-    def start_homing(self, homing: Homing) -> None:
-        """Start homing; the axis has no reference and no limits until `finish_homing`.
+    def home(self, homing: Homing) -> Iterator[None]:
+        """Home, then give the drive the limits, which apply from now on; the caller lets time pass at each turn.
 
-        Raises `DriveError`, `BusError`.
+        Until it has ended, the axis has no reference and no limits. Raises `DriveError`, `BusError`.
         """
         self.referenced = self.assumed = False
         self._due_s = self._then = self.expected = self.sent_target = None
         self.drive.set_limits(None)
-        self.drive.start_homing(homing)
-
-    def finish_homing(self, homing: Homing) -> None:
-        """Hold at home, and give the drive the limits, which apply from now on.
-
-        Raises `DriveError`, `BusError`.
-        """
-        self.drive.finish_homing(homing)
+        yield from self.drive.home(homing)
         self.referenced = True
         self._rest_anew()
         self.drive.set_limits(self.limits)

@@ -24,7 +24,7 @@ What is decided here
 import math
 import struct
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import ClassVar, Generic, TypeVar
 
@@ -43,6 +43,7 @@ from labrig.devices.cia402_states import (
     HOMING_ATTAINED,
     HOMING_ERROR,
     NEW_SETPOINT,
+    QUICK_STOP,
     REFERENCED,
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
@@ -103,6 +104,7 @@ _REPORT_PATIENCE = 0.25
 """Longest wait for a report, as a part of the answer timeout: its frame is already on its way."""
 
 Section = TypeVar("Section", bound=AxisDescription)
+_T = TypeVar("_T")
 
 
 def still_time_s(slowest_counts_per_s: float | None) -> float:
@@ -179,13 +181,13 @@ class Cia402Drive(Generic[Section]):
         self.has_restarted = False
         self._emergency: tuple[int, int] | None = None
         self._heard_s = 0.0
-        self._nmt_state = _NMT_OPERATIONAL
+        self._nmt_state: int | None = None
         self._silence_s = math.inf
         self._attained_is_fresh = False
         self._was_enabled = False
         self._homing_due_s = math.inf
         self._reports = DriveReports(link, node_id, (self.report_pdo, self.load_pdo))
-        self._reports_load = self._is_awaited = False
+        self._is_awaited = False
         self._current: tuple[Entry, float] | None = None
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
         link.network.subscribe(0x080 + node_id, self._on_emergency)
@@ -279,11 +281,7 @@ class Cia402Drive(Generic[Section]):
 
     def wake(self) -> int:
         """Return the vendor id; first start a node that `labrig devices stop` has stopped, as it answers nothing."""
-        try:
-            return self.upload(co.VENDOR_ID)
-        except DriveSilentError:
-            self.send_nmt(_NMT_PRE_OPERATIONAL)
-            return self.upload(co.VENDOR_ID)
+        return self._do_awake(lambda: self.upload(co.VENDOR_ID))
 
     def require_alone(self, strays: int) -> None:
         """Refuse a node id with which two nodes have answered, given the stray answers before.
@@ -312,7 +310,8 @@ class Cia402Drive(Generic[Section]):
         return frozenset(value & 0x7FF for value in values if not value & co.PDO_INVALID)
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
-        """Switch the drive off and write its settings; from here on its heartbeat is monitored."""
+        """Switch the drive off, write its settings, and make it stop by itself; its heartbeat is monitored now."""
+        self.require_limits()
         self.hold_off()
         self._heartbeat = heartbeat
         self.watch(heartbeat.period_ms, heartbeat.timeout_ms / 1000)
@@ -320,6 +319,7 @@ class Cia402Drive(Generic[Section]):
         self._settings = self.settings_of(heartbeat) | limit
         self._written = self.write_settings(self._settings)
         self.let_report()
+        self.verify_dead_man(heartbeat)
 
     def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
         """Return the settings of the drive for its section, including the heartbeat consumer."""
@@ -544,10 +544,6 @@ class Cia402Drive(Generic[Section]):
         self._note_state(statusword)
         return statusword
 
-    def report_load(self) -> None:
-        """Make `read` return motor current and inputs too, once the drive has been configured."""
-        self._reports_load = True
-
     def let_report(self) -> None:
         """Make the drive report at each SYNC, if a PDO has statusword and position and can be switched on.
 
@@ -555,8 +551,7 @@ class Cia402Drive(Generic[Section]):
         ------
         DriveError, BusError
         """
-        if self._reports_load:
-            self._current = self.find_current()
+        self._current = self.find_current()
         entries = map(self.own_entry, (*_REPORTED, *self._load_entries()))
         layouts = pack_into_pdos(entries, (self.report_pdo, self.load_pdo))
         self._reports.listen(
@@ -569,8 +564,6 @@ class Cia402Drive(Generic[Section]):
 
     def _load_entries(self, *, with_current: bool = True) -> tuple[Entry, ...]:
         """Return the objects of motor current and inputs that are to be reported, each once."""
-        if not self._reports_load:
-            return ()
         current = () if self._current is None or not with_current else (self._current[0],)
         return (*current, *self._input_entries)
 
@@ -603,7 +596,7 @@ class Cia402Drive(Generic[Section]):
             return True
         own = [len(_REPORTED), *wanted[1 : 1 + len(_REPORTED)]]
         is_free = pdo != self.report_pdo or found[: len(own)] == own
-        if not (self._reports_load and is_free and len(places) == len(mapping)):
+        if not (is_free and len(places) == len(mapping)):
             return False
         number = places[0]
         cob_id = co.TRANSMIT_PDO_COB_IDS[pdo]
@@ -686,7 +679,7 @@ class Cia402Drive(Generic[Section]):
         current_ma = None
         if self._current is not None and self._current[0] in values:
             current_ma = values[self._current[0]] * self._current[1]
-        inputs = self._convert_inputs(values) if self._reports_load else {}
+        inputs = self._convert_inputs(values)
         return DriveReading(
             self._position(counter), statusword, self.decode(statusword), arrived, current_ma, inputs
         )
@@ -737,25 +730,33 @@ class Cia402Drive(Generic[Section]):
 
     # Stopping
 
-    def stop(self) -> None:
-        """Decelerate and hold, if power is on; this never switches power on."""
-        if self.decode(self.statusword()) is DriveState.OPERATION_ENABLED:
+    def stop(self, *, quick: bool = False) -> None:
+        """Decelerate and hold, if power is on; a quick stop leaves operation enabled, and wakes a stopped node."""
+        if quick:
+            self._do_awake(lambda: self.go_to(TargetState.QUICK_STOPPED))
+        elif self.decode(self.statusword()) is DriveState.OPERATION_ENABLED:
             self.download(co.CONTROLWORD, ENABLE | HALT)
 
-    def send_stop(self) -> None:
-        """Send Halt to a drive that was last known enabled, and wait for no answer. Raises `BusError`.
+    def _do_awake(self, act: Callable[[], _T]) -> _T:
+        """Do something, and again once the node has been started if it does not answer and may be in NMT stopped."""
+        try:
+            return act()
+        except DriveSilentError:
+            if self._nmt_state == _NMT_OPERATIONAL:
+                raise
+            self.send_nmt(_NMT_PRE_OPERATIONAL)
+            return act()
 
-        A node that somebody has stopped takes no request until it is started again.
+    def post_stop(self, *, quick: bool = False) -> None:
+        """Send Halt to a drive that was last known enabled, or a quick stop to any, and wait for no answer.
+
+        A node that somebody has stopped takes no request until it is started again. Raises `BusError`.
         """
-        if self._was_enabled:
+        if quick or self._was_enabled:
             if self._nmt_state == _NMT_STOPPED:
                 self.send_nmt(_NMT_START)
-            data = self.own_entry(co.CONTROLWORD).pack(ENABLE | HALT)
+            data = self.own_entry(co.CONTROLWORD).pack(QUICK_STOP if quick else ENABLE | HALT)
             self.sdo.post(co.CONTROLWORD.index, co.CONTROLWORD.subindex, data)
-
-    def quick_stop(self) -> None:
-        """Stop with the quick stop deceleration and leave operation enabled."""
-        self.go_to(TargetState.QUICK_STOPPED)
 
     def settle(self, within_s: float) -> None:
         """Return when the axis stands still. Raises `DriveError` if it still moves after `within_s`."""
@@ -793,6 +794,13 @@ class Cia402Drive(Generic[Section]):
     def home_counter(self, homing: Homing) -> int:
         """Return the counter at home."""
         return self.scale.to_counts(homing.position)
+
+    def home(self, homing: Homing) -> Iterator[None]:
+        """Home, and hold at home in profile position mode. Raises as `has_homed` and `finish_homing`."""
+        self.start_homing(homing)
+        while not self.has_homed():
+            yield
+        self.finish_homing(homing)
 
     def start_homing(self, homing: Homing) -> None:
         """Start homing; `has_homed` tells when home is found, then call `finish_homing`."""

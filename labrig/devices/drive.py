@@ -79,8 +79,8 @@ class RoundedMove:
 class DriveReading:
     """A reading of a drive: position [mm or rad], statusword, state, and whether its last move has arrived.
 
-    `target_reached` is true if the drive says so and the position is within the window around the target. After
-    `report_load` also the inputs that the rig file names and, if the report was expected, the motor current [mA]; None
+    `target_reached` is true if the drive says so and the position is within the window around the target. `inputs` has
+    the inputs that the rig file names. The motor current [mA] is in a reading that was expected (`expect_report`); None
     if the drive does not measure it.
     """
 
@@ -139,22 +139,11 @@ class Drive(Protocol):
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys: no two drives share one."""
 
-    def require_limits(self) -> None:
-        """Refuse limits of the rig file that exceed the drive's own.
-
-        Raises
-        ------
-        DriveError
-            Names both.
-        """
-
-    def report_load(self) -> None:
-        """Make `read` return motor current and inputs too, once the drive has been configured."""
-
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
-        """Stop the axis, switch power off, and write the settings of its section and the heartbeat consumer.
+        """Stop the axis, switch power off, write the settings of its section, and make the drive stop by itself.
 
-        From here on the drive sends heartbeats, and `check` notices when they stop.
+        From here on the drive sends heartbeats, and `check` notices when they stop. It stops when those of the computer
+        do, and obeys no process data of anybody else. Each setting is read, written if it differs, and read back.
 
         Parameters
         ----------
@@ -166,36 +155,17 @@ class Drive(Protocol):
         Raises
         ------
         DriveError
-            On a fault, on a setting that the drive does not keep, and on a current limit that it does not have.
-        """
-
-    def settings(self) -> Mapping[str, int]:
-        """Return the value written to each setting, by its place in the manual; `configure` has read it back."""
-
-    def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Make the drive stop by itself when the computer's heartbeat stops, and obey no process data of anybody else.
-
-        Each setting is read, written if different, and read back.
-
-        Raises
-        ------
-        DriveError
-            When the drive does not keep a setting, among them an option that means "no action".
+            On a fault, on limits of the rig file above the drive's own, and on a setting that it does not keep, among
+            them an option that means "no action" on a lost heartbeat.
         """
 
     def describe(self) -> dict[str, object]:
         """Return conversion and settings of the drive for the record, ready for JSON."""
 
-    def counts(self) -> dict[str, int]:
-        """Return how many requests were repeated, `retries`, and how many answers were unexpected, `strays`."""
-
     # Power
 
     def enable(self) -> None:
         """Switch power on; the axis holds its position. Raises `DriveError`, also on a fault."""
-
-    def disable(self) -> None:
-        """Switch power off."""
 
     def close(self) -> None:
         """Switch power off, restore what `configure` limited, and end both heartbeats without a fault."""
@@ -234,14 +204,15 @@ class Drive(Protocol):
 
     # Stopping
 
-    def send_stop(self) -> None:
-        """Send a stop to a drive that was last known enabled, and wait for no answer. Raises `BusError`."""
+    def post_stop(self, *, quick: bool = False) -> None:
+        """Send a stop, and wait for no answer; a halt only to a drive last known enabled. Raises `BusError`."""
 
-    def stop(self) -> None:
-        """Decelerate and hold, if power is on; this never switches power on."""
+    def stop(self, *, quick: bool = False) -> None:
+        """Decelerate and hold, if power is on; this never switches power on.
 
-    def quick_stop(self) -> None:
-        """Stop with the quick stop deceleration; afterwards the drive must be enabled again."""
+        A quick stop has its own deceleration, and wakes a node that somebody has stopped; afterwards the drive must be
+        enabled again.
+        """
 
     def wait_until_still(self, within_s: float) -> Iterator[None]:
         """Poll the position until the axis stands still; the caller lets `STILL_POLL_S` pass after each reading.
@@ -255,20 +226,16 @@ class Drive(Protocol):
 
     # Reference
 
-    def start_homing(self, homing: Homing) -> None:
-        """Start homing, from standstill and enabled; this discards the position of `assume_position`."""
+    def home(self, homing: Homing) -> Iterator[None]:
+        """Home, from standstill and enabled, and hold at home, ready for moves; the caller lets time pass at each turn.
 
-    def has_homed(self) -> bool:
-        """Tell whether home has been found since `start_homing`.
+        This discards the position of `assume_position`.
 
         Raises
         ------
         DriveError
-            When it is not found, or not in time; home found by an earlier homing does not count.
+            When home is not found, or not in time; home found by an earlier homing does not count.
         """
-
-    def finish_homing(self, homing: Homing) -> None:
-        """Hold at home, ready for moves."""
 
     def is_referenced(self) -> bool:
         """Tell whether the drive still has its reference, which it loses with its power.
@@ -310,9 +277,6 @@ class Drive(Protocol):
 
     def read_inputs(self) -> Mapping[str, InputValue]:
         """Return what the inputs read that the rig file names, by its names for them."""
-
-    def inputs(self) -> Mapping[str, bool]:
-        """Return its digital inputs by name, true where active: `negative-limit`, `positive-limit`, `home`, others."""
 
 
 Section = TypeVar("Section", bound=AxisDescription)

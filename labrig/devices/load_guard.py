@@ -126,5 +126,5 @@ class LoadGuard:
         if error is not None:
             # A halt brakes as slowly as a move does: it would push on, and let the drive fail by its following error.
             with suppress(MachineError):
-                axis.drive.quick_stop()
+                axis.drive.stop(quick=True)
             raise error

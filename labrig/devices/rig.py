@@ -199,8 +199,6 @@ class Rig:
         self._targets_due = list(self._axes)
         self._limits_found = self.needle.state.current_limits
         self._load = LoadGuard(holds_inputs=opening.hold_inputs)
-        for axis in self.axes:
-            axis.drive.report_load()
         self._alert = alert
         self._positions: dict[str, tuple[float, float]] = {}
         self._unknown_motion = ""
@@ -563,7 +561,7 @@ class Rig:
             When an axis may still move; names each such axis and the reason.
         """
         failures = [
-            *_try_each(self.axes, lambda axis: axis.drive.send_stop()),
+            *_try_each(self.axes, lambda axis: axis.drive.post_stop()),
             *_try_each(self.axes, Axis.halt),
             *self._wait_until_still().values(),
         ]
@@ -693,11 +691,9 @@ class Rig:
         axis = self._axes[axis_name]
         self.needle.note_reference(axis_name, known=False)
         try:
-            axis.start_homing(homing)
-            while not axis.drive.has_homed():
+            for _ in axis.home(homing):
                 self.clock.sleep(_HOMING_LOOK_S)
                 self.supervise()
-            axis.finish_homing(homing)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
         self.needle.note_reference(axis_name, known=True)
@@ -770,7 +766,6 @@ class Rig:
         self._watch.listen(self.clock)
         for step in (self._identify, self._offer_fault_reset, self._configure):
             self._do_with_all(step, self._find_shared_cob_ids)
-        self._do_with_all(self._verify_dead_man)
         self._recall_references()
 
     def enable(self) -> None:
@@ -802,16 +797,12 @@ class Rig:
                 failures.append(error)
         raise_together([*failures, *find_more()])
 
-    def _verify_dead_man(self, axis: Axis) -> None:
-        axis.drive.verify_dead_man(self.description.can.heartbeat)
-
     def _identify(self, axis: Axis) -> None:
         self._identities[axis.name] = axis.drive.identify()
 
     def _configure(self, axis: Axis) -> None:
         limit_ma = self._max_current_ma(axis)
         own_ma = self._restore_current_limit(axis)
-        axis.drive.require_limits()
         if limit_ma is not None and own_ma is not None and limit_ma < own_ma:
             self.needle.note_current_limit(axis.name, own_ma, limit_ma)
         axis.drive.configure(self.description.can.heartbeat, limit_ma)

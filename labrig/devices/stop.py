@@ -81,8 +81,10 @@ def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, 
     done = [f"opened {rig.can.interface} {rig.can.channel} directly".replace("  ", " ")]
     failures = []
     for drive in drives:
+        drive.post_stop(quick=True)
+    for drive in drives:
         try:
-            drive.quick_stop()
+            drive.stop(quick=True)
         except MachineError as error:
             failures.append(error.message)
     moving = wait_for_all({drive.name: drive.wait_until_still(_STOP_TIME_S) for drive in drives}, clock)

@@ -9,6 +9,7 @@ from typing import Any
 
 from labrig.clock import Clock
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.drive import Drive
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
@@ -73,6 +74,12 @@ class Waiting:
         while True:
             self.clock.sleep(0.05)
             meanwhile()
+
+
+def count_repeats(drive: Drive) -> int:
+    """Return how many requests were repeated and answers unexpected, as the record has it."""
+    found = drive.describe()
+    return sum(int(str(found[key])) for key in ("retries", "strays"))
 
 
 class Signal:

@@ -242,19 +242,30 @@ def test_a_damaged_calibration_fails_the_check(tmp_path: Path) -> None:
 
 
 def test_stopping_from_outside_stops_every_drive() -> None:
-    """All drives are quick-stopped, read back as standing still, and put into NMT STOPPED."""
+    """Every quick stop is sent before one is answered; all are seen to stand still, and put into NMT STOPPED."""
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.linear.start_move(100.0, 5.0)
         opened.rig.wait(1.0)
-        done = stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
+        link = opened.hardware.open_link()
+        done = stop_drives(simulated_rig(), link, opened.hardware.clock)
         assert sum("stands still" in line for line in done) == 3
         assert done[-1] == "sent NMT stop to all nodes"
+        requests = [data for _, can_id, data, way in link.network.take_frames() if way == "T" and can_id]
+        assert requests[:3] == [b"\x2b\x40\x60\0\x02\0\0\0"] * 3
         positions = [drive.shaft_counts for drive in opened.drives.values()]
         opened.hardware.clock.sleep(1.0)
         assert [drive.shaft_counts for drive in opened.drives.values()] == positions
+
+
+def test_drives_that_were_stopped_before_are_known_to_stand_still() -> None:
+    """A node in NMT STOPPED answers no SDO: it is woken and read."""
+    with opened_rig() as opened:
+        for _ in range(2):
+            done = stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
+            assert sum("stands still" in line for line in done) == 3
 
 
 def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:

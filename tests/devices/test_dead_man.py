@@ -93,9 +93,8 @@ def test_a_firmware_without_an_option_is_told_by_the_check() -> None:
 def test_process_data_that_labrig_does_not_use_is_switched_off() -> None:
     """An EPOS2 comes with four receive PDOs that anybody can write to; only the report is left."""
     with one_drive() as one:
-        configured(one)
         assert one.driver.cob_ids()[1] == {0x201, 0x301, 0x401, 0x501}
-        one.driver.verify_dead_man(HEARTBEAT)
+        configured(one)
         assert one.driver.cob_ids() == ({0x381}, frozenset())
         assert one.driver.has_restarted is False
 

@@ -164,7 +164,7 @@ def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
     """After each of them the position no longer changes."""
     for stop, state in (
         (ready.driver.stop, DriveState.OPERATION_ENABLED),
-        (ready.driver.quick_stop, DriveState.QUICK_STOP_ACTIVE),
+        (partial(ready.driver.stop, quick=True), DriveState.QUICK_STOP_ACTIVE),
     ):
         passed = partial(_is_beyond, ready, ready.driver.counter())
         ready.driver.start_profile(FAR, FAST_RPM)

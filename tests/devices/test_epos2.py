@@ -240,7 +240,7 @@ def test_quick_stop_is_sharper_than_halt(ready: OneDrive) -> None:
     ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(5.0)
     before = ready.drive.shaft_counts
-    ready.driver.quick_stop()
+    ready.driver.stop(quick=True)
     ready.driver.settle(0.5)
     assert ready.drive.shaft_counts - before == pytest.approx(COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000))
     assert decode_state(ready.driver.statusword()) is DriveState.QUICK_STOP_ACTIVE

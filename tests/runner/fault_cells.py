@@ -64,7 +64,7 @@ from tests.devices.fault_table import (
     Stop,
     outcome_of,
 )
-from tests.devices.rigs import Person, Signal, epos2_drives, simulated_rig
+from tests.devices.rigs import Person, Signal, count_repeats, epos2_drives, simulated_rig
 from tests.runner.sessions import Told, Watched, sweep
 
 AXES = ("insertion", "rotation", "linear")
@@ -424,7 +424,7 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> CellResult:
         rig._alert = lambda text: cell.alerts.append((hardware.clock.now_s(), text))
         outcome, run = _conduct(cell, folder, protocol, description)
         cell.located = rig.locate_needle()
-        counted = sum(sum(axis.drive.counts().values()) for axis in rig.axes)
+        counted = sum(count_repeats(axis.drive) for axis in rig.axes)
     hardware.clock.sleep(_LONG_AFTER_S)
     still_after_s = _still_after_s(cell)
     differences = [

@@ -139,7 +139,7 @@ def test_a_quick_stop_may_end_without_power(tmp_path: Path) -> None:
         one.get_ready()
         one.driver.start_move(50.0, 5.0)
         one.wait(0.5)
-        one.driver.quick_stop()
+        one.driver.stop(quick=True)
         one.driver.settle(2.0)
         assert decode_standard_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
         one.driver.enable()
@@ -411,7 +411,7 @@ def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
         other.configure(HEARTBEAT, None)
         other.enable()
         other.start_move(50.0, 5.0)
-        one.driver.quick_stop()
+        one.driver.stop(quick=True)
         one.driver.settle(2.0)
         assert not one.node.is_moving
         with pytest.raises(InputError, match=r"none\.eds does not exist"):

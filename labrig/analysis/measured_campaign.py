@@ -1,10 +1,8 @@
 """A campaign among measured runs: each task is a measurement, and each simulated block of gel its own.
 
-A campaign's folder has its document and its parts, which `labrig.campaign.store` writes.
+A campaign's folder has its document and its rows, which `labrig.campaign.store` writes.
 """
 
-import io
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,21 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
+from labrig.analysis.campaign_table import BY_RULE, FIXED, make_table, read_rows
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.fields import manifest_fields
 from labrig.record.layout import CAMPAIGN
 
-BY_RULE = "by_rule"
-"""How a campaign ended that its rule ended before all of its tasks were done."""
-PART = re.compile(r"part-(\d{6})\.parquet")
 TABLE = "tasks"
-_NOT_MEASURED = frozenset(
-    {"task", "arm", "point", "repetition", "seed", "exit_status", "reason", "error", "trial", "specimen"}
-)
+_NOT_MEASURED = frozenset({*FIXED, "trial", "specimen"})
 _AGAIN = "restore it from a copy, or make the campaign again"
 
 
@@ -137,29 +129,13 @@ def open_measured_campaign(folder: Path) -> MeasuredCampaign:
     Raises
     ------
     RecordError
-        When the document or a part is damaged or missing.
+        When the document or a row is damaged.
     """
-    names = sorted(path.name for path in folder.iterdir() if PART.fullmatch(path.name))
-    for number, name in enumerate(names):
-        if name != f"part-{number:06d}.parquet":
-            raise RecordError(f"{folder}/part-{number:06d}.parquet is missing", _AGAIN)
-    parts = [_read_part(folder / name) for name in names]
-    empty = pa.table(
-        {"task": pa.array([], pa.int64()), "arm": pa.array([], pa.string()), "error": pa.nulls(0)}
-    )
-    tasks = pa.concat_tables(parts, promote_options="permissive") if parts else empty
+    tasks = make_table(read_rows(folder))
     try:
         kept: Any = parse_json(read_file(folder / CAMPAIGN, MAX_RESULT_BYTES))
         document, plan = {**kept["document"]}, {**kept.get("plan", {})}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordError(f"{folder / CAMPAIGN} is damaged: {error}", _AGAIN) from error
     by_rule = kept.get("ended") == BY_RULE
-    return MeasuredCampaign(folder, folder.resolve().name, document, plan, by_rule, tasks.to_pandas())
-
-
-def _read_part(path: Path) -> pa.Table:
-    try:
-        content = io.BytesIO(read_file(path, MAX_RESULT_BYTES))
-        return pq.read_table(content, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path} is damaged: {error}", _AGAIN) from error
+    return MeasuredCampaign(folder, folder.resolve().name, document, plan, by_rule, tasks)

@@ -1,5 +1,6 @@
 """The campaign file: a base protocol, what is varied, how often it is repeated, and when it stops."""
 
+import json
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -7,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from labrig.campaign.key_rules import find_double_keys, find_key_conflicts, find_repeated_values
 from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm, Seed
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
@@ -22,6 +22,32 @@ MOST_ARMS = 1000
 MOST_TASKS = 10_000_000
 _LEAST_TO_JUDGE = 30
 """Repetitions: the interval of a mean of fewer may be narrow by chance, and a rule that looks at it stops too early."""
+
+_OF_PICTURES = (
+    "max_current_ma",
+    "ask_when",
+    "stop_when",
+    "sentinel",
+    "rig.camera",
+    "rig.can",
+    "rig.faults",
+    "rig.calibration.template",
+    "rig.calibration.mask",
+    "rig.recording.fsync_period_s",
+    "rig.recording.least_free_mb",
+    "rig.world.needle.bevel_deg",
+    "rig.world.needle.link_mm",
+    "rig.world.resistance",
+    "rig.world.force_sensor_mv_per_n",
+    "rig.world.light",
+    "rig.world.blur_px",
+    "rig.world.noise_sd",
+    "rig.world.bubbles_per_specimen",
+    "rig.world.ignores",
+    "rig.world.markers",
+)
+_OF_THE_LENS = ("rig.camera.width_px", "rig.camera.height_px")
+"""Must be those of the world's lens, which counts without pictures too."""
 
 _OTHER_KINDS = {
     "experiment": ("this is a protocol, expected a campaign file", "labrig run THIS_FILE"),
@@ -129,15 +155,20 @@ class CampaignFile(Model):
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield keys and values that are given twice or mean nothing, and campaigns that are too large."""
-        sections: dict[str, Iterable[str]] = {
-            "set": self.set,
-            "arms": dict.fromkeys(chain(*self.arms.values())),
-            "vary": self.vary,
-            "sample.keys": () if self.sample is None else self.sample.keys,
-        }
-        yield from find_double_keys(sections)
-        yield from find_key_conflicts(sections, self.depth)
-        yield from find_repeated_values(self.vary)
+        given = [
+            *(("set", key) for key in self.set),
+            *(("arms", key) for key in dict.fromkeys(chain(*self.arms.values()))),
+            *(("vary", key) for key in self.vary),
+            *(("sample.keys", key) for key in (() if self.sample is None else self.sample.keys)),
+        ]
+        first: dict[str, str] = {}
+        for section, key in given:
+            yield from _judge_key(section, key, self.depth)
+            if first.setdefault(key, section) != section:
+                yield Conflict(section, f"{key} is in {first[key]} too", "give it in one of them")
+        for key, values in self.vary.items():
+            if len(set(map(show_value, values))) < len(values):
+                yield Conflict(f"vary.{key}", f"{key} has a value more than once", "give each once")
         if self.arm_count > MOST_ARMS:
             yield Conflict(
                 "vary",
@@ -165,6 +196,34 @@ class CampaignFile(Model):
     def first_look(self) -> int:
         """Return after how many repetitions the rule is asked for the first time."""
         return max(_LEAST_TO_JUDGE, self.repetitions)
+
+
+def show_value(value: object) -> str:
+    """Return a value as it is typed: text without quotes, anything else as JSON."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _judge_key(section: str, key: str, depth: str) -> Iterable[Conflict]:
+    """Yield why a key means nothing in a campaign."""
+    if key == "seed":
+        yield Conflict(
+            section,
+            "seed is drawn by the campaign for each repetition, from its own seed",
+            "leave it out; more repetitions are more seeds",
+        )
+    elif depth == "world" and needs_pictures(key):
+        yield Conflict(
+            section,
+            f"{key} changes nothing at depth: world, which has no pictures, no devices and no record",
+            "say depth: rig, or leave it out",
+        )
+
+
+def needs_pictures(key: str) -> bool:
+    """Return whether a key changes nothing in a run that is computed without pictures, bus and record."""
+    if key in _OF_THE_LENS:
+        return False
+    return any(key == known or key.startswith(f"{known}.") for known in _OF_PICTURES)
 
 
 def load_campaign_file(path: Path, overrides: Sequence[str] = ()) -> CampaignFile:

@@ -1,14 +1,12 @@
 """Conducts a campaign: tasks go out, rows come back in order and are kept as they come, until the last or a rule."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
-from dataclasses import dataclass
-from typing import Protocol
 
 from labrig.analysis.outcome import TaskOutcome
 from labrig.campaign.statistics import WidthRule, require_measure
 from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, Row, TaskOrder
+from labrig.campaign.tasks import CampaignTasks, Row, TaskOrder, list_values
 from labrig.clock import Clock
 from labrig.errors import LabrigError
 
@@ -19,28 +17,14 @@ _KEEP_ROWS = 5000
 
 Compute = Callable[[Iterable[TaskOrder]], Generator[TaskOutcome | LabrigError, None, None]]
 """Returns what comes of each task, in their order."""
-
-
-class Watch(Protocol):
-    """Whoever watches a campaign."""
-
-    def note(self, done: int, of: int) -> None:
-        """Take note of how many tasks are done; return when the campaign may go on, later if it is paused."""
-        ...
-
-
-@dataclass(frozen=True)
-class CampaignEnd:
-    """How far a campaign came: tasks that are done, and whether a rule ended it."""
-
-    done: int
-    by_rule: bool
+Progress = Callable[[int, int], None]
+"""Told how many tasks are done, and how many there are."""
 
 
 def conduct_campaign(
-    tasks: CampaignTasks, store: CampaignStore, compute: Compute, clock: Clock, watch: Watch
-) -> CampaignEnd:
-    """Compute the tasks that the store does not have, and keep their rows.
+    tasks: CampaignTasks, store: CampaignStore, compute: Compute, clock: Clock, progress: Progress
+) -> bool:
+    """Compute the tasks that the store does not have, keep their rows, and return whether a rule ended the campaign.
 
     However it ends, the rows that came until then are kept, and the campaign can go on.
 
@@ -53,8 +37,6 @@ def conduct_campaign(
         Computes tasks.
     clock : Clock
         Says when rows are kept.
-    watch : Watch
-        Is told how far it is.
 
     Raises
     ------
@@ -63,35 +45,25 @@ def conduct_campaign(
     DiskError, MachineError
         When rows cannot be kept, or no task can be computed.
     """
-    _require_measure(tasks, store)
-    rule = _WatchedRule.of(tasks)
-    if rule.take_all(_list_rows(store)):
-        return CampaignEnd(store.done, by_rule=True)
-    done = store.done
-    with closing(_RowBuffer(store, clock)) as buffer:
-        watch.note(done, tasks.count)
-        with closing(compute(tasks.list_orders(done))) as outcomes:
-            for row in tasks.make_rows(done, outcomes):
-                buffer.add(row)
-                done += 1
-                if rule.take(row):
-                    return CampaignEnd(done, by_rule=True)
-                watch.note(done, tasks.count)
-    return CampaignEnd(done, by_rule=False)
-
-
-def _require_measure(tasks: CampaignTasks, store: CampaignStore) -> None:
-    """Refuse a measure that the rows that are kept do not have; rows of failures tell nothing."""
-    known = [name for name in store.quantities if name not in tasks.campaign.varied_keys]
-    if known:
-        require_measure(tasks.loaded.by, dict.fromkeys(known))
-
-
-def _list_rows(store: CampaignStore) -> Iterator[Row]:
-    """Yield the rows that are kept, with None where there is no value."""
-    for part in store.iter_parts():
-        for row in part.astype(object).where(part.notna(), None).to_dict("records"):
-            yield {str(name): value for name, value in row.items()}
+    rule = WidthRule(tasks.campaign, tasks.loaded.by.measure)
+    ends = False
+    for row in store.read_rows():
+        if values := list_values(row, tasks.campaign):
+            require_measure(tasks.loaded.by, values)
+        ends = rule.take(row)
+    if ends:
+        return True
+    progress(store.done, tasks.count)
+    with (
+        closing(_RowBuffer(store, clock)) as buffer,
+        closing(compute(tasks.list_orders(store.done))) as outcomes,
+    ):
+        for new in tasks.make_rows(store.done, outcomes):
+            buffer.add(new)
+            if rule.take(new):
+                return True
+            progress(int(str(new["task"])) + 1, tasks.count)
+    return False
 
 
 class _RowBuffer:
@@ -116,38 +88,3 @@ class _RowBuffer:
         if rows:
             self._store.append(rows)
         self._kept_s = self._clock.now_s()
-
-
-class _WatchedRule:
-    """The rule of a campaign, asked after each repetition of all arms; none, for a campaign without one."""
-
-    def __init__(self, rule: WidthRule | None, round_tasks: int) -> None:
-        self._rule = rule
-        self._round_tasks = round_tasks
-        self._taken = 0
-
-    @classmethod
-    def of(cls, tasks: CampaignTasks) -> "_WatchedRule":
-        """Return the rule of a campaign."""
-        campaign = tasks.campaign
-        if campaign.stop_when is None:
-            return cls(None, tasks.round_tasks)
-        width = campaign.stop_when.ci95_width_mm
-        return cls(WidthRule(width, campaign.first_look(), tasks.loaded.by.measure), tasks.round_tasks)
-
-    def take(self, row: Row) -> bool:
-        """Take a row, and return whether the campaign ends with it."""
-        self._taken += 1
-        if self._rule is None:
-            return False
-        self._rule.take(row)
-        repetitions, rest = divmod(self._taken, self._round_tasks)
-        return rest == 0 and self._rule.is_met(repetitions)
-
-    def take_all(self, rows: Iterable[Row]) -> bool:
-        """Take the rows that are kept, and return whether the last of them ended the campaign."""
-        ends = False
-        if self._rule is not None:
-            for row in rows:
-                ends = self.take(row)
-        return ends

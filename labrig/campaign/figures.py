@@ -1,4 +1,4 @@
-"""Figures of a campaign: its arms, the measure over the keys that were varied or drawn, and how means settled."""
+"""Figures of a campaign: its arms, and the measure over the keys that were varied or drawn."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,6 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
@@ -208,45 +207,6 @@ def _bin_share(
     fields = int(np.clip(np.sqrt(len(x) / _LEAST_IN_BIN), 1, 2 * _BINS))
     found = binned_statistic_2d(x, y, reached.astype(np.float64), statistic="mean", bins=fields)
     return np.asarray(found.statistic, np.float64), found.x_edge, found.y_edge
-
-
-def draw_settling(result: CampaignResult) -> DrawnFigure | None:
-    """Draw how the mean of each arm settled with the repetitions; None where there is nothing to see."""
-    known = {name: points for name, points in result.settling.items() if len(points) > 1}
-    if not known or len(result.arms) > len(known) + MOST_ARMS or len(known) > MOST_ARMS:
-        return None
-    names = [arm.name for arm in result.arms]
-    with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 3.2), layout="constrained")
-        axes = figure.subplots()
-        for name, points in known.items():
-            look = mark(names.index(name))
-            x = [point.repetitions for point in points]
-            low, high = np.array([point.ci95 for point in points]).T
-            axes.fill_between(x, low, high, color=look.colour, alpha=0.15, linewidth=0)
-            axes.plot(
-                x,
-                [point.mean for point in points],
-                "-",
-                color=look.colour,
-                linewidth=1.4,
-                label=_shorten(name),
-            )
-        axes.set_xscale("log")
-        for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
-            axis(FuncFormatter(_format_repetitions))
-        axes.set_xlabel("repetitions")
-        axes.set_ylabel(f"mean {result.measure}")
-        axes.grid(visible=True)
-        if len(known) > 1:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return svg(figure, "settling")
-
-
-def _format_repetitions(value: float, _place: int) -> str:
-    """Return the label of a tick: 1, 2 or 5 times a power of ten; nothing between."""
-    digits = f"{value:.0f}"
-    return digits if digits.rstrip("0") in {"1", "2", "5"} else ""
 
 
 def _shorten(name: str) -> str:

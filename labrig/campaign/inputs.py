@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import cast
 
 from labrig.campaign.campaign_file import CampaignFile
-from labrig.campaign.key_rules import find_arm_problems
 from labrig.campaign.sampling import Arm, Settings, list_arms, list_extremes, write_overrides
 from labrig.campaign.statistics import Judgement
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.errors import FileFormatError, InputError, WorkersError
+from labrig.errors import FileFormatError, InputError, Problem, WorkersError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.formatting import Plain
@@ -162,13 +161,9 @@ def _load_arm(files: CampaignFiles, campaign: CampaignFile, arm: Arm) -> ArmInpu
     settings = {**campaign.set, **arm.settings}
     try:
         inputs = _load(files, arm.name, settings)
-        sampled = () if campaign.sample is None else campaign.sample.keys
-        if problems := tuple(
-            find_arm_problems(str(SET), campaign.depth, sampled, inputs.protocol, inputs.rig)
-        ):
-            raise FileFormatError(problems)
-        for extreme in list_extremes(campaign.sample):
-            make_models(inputs, extreme, campaign.seed)
+        _require_one_insertion(inputs, campaign.depth)
+        for point in list_extremes(campaign.sample):
+            make_models(inputs, point, campaign.seed)
     except FileFormatError as error:
         where = f"{files.campaign}, arm {arm.name}:"
         raise FileFormatError(
@@ -177,6 +172,17 @@ def _load_arm(files: CampaignFiles, campaign: CampaignFile, arm: Arm) -> ArmInpu
             )
         ) from error
     return inputs
+
+
+def _require_one_insertion(inputs: ArmInputs, depth: str) -> None:
+    """Refuse a run of several insertions where a task is one. Raises `FileFormatError`."""
+    made = json.loads(inputs.protocol).get("repetitions", 1)
+    if depth == "world" and made > 1:
+        message = (
+            f"a run of the protocol makes {made} insertions, and depth: world computes one for each task"
+        )
+        hint = "add set: {repetitions: 1}; the campaign's own repetitions say how often, or say depth: rig"
+        raise FileFormatError((Problem(f"{SET} repetitions", message, hint),))
 
 
 def _load(files: CampaignFiles, name: str, settings: Settings) -> ArmInputs:

@@ -17,17 +17,12 @@ from labrig.campaign.figures import (
     draw_map,
     draw_over_key,
     draw_over_points,
-    draw_settling,
 )
 from labrig.campaign.inputs import LoadedCampaign, make_models
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult
-from labrig.campaign.tasks import find_numeric_keys
-from labrig.durable import disk_errors, write_atomically
-from labrig.errors import OutputExistsError
-from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
+from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
-from labrig.record.layout import CAMPAIGN
 from labrig.report.figure_files import write_figure
 from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import format_time, number, signed
@@ -70,7 +65,6 @@ def write_page(
         "arms_figure": draw_arms(result),
         "key_figure": _draw_key(loaded.file, result),
         "points_figure": _draw_points(loaded.file, result, table),
-        "settling_figure": draw_settling(result),
     }
     maps = _draw_maps(loaded, result, table)
     for figure in (*figures.values(), *(drawn.figure for drawn in maps)):
@@ -91,44 +85,15 @@ def write_page(
     return folder / REPORT_FILE
 
 
-def require_own_page(folder: Path, table: str) -> None:
-    """Refuse a folder that holds anything but the page of a table elsewhere.
-
-    Parameters
-    ----------
-    folder : Path
-        It need not be there.
-    table : str
-        The URL of the table.
-
-    Raises
-    ------
-    OutputExistsError
-    """
-    with disk_errors(folder):
-        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    if names and (CAMPAIGN in names or _read_table(folder / RESULT_FILE) != table):
-        raise OutputExistsError(
-            f"{folder} would get the page of {table}, and holds something else",
-            "name the campaign otherwise with --set campaign=NAME, or move that folder away",
-        )
-
-
-def _read_table(file: Path) -> object:
-    """Return where the table of a page lies; None where no page is."""
-    try:
-        document = parse_json(read_file(file, MAX_RESULT_BYTES))
-    except (OSError, ValueError):
-        return None
-    return document.get("table") if isinstance(document, Mapping) else None
-
-
 def _draw_key(file: CampaignFile, result: CampaignResult) -> DrawnFigure | None:
     """Draw the first varied key with two numbers or more."""
-    numeric = find_numeric_keys(file)
-    keys = [key for key, values in file.vary.items() if key in numeric and len(values) > 1]
+    keys = [key for key, values in file.vary.items() if len(values) > 1 and all(map(_is_number, values))]
     known = any(arm.mean is not None for arm in result.arms)
     return draw_over_key(result, keys[0]) if keys and known else None
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _draw_points(file: CampaignFile, result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None:

@@ -1,17 +1,14 @@
-"""The result of a campaign: its arms, their differences, its worst cases, and how its means settled."""
+"""The result of a campaign: its arms, their differences, and its worst cases."""
 
-import math
-from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
 
 import pandas as pd
 
-from labrig.analysis.statistics import compute_spread
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.sampling import Settings, find_point, list_arms, write_overrides
 from labrig.campaign.statistics import (
     ArmResult,
-    Interval,
     PairResult,
     compare_arms,
     judge_arm,
@@ -19,10 +16,6 @@ from labrig.campaign.statistics import (
 from labrig.protocol.model import Model
 
 _WORST = 5
-_LOOKS = 40
-"""Points of a curve that shows how a mean settled."""
-_FIRST_LOOK = 5
-"""Repetitions; the interval of fewer is so wide that nothing else would be seen beside it."""
 
 
 class WorstCase(Model):
@@ -33,14 +26,6 @@ class WorstCase(Model):
     value: float | None
     end: str
     command: tuple[str, ...]
-
-
-class SettlingPoint(Model):
-    """The mean of an arm after so many repetitions."""
-
-    repetitions: int
-    mean: float
-    ci95: Interval
 
 
 class Failure(Model):
@@ -54,7 +39,7 @@ class Failure(Model):
 class CampaignResult(Model):
     """What a campaign found.
 
-    `table` is the folder or URL of its rows. `ended` says whether all of its tasks are done, a rule ended it before, or
+    `table` is the file of its rows. `ended` says whether all of its tasks are done, a rule ended it before, or
     it can go on.
     """
 
@@ -76,11 +61,10 @@ class CampaignResult(Model):
     pairs: tuple[PairResult, ...]
     worst: tuple[WorstCase, ...]
     failures: tuple[Failure, ...]
-    settling: dict[str, tuple[SettlingPoint, ...]]
 
 
 def make_result(
-    loaded: LoadedCampaign, table: pd.DataFrame, *, tasks: int, place: str, by_rule: bool = False
+    loaded: LoadedCampaign, table: pd.DataFrame, *, tasks: int, file: Path, by_rule: bool = False
 ) -> CampaignResult:
     """Return what the table of a campaign says.
 
@@ -90,8 +74,8 @@ def make_result(
         One row for each task that is done, in order.
     tasks : int
         The number of tasks if no rule ends it earlier.
-    place : str
-        The folder or URL of the table.
+    file : Path
+        The table.
     by_rule : bool
         Whether a rule ended it.
     """
@@ -103,7 +87,7 @@ def make_result(
     return CampaignResult(
         campaign=campaign.campaign,
         title=campaign.title,
-        table=place,
+        table=str(file),
         base=str(loaded.files.base),
         rig=None if loaded.rig is None else str(loaded.rig),
         experiment=loaded.experiment,
@@ -118,7 +102,6 @@ def make_result(
         pairs=compare_arms(table, [arm.name for arm in arms], by) if len(arms) > 1 else (),
         worst=_find_worst(loaded, table),
         failures=_count_failures(table),
-        settling={name: _follow_mean(part, by.measure) for name, part in rows.items()},
     )
 
 
@@ -161,26 +144,3 @@ def _count_failures(table: pd.DataFrame) -> tuple[Failure, ...]:
         for error, rows in failed.groupby("error")
     ]
     return tuple(sorted(found, key=lambda failure: (-failure.tasks, failure.first)))
-
-
-def _follow_mean(rows: pd.DataFrame, measure: str) -> tuple[SettlingPoint, ...]:
-    """Return how the mean of an arm settled with the repetitions."""
-    if measure not in rows.columns:
-        return ()
-    known = rows[rows[measure].notna() & rows["error"].isna()]
-    repetitions = (known["repetition"].to_numpy() + 1).astype(int)
-    values = known[measure].to_numpy(float)
-    points = []
-    for look in _choose_looks(int(repetitions.max()) if len(known) else 0):
-        spread = compute_spread(values[repetitions <= look].tolist())
-        if spread.mean is not None and spread.ci95 is not None:
-            points.append(SettlingPoint(repetitions=look, mean=spread.mean, ci95=spread.ci95))
-    return tuple(points)
-
-
-def _choose_looks(most: int) -> Sequence[int]:
-    """Return numbers of repetitions up to the last, evenly on a logarithmic scale."""
-    if most <= _FIRST_LOOK:
-        return [most] if most else []
-    step = math.log(most / _FIRST_LOOK) / _LOOKS
-    return sorted({round(_FIRST_LOOK * math.exp(step * index)) for index in range(_LOOKS + 1)})

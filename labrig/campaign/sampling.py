@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from labrig.campaign.campaign_file import CampaignFile, Sample
+from labrig.campaign.campaign_file import CampaignFile, Sample, show_value
 
 Settings = Mapping[str, object]
 """Dotted key -> value."""
@@ -44,11 +44,6 @@ def list_arms(campaign: CampaignFile) -> tuple[Arm, ...]:
         parts = [name, *(f"{shown[key]}={show_value(value)}" for key, value in varied.items())]
         arms.append(Arm(", ".join(part for part in parts if part) or "base", {**settings, **varied}))
     return tuple(arms)
-
-
-def show_value(value: object) -> str:
-    """Return a value as it is typed: text without quotes, anything else as JSON."""
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _shorten_keys(keys: tuple[str, ...]) -> Mapping[str, str]:

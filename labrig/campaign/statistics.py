@@ -7,7 +7,7 @@ same seed and point (common random numbers); with several arms their intervals h
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.special import ndtri, stdtrit
 from scipy.stats import binomtest
 
 from labrig.analysis.statistics import compute_spread
+from labrig.campaign.campaign_file import CampaignFile
 from labrig.errors import InputError
 from labrig.protocol.model import Model
 
@@ -202,65 +203,45 @@ def _compare_shares(
     return share, (max(-1.0, centre - half), min(1.0, centre + half)) if len(values) > 1 else None
 
 
-@dataclass
-class _Moments:
-    """Number, mean and sum of squared deviations of values that come one by one (Welford 1962)."""
-
-    n: int = 0
-    mean: float = 0.0
-    squares: float = 0.0
-
-    def add(self, value: float) -> None:
-        self.n += 1
-        off = value - self.mean
-        self.mean += off / self.n
-        self.squares += off * (value - self.mean)
-
-    def width(self) -> float:
-        """Return the width of the interval of the mean; infinite below two values."""
-        if self.n < 2:
-            return math.inf
-        sd = math.sqrt(self.squares / (self.n - 1))
-        return 2.0 * float(stdtrit(self.n - 1, 0.975)) * sd / math.sqrt(self.n)
-
-
-@dataclass
 class WidthRule:
     """Stops a campaign when the interval of every arm's mean is narrow enough (Chow and Robbins 1965).
 
-    It looks after `first_look` repetitions, and then whenever there are a quarter more, so that the same rows stop
-    it at the same place, whoever made them and however often it was interrupted.
+    It looks after whole repetitions only: first after `first_look` of them, then whenever there are a quarter more. So
+    the same rows stop it at the same place, whoever made them and however often it was interrupted.
 
     Parameters
     ----------
-    width : float
-        Widest interval, in the unit of the measure.
-    first_look : int
-        Repetitions.
+    campaign : CampaignFile
+        Without `stop_when` the rule never ends it.
     measure : str
         The column.
     """
 
-    width: float
-    first_look: int
-    measure: str
-    _look: int = 0
-    _arms: dict[str, _Moments] = field(default_factory=dict)
+    def __init__(self, campaign: CampaignFile, measure: str) -> None:
+        rule = campaign.stop_when
+        self._width = None if rule is None else rule.ci95_width_mm
+        self._round_tasks = campaign.arm_count * campaign.points
+        self._measure = measure
+        self._look = campaign.first_look()
+        self._taken = 0
+        self._arms: dict[str, list[float]] = {}
 
-    def __post_init__(self) -> None:
-        """Set the first look."""
-        self._look = self.first_look
-
-    def take(self, row: Mapping[str, object]) -> None:
-        """Take a row, in the order of the tasks."""
-        moments = self._arms.setdefault(str(row["arm"]), _Moments())
-        value = row.get(self.measure)
-        if row.get("error") is None and isinstance(value, int | float) and not math.isnan(value):
-            moments.add(float(value))
-
-    def is_met(self, repetitions: int) -> bool:
-        """Return whether the campaign ends after so many repetitions, all of whose rows were taken."""
-        if repetitions < self._look:
+    def take(self, row: Mapping[str, object]) -> bool:
+        """Take a row, in the order of the tasks, and return whether the campaign ends with it."""
+        if self._width is None:
+            return False
+        self._taken += 1
+        values = self._arms.setdefault(str(row["arm"]), [])
+        value = row.get(self._measure)
+        if row.get("error") is None and isinstance(value, int | float):
+            values.append(float(value))
+        repetitions, rest = divmod(self._taken, self._round_tasks)
+        if rest or repetitions < self._look:
             return False
         self._look = max(self._look + 1, math.ceil(_LOOK_AGAIN * self._look))
-        return max(moments.width() for moments in self._arms.values()) <= self.width
+        return all(_is_narrow(values, self._width) for values in self._arms.values())
+
+
+def _is_narrow(values: Sequence[float], width: float) -> bool:
+    ci95 = compute_spread(values).ci95
+    return ci95 is not None and ci95[1] - ci95[0] <= width

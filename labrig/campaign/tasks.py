@@ -5,10 +5,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 
+from labrig.analysis.campaign_table import FIXED
 from labrig.analysis.outcome import TaskOutcome
-from labrig.campaign.campaign_file import CampaignFile
+from labrig.campaign.campaign_file import CampaignFile, show_value
 from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration
-from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms, show_value
+from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms
 from labrig.campaign.statistics import require_measure
 from labrig.campaign.store import CampaignPlan
 from labrig.campaign.whole_run import run_whole
@@ -80,7 +81,7 @@ class CampaignTasks:
 
     def make_rows(self, begin: int, outcomes: Iterable[TaskOutcome | LabrigError]) -> Iterator[Row]:
         """Yield the rows of consecutive tasks. Raises `InputError` when they do not have the measure."""
-        arms, numeric = self.arms, find_numeric_keys(self.campaign)
+        arms = self.arms
         for number, outcome in enumerate(outcomes, start=begin):
             if isinstance(outcome, TaskOutcome) and outcome.values:
                 require_measure(self.loaded.by, outcome.values)
@@ -93,10 +94,7 @@ class CampaignTasks:
                 "point": address.point,
                 "repetition": address.repetition,
                 "seed": address.seed,
-                **{
-                    key: _format_setting(settings[key], numeric=key in numeric) if key in settings else None
-                    for key in self.campaign.varied_keys
-                },
+                **{key: _make_cell(settings.get(key)) for key in self.campaign.varied_keys},
                 **_describe_outcome(outcome),
             }
 
@@ -112,24 +110,13 @@ def _describe_outcome(outcome: TaskOutcome | LabrigError) -> Row:
     }
 
 
-def find_numeric_keys(campaign: CampaignFile) -> frozenset[str]:
-    """Return the varied keys all of whose values are numbers, or null; the others are text in the table."""
-    values: dict[str, list[object]] = {key: list(given) for key, given in campaign.vary.items()}
-    for settings in campaign.arms.values():
-        for key, value in settings.items():
-            values.setdefault(key, []).append(value)
-    drawn = () if campaign.sample is None else campaign.sample.keys
-    return frozenset(drawn) | {key for key, given in values.items() if all(map(_is_number, given))}
+def _make_cell(value: object) -> Cell:
+    return value if value is None or isinstance(value, bool | int | float | str) else show_value(value)
 
 
-def _is_number(value: object) -> bool:
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
-
-
-def _format_setting(value: object, *, numeric: bool) -> Cell:
-    if not numeric:
-        return show_value(value)
-    return float(value) if isinstance(value, int | float) else None
+def list_values(row: Row, campaign: CampaignFile) -> Row:
+    """Return the quantities of a row; none of a task that failed."""
+    return {name: value for name, value in row.items() if name not in {*FIXED, *campaign.varied_keys}}
 
 
 def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:

@@ -32,10 +32,10 @@ def campaign(
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: Annotated[
-        str | None,
+        Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder or URL of the table; one that was begun is gone on with. Default: data/campaigns/NAME.",
+            help="Folder of the campaign; one that was begun is gone on with. Default: data/campaigns/NAME.",
             show_default=False,
         ),
     ] = None,

@@ -343,7 +343,7 @@ ClusterOption = Annotated[
     typer.Option(
         "--cluster",
         metavar="ADDRESS",
-        help="Workers of a dask scheduler (tcp://HOST:PORT), or of a dask-jobqueue file.",
+        help="Workers of a dask scheduler (tcp://HOST:PORT).",
         show_default=False,
     ),
 ]

@@ -25,7 +25,7 @@ def open_pool(workers: int | None, cluster: str | None, work: str) -> Iterator[P
     workers : int or None
         So many processes; None for one on each core.
     cluster : str or None
-        The address of a cluster, or a file of its jobs, instead.
+        The address of a cluster instead.
     work : str
         What they do, in the past tense, for messages: "computed tasks".
     """
@@ -33,7 +33,7 @@ def open_pool(workers: int | None, cluster: str | None, work: str) -> Iterator[P
         with open_process_pool(workers or count_usable_cores(), work) as pool:
             yield pool
         return
-    if not all(map(find_spec, ("distributed", "dask_jobqueue"))):
+    if find_spec("distributed") is None:
         raise InputError(
             "--cluster needs labrig's extra cluster, which is not installed", "see: labrig manual install"
         )

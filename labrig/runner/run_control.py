@@ -1,4 +1,4 @@
-"""Requests from another terminal to the labrig that makes a run or a campaign: pause, and continue.
+"""Requests from another terminal to the labrig that makes a run: pause, and continue.
 
 The run listens on a Unix socket in its folder while it is made, and polls it without a thread. Only the account that
 makes the run may connect. What a killed labrig leaves of it is replaced when the run is resumed.
@@ -13,7 +13,7 @@ from typing import Any, Literal
 from labrig.errors import InputError, MachineError
 from labrig.input_file import parse_json
 from labrig.posix import LineSocket, connect, listen
-from labrig.record.layout import CAMPAIGN, run_control, run_lock
+from labrig.record.layout import run_control, run_lock
 from labrig.record.lock import read_lock_owner
 from labrig.record.manifest import read_manifest
 
@@ -113,7 +113,7 @@ def ask_run(run: Path, order: Order) -> str:
     MachineError
         When labrig does not answer.
     """
-    ended = None if (run / CAMPAIGN).is_file() else read_manifest(run).get("exit_status")
+    ended = read_manifest(run).get("exit_status")
     owner = read_lock_owner(run_lock(run))
     if owner is None or ended not in {"incomplete", None}:
         how = "was interrupted" if ended in {"incomplete", None} else f"has ended: {ended}"
@@ -126,7 +126,7 @@ def ask_run(run: Path, order: Order) -> str:
     if caller is None:
         raise InputError(
             f"{run} takes no requests: it is made by {owner}",
-            "only labrig run, resume and campaign can be paused, and only by the account that began them",
+            "only labrig run and resume can be paused, and only by the account that began them",
         )
     try:
         caller.send(order)

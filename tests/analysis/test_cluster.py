@@ -1,4 +1,4 @@
-"""The engine on workers of a cluster: a dask scheduler on the loopback, and jobs of a batch system."""
+"""The engine on workers of a cluster: a dask scheduler on the loopback."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ from labrig.analysis.divergence import compare_results
 from labrig.analysis.engine import run_in_order
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
-from labrig.errors import FileFormatError, InputError, MachineError, WorkersError
+from labrig.errors import InputError, MachineError, WorkersError
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.agreement import Verdict
 from labrig.record.reader import open_run
@@ -35,14 +35,6 @@ _LOOPBACK = {
     "scheduler_kwargs": {"dashboard": False},
     "worker_dashboard_address": None,
 }
-# Stand for the commands of SLURM: what is submitted runs at once, in a session of its own.
-_SBATCH = """\
-#!/bin/sh
-cp "$1" "$JOBS/script"
-setsid sh "$JOBS/script" >"$JOBS/log" 2>&1 </dev/null &
-echo "Submitted batch job $!"
-"""
-_SCANCEL = '#!/bin/sh\nkill -- "-$1"\n'
 
 
 def square(task: int) -> int:
@@ -182,53 +174,4 @@ def test_a_cluster_that_does_not_answer_is_refused() -> None:
         pytest.raises(MachineError, match=r"does not answer within 0\.2 s"),
         open_cluster("tcp://127.0.0.1:1", "squared", answer_s=0.2),
     ):
-        pass
-
-
-def job_file(folder: Path, **section: object) -> str:
-    """Write a file of jobs that run here, and return its name."""
-    slurm = {
-        "cores": 1,
-        "memory": "1GB",
-        "shared-temp-directory": str(folder),
-        "scheduler-options": {"host": "127.0.0.1"},
-        "worker-extra-args": ["--host", "127.0.0.1", "--no-dashboard"],
-    }
-    path = folder / "cluster.yaml"
-    path.write_text(str({"wait_s": 60.0, "jobqueue": {"slurm": {**slurm, **section}}}))
-    return str(path)
-
-
-def test_jobs_of_a_batch_system_are_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file submits jobs, whose workers compute behind certificates that end with them."""
-    for name, text in (("sbatch", _SBATCH), ("scancel", _SCANCEL)):
-        (tmp_path / name).write_text(text)
-        (tmp_path / name).chmod(0o700)
-    monkeypatch.setenv("JOBS", str(tmp_path))
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    with open_cluster(job_file(tmp_path), "squared") as pool:
-        assert list(run_in_order(pool, square, range(40))) == [square(task) for task in range(40)]
-    assert "--tls-cert" in (tmp_path / "script").read_text()
-    assert not list(tmp_path.glob(".dask-jobqueue*"))
-
-
-def test_a_batch_system_that_is_not_here_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where jobs cannot be submitted its words are told."""
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with (
-        pytest.raises(InputError, match=r"slurm took no job: .*sbatch"),
-        open_cluster(job_file(tmp_path), "squared"),
-    ):
-        pass
-
-
-def test_a_file_of_jobs_is_checked(tmp_path: Path) -> None:
-    """A key that dask-jobqueue does not know is named, as are those of ours."""
-    with (
-        pytest.raises(InputError, match="slurm has no cors"),
-        open_cluster(job_file(tmp_path, cors=4), "squared"),
-    ):
-        pass
-    (tmp_path / "cluster.yaml").write_text("jobqueue: {lsff: {}}\njob: 3\n")
-    with pytest.raises(FileFormatError, match="job"), open_cluster(str(tmp_path / "cluster.yaml"), "squared"):
         pass

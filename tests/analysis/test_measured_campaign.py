@@ -8,8 +8,8 @@ import pytest
 from labrig.analysis.comparison import ComparedRuns, compare_runs
 from labrig.analysis.measurements import open_measured_runs
 from labrig.campaign.conduct import conduct_campaign
-from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, describe_campaign, plan_campaign
+from labrig.campaign.run import open_store
+from labrig.campaign.tasks import CampaignTasks
 from labrig.devices.clocks import SimulatedClock
 from tests.campaign.campaigns import computing, load, write_campaign
 from tests.campaign.test_conduct import Told, by_seed
@@ -21,7 +21,7 @@ def make(folder: Path, name: str, stop_at: int | None = None, **keys: object) ->
     """Return the folder of a campaign with these keys, which may be stopped at a task."""
     loaded = load(write_campaign(folder, campaign=name, **{"arms": ARMS, "repetitions": 3, **keys}))
     with (
-        CampaignStore.open(str(folder / name), describe_campaign(loaded), plan_campaign(loaded)) as store,
+        open_store(loaded, folder / name) as store,
         suppress(KeyboardInterrupt),
     ):
         conduct_campaign(CampaignTasks(loaded), store, computing(by_seed), SimulatedClock(), Told(stop_at))
@@ -69,7 +69,7 @@ def test_a_campaign_that_its_rule_ended_is_finished(tmp_path: Path) -> None:
     folder = make(tmp_path, "ruled", stop_when=rule)
     loaded = load(tmp_path / "campaign-tried.yaml")
     assert "not finished" in " ".join(compare(folder).comparison.warnings)
-    with CampaignStore.open(str(folder), describe_campaign(loaded), plan_campaign(loaded)) as store:
+    with open_store(loaded, folder) as store:
         assert store.done == 60
         store.note_end()
     assert "not finished" not in " ".join(compare(folder).comparison.warnings)

@@ -15,11 +15,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import pyarrow.parquet as pq
 from dask.distributed import LocalCluster
 
-from labrig.campaign.store import CampaignPlan, CampaignStore
-from labrig.record.layout import CAMPAIGN as DOCUMENT
+from labrig.analysis.campaign_table import ROWS_FILE
 from tests.benchmarks.engine import open_local_cluster
 from tests.benchmarks.table import print_rows
 
@@ -120,16 +118,11 @@ def _wait_until_half_done(process: subprocess.Popen[bytes], out: Path) -> bool:
 
 
 def _count_done(out: Path) -> int:
-    """Return how many rows the parts in a folder hold; a part is there as a whole or not at all."""
-    return sum(pq.read_metadata(part).num_rows for part in out.glob("part-*.parquet"))
+    """Return how many rows a folder holds."""
+    file = out / ROWS_FILE
+    return file.read_bytes().count(b"\n") if file.exists() else 0
 
 
 def _digest(out: Path) -> str:
-    """Return the digest of the table, whatever its parts: its columns, types and all bits of its values."""
-    kept = json.loads((out / DOCUMENT).read_text(encoding="utf-8"))
-    with CampaignStore.open(str(out), kept["document"], CampaignPlan(**kept["plan"])) as store:
-        table = store.read()
-    digest = hashlib.sha256(repr(list(table.dtypes.items())).encode())
-    for row in table.itertuples(index=False):
-        digest.update(repr(tuple(row)).encode())
-    return f"{digest.hexdigest()[:16]} ({len(table)} rows)"
+    """Return the digest of the rows."""
+    return f"{hashlib.sha256((out / ROWS_FILE).read_bytes()).hexdigest()[:16]} ({_count_done(out)} rows)"

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from labrig.analysis.outcome import TaskOutcome
-from labrig.campaign.conduct import CampaignEnd, conduct_campaign
+from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.inputs import LoadedCampaign
-from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, TaskOrder, describe_campaign, plan_campaign
+from labrig.campaign.run import open_store
+from labrig.campaign.tasks import CampaignTasks, TaskOrder
 from labrig.devices.clocks import SimulatedClock
 from labrig.errors import InputError, LabrigError
 from tests.campaign.campaigns import Law, computing, load, write_campaign
@@ -23,7 +23,7 @@ class Told:
         self.done: list[int] = []
         self._stop_at = stop_at
 
-    def note(self, done: int, of: int) -> None:
+    def __call__(self, done: int, of: int) -> None:
         """Take note."""
         assert done <= of
         self.done.append(done)
@@ -31,18 +31,19 @@ class Told:
             raise KeyboardInterrupt
 
 
-def conduct(loaded: LoadedCampaign, place: Path, law: Law, told: Told | None = None) -> CampaignEnd:
-    """Conduct a campaign whose tasks follow a law."""
-    with CampaignStore.open(str(place), describe_campaign(loaded), plan_campaign(loaded)) as store:
-        return conduct_campaign(
+def conduct(loaded: LoadedCampaign, place: Path, law: Law, told: Told | None = None) -> tuple[int, bool]:
+    """Conduct a campaign whose tasks follow a law; return how many are done, and whether a rule ended it."""
+    with open_store(loaded, place) as store:
+        by_rule = conduct_campaign(
             CampaignTasks(loaded), store, computing(law), SimulatedClock(), told or Told()
         )
+        return store.done, by_rule
 
 
 def read(loaded: LoadedCampaign, place: Path) -> pd.DataFrame:
     """Return the table of a campaign."""
-    with CampaignStore.open(str(place), describe_campaign(loaded), plan_campaign(loaded)) as store:
-        return store.read()
+    with open_store(loaded, place) as store:
+        return store.write_table()
 
 
 def by_seed(order: TaskOrder) -> float:
@@ -53,7 +54,7 @@ def by_seed(order: TaskOrder) -> float:
 def test_the_table_has_a_row_for_each_task_with_its_values(tmp_path: Path) -> None:
     """Arm, point, repetition, seed, the varied keys, how it ended and its quantities."""
     loaded = load(write_campaign(tmp_path, vary={"policy.replan_every_mm": [5, 10]}, repetitions=3))
-    assert conduct(loaded, tmp_path / "out", by_seed) == CampaignEnd(6, by_rule=False)
+    assert conduct(loaded, tmp_path / "out", by_seed) == (6, False)
     table = read(loaded, tmp_path / "out")
     assert table["task"].tolist() == list(range(6))
     assert table["policy.replan_every_mm"].tolist() == [5.0, 10.0] * 3
@@ -94,9 +95,9 @@ def test_a_rule_ends_it_at_the_same_task_however_often_it_was_interrupted(tmp_pa
     rule = {"ci95_width_mm": 0.6, "at_most": 500}
     loaded = load(write_campaign(tmp_path, vary={"policy.replan_every_mm": [5, 10]}, stop_when=rule))
     whole = conduct(loaded, tmp_path / "whole", by_seed)
-    assert whole.by_rule
-    assert 60 < whole.done < 1000
-    for stop_at in (10, 59, 60, whole.done - 1):
+    assert whole[1]
+    assert 60 < whole[0] < 1000
+    for stop_at in (10, 59, 60, whole[0] - 1):
         with pytest.raises(KeyboardInterrupt):
             conduct(loaded, tmp_path / "broken", by_seed, Told(stop_at))
     assert conduct(loaded, tmp_path / "broken", by_seed) == whole
@@ -104,18 +105,15 @@ def test_a_rule_ends_it_at_the_same_task_however_often_it_was_interrupted(tmp_pa
     def never(_: Iterable[TaskOrder]) -> Generator[TaskOutcome | LabrigError, None, None]:
         raise AssertionError("nothing is left to compute")
 
-    with CampaignStore.open(
-        str(tmp_path / "broken"), describe_campaign(loaded), plan_campaign(loaded)
-    ) as store:
-        again = conduct_campaign(CampaignTasks(loaded), store, never, SimulatedClock(), Told())
-    assert again == whole
+    with open_store(loaded, tmp_path / "broken") as store:
+        assert conduct_campaign(CampaignTasks(loaded), store, never, SimulatedClock(), Told())
 
 
 def test_it_goes_on_with_more_repetitions_but_not_with_other_values(tmp_path: Path) -> None:
     """More rows, or another judgement, leave the rows that are there as they are."""
     conduct(load(write_campaign(tmp_path, repetitions=2)), tmp_path / "out", by_seed)
     more = load(write_campaign(tmp_path, repetitions=5, tolerance=1.0, title="More"))
-    assert conduct(more, tmp_path / "out", by_seed).done == 5
+    assert conduct(more, tmp_path / "out", by_seed) == (5, False)
     other = load(write_campaign(tmp_path, repetitions=5, set={"target.sd_mm": 1}))
     with pytest.raises(LabrigError, match="another campaign"):
         conduct(other, tmp_path / "out", by_seed)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labrig.campaign.key_rules import needs_pictures
+from labrig.campaign.campaign_file import needs_pictures
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol

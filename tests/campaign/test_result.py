@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from labrig.analysis.campaign_table import make_table
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
@@ -20,8 +21,8 @@ INFINITE = float("inf")
 def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFrame]:
     """Return the result and the table of a campaign whose tasks follow a law."""
     tasks = CampaignTasks(loaded)
-    table = pd.DataFrame(list(tasks.make_rows(0, computing(law)(tasks.list_orders(0)))))
-    return make_result(loaded, table, tasks=tasks.count, place="out"), table
+    table = make_table(list(tasks.make_rows(0, computing(law)(tasks.list_orders(0)))))
+    return make_result(loaded, table, tasks=tasks.count, file=Path("table.parquet")), table
 
 
 def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
@@ -37,15 +38,6 @@ def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Pa
     assert first.command[-6:] == (
         "--seed", str(without), "--set", "policy.near_mm=0", "--set", "policy.replan_every_mm=5"
     )  # fmt: skip
-
-
-def test_a_curve_of_means_ends_at_the_mean_of_all(tmp_path: Path) -> None:
-    """After all repetitions."""
-    result, table = found(
-        load(write_campaign(tmp_path, repetitions=50)), lambda order: order.seed % 100 / 50.0
-    )
-    assert result.settling["base"][-1].repetitions == 50
-    assert result.settling["base"][-1].mean == pytest.approx(table["true_target_error_mm"].mean())
 
 
 def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> None:
@@ -127,7 +119,7 @@ def test_an_unfinished_page_says_so_beside_its_intervals(tmp_path: Path) -> None
     loaded = load(write_campaign(tmp_path, **ARMS, repetitions=4))
     result, table = found(loaded, spread)
     part = table.head(7)
-    half = make_result(loaded, part, tasks=CampaignTasks(loaded).count, place="out")
+    half = make_result(loaded, part, tasks=CampaignTasks(loaded).count, file=Path("table.parquet"))
     page = write_page(tmp_path, loaded, half, part, NOW).read_text(encoding="utf-8")
     assert result.ended == "complete"
     assert "7 of 12 are done." in page

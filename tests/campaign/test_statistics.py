@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.statistics import Judgement, WidthRule, bound_share, compare_arms, judge_arm
 
 BY = Judgement("error_mm", 2.0)
@@ -91,46 +92,46 @@ def test_paired_shares_are_covered() -> None:
     assert 0.915 <= held / 300 <= 0.985
 
 
-@given(st.lists(st.floats(-5, 5), min_size=2, max_size=60))
+def rule(width: float, at_least: int = 30) -> WidthRule:
+    """Return the rule of a campaign of one arm."""
+    stop = {"ci95_width_mm": width, "at_most": 10_000}
+    keys = {"campaign": "c", "base": "p.yaml", "seed": 5, "repetitions": at_least, "stop_when": stop}
+    return WidthRule(CampaignFile.model_validate(keys), "error_mm")
+
+
+def make_row(value: float) -> dict[str, object]:
+    """Return the row of a task."""
+    return {"arm": "a", "error": None, "error_mm": value}
+
+
+@given(st.lists(st.floats(-5, 5), min_size=30, max_size=60))
 def test_the_rule_sees_the_interval_that_the_page_shows(values: list[float]) -> None:
     """It is met at a look just when the width is at most the wanted one."""
     found = judge_arm(table({"a": [*values]}), "a", {}, BY).ci95
     assert found is not None
     width = found[1] - found[0]
     for wanted, met in ((width * 1.001 + 1e-9, True), (width * 0.999 - 1e-9, False)):
-        rule = WidthRule(wanted, len(values), "error_mm")
-        for value in values:
-            rule.take({"arm": "a", "error": None, "error_mm": value})
-        assert rule.is_met(len(values)) is met
+        if wanted > 0:
+            asked = rule(wanted, len(values))
+            assert [asked.take(make_row(value)) for value in values][-1] is met
 
 
 def test_the_rule_looks_at_numbers_of_repetitions_fixed_beforehand() -> None:
     """First where the file says, then after a quarter more: each look is a chance to stop too early."""
-    rule = WidthRule(0.0, 30, "error_mm")
-    for value in (0.0, 1.0):
-        rule.take({"arm": "a", "error": None, "error_mm": value})
-    asked = []
-    for repetitions in range(1, 100):
-        before = rule._look
-        rule.is_met(repetitions)
-        if rule._look != before:
-            asked.append(repetitions)
-    assert asked == [30, 38, 48, 60, 75, 94]
+    narrow = [0.0, 1.0] * 15 + [0.5] * 200
+    for width, ends in ((0.5, 30), (0.3, 38), (0.25, 48), (0.16, 75)):
+        asked = rule(width)
+        assert next(n for n, value in enumerate(narrow, start=1) if asked.take(make_row(value))) == ends
 
 
 def test_a_mean_that_a_rule_stopped_is_still_covered() -> None:
-    """1,000 campaigns of normal values that end at a width: the interval holds the mean in 93 % or more."""
+    """300 campaigns of normal values that end at a width: the interval holds the mean in 91 % or more."""
     random = np.random.default_rng(3)
     held = 0
-    for _ in range(1000):
-        rule, values, repetitions = WidthRule(0.45, 30, "error_mm"), [], 0
-        while True:
-            repetitions += 1
+    for _ in range(300):
+        asked, values = rule(0.45), [float(random.normal())]
+        while not asked.take(make_row(values[-1])):
             values.append(float(random.normal()))
-            rule.take({"arm": "a", "error": None, "error_mm": values[-1]})
-            if rule.is_met(repetitions):
-                break
-        sd = float(np.std(values, ddof=1))
-        half = float(stats.t.ppf(0.975, len(values) - 1)) * sd / math.sqrt(len(values))
-        held += abs(float(np.mean(values))) <= half
-    assert held / 1000 >= 0.93
+        low, high = judge_arm(table({"a": [*values]}), "a", {}, BY).ci95 or (math.nan, math.nan)
+        held += low <= 0.0 <= high
+    assert held / 300 >= 0.91

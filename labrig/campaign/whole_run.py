@@ -74,7 +74,7 @@ def _record(order: RecordOrder, plan: RunPlan) -> Outcome:
         def begin() -> RecordSink:
             return open_record(order, CodeChanges(), rig.clock, rig.describe())
 
-        session = begin_session(rig, begin, lambda _done, _doing: None, plan.workload)
+        session = begin_session(rig, begin, lambda _done, _doing: None)
         return conduct(order.experiment, order.protocol, session)
 
 

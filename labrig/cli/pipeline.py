@@ -181,7 +181,7 @@ def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun
         def begin(rig: Rig, reporter: Reporter) -> Session:
             require_valid_calibration(plan, rig)
             open_record = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
-            return begin_session(rig, open_record, reporter, plan.workload)
+            return begin_session(rig, open_record, reporter)
 
         job = RigJob(
             experiment, protocol, order.rig, plan.work, order.command_line, order.attention, order.watching

@@ -44,9 +44,6 @@ def check(
     runs_dir: RunsDirOption = None,
     seed: SeedOption = None,
     settings: SetOption = None,
-    stops: Annotated[
-        bool, typer.Option("--stops", help="Tell what a stop during each move does, and the way back.")
-    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
@@ -82,13 +79,13 @@ def check(
         *find_disk_problems(folder, count_needed_bytes(plan, description)),
     )
     warnings = (*specimens.warnings, *plan.warnings, *find_state_warnings(description))
-    report = collect_report(plan, disk_bytes, description, loaded.experiment, folder, now)
+    report = collect_report(plan, disk_bytes, description, now)
     if as_json:
         _print_check(problems, warnings, plan.duration_s, disk_bytes, faults, report.document())
     else:
         _print_problems(problems)
         _print_problems(warnings, "warning: ")
-        print_report(report, f"{protocol} {'cannot' if problems else 'can'} run", stops=stops)
+        print_report(report, f"{protocol} {'cannot' if problems else 'can'} run")
     return 1 if problems else 0
 
 

@@ -108,7 +108,7 @@ def resume_run(
     def begin(rig: Rig, reporter: Reporter) -> Session:
         require_valid_calibration(plan, rig)
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
-        return begin_session(rig, reopen, reporter, plan.workload.leave(share))
+        return begin_session(rig, reopen, reporter)
 
     job = RigJob(experiment, recorded, description, plan.work, command_line, attention, watching)
     ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, remainder))

@@ -1,8 +1,6 @@
 """Conditions of a protocol on values that a run measures, as one line of text each: `radius_mm outside [26, 30]`.
 
-The forms are `NAME > NUMBER`, `NAME < NUMBER`, `NAME outside [LOW, HIGH]` and `NAME inside [LOW, HIGH]`, each with
-`, hysteresis NUMBER` behind it if wanted. A condition that is met is met once: it counts anew only after the value has
-come back by the hysteresis.
+The forms are `NAME > NUMBER`, `NAME < NUMBER`, `NAME outside [LOW, HIGH]` and `NAME inside [LOW, HIGH]`.
 """
 
 import math
@@ -21,13 +19,10 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _FORM = re.compile(
     rf"(?P<name>[A-Za-z]\w*)\s*"
     rf"(?:(?P<sign>[<>])\s*(?P<limit>{_NUMBER})"
-    rf"|\s(?P<word>outside|inside)\s*\[\s*(?P<low>{_NUMBER})\s*,\s*(?P<high>{_NUMBER})\s*\])"
-    rf"(?:\s*,\s*hysteresis\s+(?P<hysteresis>{_NUMBER}))?",
+    rf"|\s(?P<word>outside|inside)\s*\[\s*(?P<low>{_NUMBER})\s*,\s*(?P<high>{_NUMBER})\s*\])",
     re.ASCII,
 )
-_FORMS = (
-    "NAME > 3, NAME < 3, NAME outside [26, 30] or NAME inside [26, 30], then optionally: , hysteresis 0.5"
-)
+_FORMS = "NAME > 3, NAME < 3, NAME outside [26, 30] or NAME inside [26, 30]"
 
 _GUARDS: Mapping[str, str] = {
     "current": "max_current_ma",
@@ -57,8 +52,6 @@ class Condition:
         Whether it is met outside of the interval; otherwise within.
     low, high : float
         The interval, in the unit of the name; one end is infinite for `>` and `<`.
-    hysteresis : float
-        How far beyond the end the value has to come back.
     """
 
     action: Action
@@ -67,16 +60,10 @@ class Condition:
     outside: bool
     low: float
     high: float
-    hysteresis: float
 
     def holds(self, value: float) -> bool:
         """Return whether a value meets the condition."""
         return self.outside != (self.low <= value <= self.high)
-
-    def is_back(self, value: float) -> bool:
-        """Return whether a value has come back, so that the condition counts anew."""
-        margin = self.hysteresis if self.outside else -self.hysteresis
-        return self.outside == (self.low + margin <= value <= self.high - margin)
 
 
 def parse_condition(text: str, action: Action) -> Condition:
@@ -90,7 +77,7 @@ def parse_condition(text: str, action: Action) -> Condition:
     found = _FORM.fullmatch(text.strip())
     if found is None:
         raise ValueError(f'"{text}" is not a condition, expected {_FORMS}')
-    numbers = {key: float(found[key]) for key in ("limit", "low", "high", "hysteresis") if found[key]}
+    numbers = {key: float(found[key]) for key in ("limit", "low", "high") if found[key]}
     if not all(math.isfinite(value) for value in numbers.values()):
         raise ValueError(f'"{text}" has a number that is not finite')
     low, high = numbers.get("low", -math.inf), numbers.get("high", math.inf)
@@ -98,17 +85,10 @@ def parse_condition(text: str, action: Action) -> Condition:
         high = numbers["limit"]
     elif found["sign"] == "<":
         low = numbers["limit"]
-    hysteresis = numbers.get("hysteresis", 0.0)
     outside = found["word"] != "inside"
     if low >= high:
         raise ValueError(f'"{text}": the interval is empty, {low:g} must be below {high:g}')
-    if hysteresis < 0:
-        raise ValueError(f'"{text}": hysteresis is {hysteresis:g}, must be at least 0')
-    if outside and low + hysteresis > high - hysteresis:
-        raise ValueError(
-            f'"{text}": hysteresis is {hysteresis:g}, must be at most {(high - low) / 2:g}, half of the interval'
-        )
-    return Condition(action, text.strip(), found["name"], outside, low, high, hysteresis)
+    return Condition(action, text.strip(), found["name"], outside, low, high)
 
 
 def find_fault(text: str, key: str, known: Mapping[str, str]) -> Conflict | None:

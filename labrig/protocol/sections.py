@@ -138,7 +138,7 @@ class JudgedProtocol(MovingProtocol):
         (),
         max_length=20,
         description="Conditions on which the run pauses after an insertion and asks, such as "
-        "radius_mm outside [26, 30], hysteresis 0.5.",
+        "radius_mm outside [26, 30].",
     )
     stop_when: ConditionTexts = Field(
         (),
@@ -267,11 +267,11 @@ class TrackedSpecimen(Specimen):
     )
     track_clearance_mm: NonNegativeMm = Field(
         2.0,
-        description="Least distance between the surface of a planned track and that of an old one [mm]; needs a "
-        "specimen file. 2: each of the two sheaths may have been 1 mm aside (sheath.origin.across_mm).",
+        description="Least distance between the sheath in a planned hole and that in an old one [mm]; needs a specimen "
+        "file. 2: each of the two sheaths may have been 1 mm aside (sheath.origin.across_mm).",
     )
     allow_crossing: bool = Field(
-        default=False, description="Whether a planned track may come closer to an old one, or cross it."
+        default=False, description="Whether a planned hole may come closer to an old one."
     )
 
     def put_tracks(self, tracks: TracksBySpecimen) -> Self:

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 from labrig.errors import InputError
 from labrig.input_file import read_file
 from labrig.lab.folder import SPECIMENS, find_in_lab
-from labrig.protocol.model import Conflict, Line, Model, Name, NonNegativeMm, Notes, PositiveMm
+from labrig.protocol.model import Conflict, Line, Model, Name, Notes, PositiveMm
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
 from labrig.protocol.yaml_tree import MAX_BYTES
@@ -116,9 +116,9 @@ class SpecimenFile(Model):
 class SpecimenTrack(Model):
     """The track that one insertion left in a block.
 
-    Along the insertion, places count from the block's entry face; across it from the first entry point, towards where
-    later holes are, which is -y of the steering plane. `path_mm` begins at the end of the sheath. A radius is that of
-    the final picture, None if none was accepted; `age_h` is the block's at the insertion.
+    Places count across the insertion from the first entry point, towards where later holes are, which is -y of the
+    steering plane. A radius is that of the final picture, None if none was accepted; `age_h` is the block's at the
+    insertion.
     """
 
     run: str = Field(max_length=400, description="The run that made it.")
@@ -126,14 +126,9 @@ class SpecimenTrack(Model):
     hole: int = Field(ge=0, description="Its hole in that run, from 0.")
     hole_position_mm: _Coordinate = Field(description="Where it enters the block [mm].")
     needle_id: Name = Field(description="The needle.")
-    needle_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
     sheath_diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
-    sheath_depth_mm: NonNegativeMm = Field(description="How far the sheath went in [mm].")
     age_h: float = Field(description="Age of the block at the insertion [h].")
     radius_mm: float | None = Field(None, gt=0, description="Measured radius of curvature [mm].")
-    path_mm: tuple[tuple[_Coordinate, _Coordinate], ...] = Field(
-        min_length=2, max_length=20, description="The needle's path, (along, across) [mm]."
-    )
 
 
 TracksBySpecimen: TypeAlias = Mapping[str, tuple[SpecimenTrack, ...]]

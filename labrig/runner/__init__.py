@@ -16,8 +16,7 @@ code of the experiment; further ones are named by `Session.reach_safe_point`. A 
 fold of the events, is the same while the run is made, when it is resumed, and when it is evaluated.
 
 Conditions of the protocol (`ask_when`, `stop_when`) are judged on values that a procedure hands to `Session.judge`.
-They act at the next safe point, in the place of a person's request. Which of them are met is a fold of the recorded
-values (`ConditionWatch`), so that a resumed run is not asked or stopped for the same reason again.
+They act at the next safe point, in the place of a person's request.
 
 The record is written by a worker, and long computations are made by one (`Session.compute`), while the thread of the
 procedure supervises the rig (`supervised_record`).

@@ -19,7 +19,6 @@ from labrig.errors import (
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import RunResume, RunStart, RunStop
 from labrig.record.sink import RecordSink
-from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.experiment import Experiment, Remainder
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import recover
@@ -39,13 +38,13 @@ def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Sessi
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
-    session.dialogue.watch = ConditionWatch(protocol.conditions)
+    session.dialogue.conditions = protocol.conditions
     return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
 
 
 def conduct_remainder(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
     """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record."""
-    session.dialogue.decisions, session.dialogue.watch = remainder.decisions, remainder.watch
+    session.dialogue.decisions, session.dialogue.conditions = remainder.decisions, remainder.conditions
     return _conduct(session, RunResume(experiment=experiment.name), lambda: remainder.run(session))
 
 

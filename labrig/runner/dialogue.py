@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from labrig.devices.operator import Choice, Offer, OperatorRequest
+from labrig.protocol.conditions import Condition
 from labrig.record.decisions import DECISIONS, Decisions
 from labrig.record.events import (
     ConditionMet,
@@ -12,18 +13,8 @@ from labrig.record.events import (
     TrialStart,
     TrialStop,
     Undo,
-    ValueMeasured,
 )
-from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.pausing import NoRequests, PauseRequests
-from labrig.runner.time_left import (
-    Elapsed,
-    GivenAnswer,
-    TimeLeft,
-    Workload,
-    describe_time_left,
-    estimate_time_left,
-)
 
 
 def _always(_trial: int) -> bool:
@@ -47,12 +38,10 @@ class Dialogue:
     ----------
     requests : PauseRequests
         Requests to pause.
-    workload : Workload
-        The plan of the run, for the time that is left.
     decisions : Decisions
         Those that hold; a resumed run begins with those of its record.
-    watch : ConditionWatch
-        The conditions of the protocol, and which of them are met.
+    conditions : tuple of Condition
+        Those of the protocol, on values that are measured.
     trial : int or None
         The trial in progress.
     finished : int or None
@@ -60,29 +49,22 @@ class Dialogue:
     attempt : Attempt or None
         The trial that is about to be made, or is being made.
     place : str
-        Where the run is, such as `hole 3 of 18, gel 2 of 4`; empty for the number of the trial.
+        Where the run is, such as `hole 3 of 18, gel 2 of 4`; empty if nobody has said it.
     next_point : str
         When a pause that is asked for now begins, as a person is told; empty for the end of the trial in progress.
     """
 
     requests: PauseRequests = field(default_factory=NoRequests)
-    workload: Workload = field(default_factory=Workload)
     decisions: Decisions = field(default_factory=Decisions)
-    watch: ConditionWatch = field(default_factory=ConditionWatch)
+    conditions: tuple[Condition, ...] = ()
     trial: int | None = None
     finished: int | None = None
     attempt: Attempt | None = None
     place: str = ""
     next_point: str = ""
     _noun: str = "trial"
-    _ended: int = 0
     _started: bool = False
     _undoable: list[Event | OperatorRequest] = field(default_factory=list)
-    _answers: list[GivenAnswer] = field(default_factory=list)
-    _waited_s: float = 0.0
-    _done_s: float = 0.0
-    _first: Elapsed | None = None
-    _latest: Elapsed | None = None
     _met: list[ConditionMet] = field(default_factory=list)
 
     # What happens
@@ -95,7 +77,6 @@ class Dialogue:
                 self.trial, self._noun, self._started = event.trial, event.noun, True
                 self._undoable.clear()
             case TrialStop():
-                self._ended += event.trial == self.trial
                 self.finished = event.trial if event.trial == self.trial else self.finished
                 self.trial, self.next_point = None, ""
                 self._undoable.clear()
@@ -103,31 +84,17 @@ class Dialogue:
                 self._undoable.clear()
             case Undo():
                 self._undoable.pop()
-            case ValueMeasured():
-                self.watch = self.watch.add(event)
             case ConditionMet():
                 self._met.append(event)
             case _ if isinstance(event, DECISIONS):
                 self._undoable.append(event)
 
-    def note_answer(self, request: OperatorRequest, took_s: float) -> None:
+    def note_answer(self, request: OperatorRequest) -> None:
         """Take note of an answer; it can be undone if it only says that something was done by hand."""
-        self._answers.append(GivenAnswer(type(request).__name__, took_s))
-        self._waited_s += took_s
         if request.by_hand:
             self._undoable.append(request)
         else:
             self._undoable.clear()
-
-    def note_pause(self, took_s: float) -> None:
-        """Take note of how long a pause took."""
-        self._waited_s += took_s
-
-    def note_progress(self, done_s: float, now_s: float) -> None:
-        """Take note of how much of the plan is done at a rig time [s]."""
-        self._done_s = done_s
-        self._latest = Elapsed(done_s, now_s - self._waited_s)
-        self._first = self._first or self._latest
 
     def take_met(self) -> tuple[ConditionMet, ...]:
         """Return the conditions that were met since the last safe point; there is none afterwards."""
@@ -186,7 +153,7 @@ class Dialogue:
 
     def make_offer(self, *, paused: bool) -> Offer:
         """Return what may be chosen, with the line that says where the run is."""
-        return Offer(self.list_choices(paused=paused), self.describe_status())
+        return Offer(self.list_choices(paused=paused), self.place)
 
     def describe_next_point(self) -> str:
         """Return when a pause that is asked for now will begin."""
@@ -197,22 +164,3 @@ class Dialogue:
     def describe_point(self, *, ended: bool) -> str:
         """Return where a pause is that has begun at the end of a trial, or within it."""
         return f"{'after' if ended else 'during'} this {self._noun}"
-
-    def describe_status(self) -> str:
-        """Return where the run is, and how much is left: `hole 3 of 18, gel 2 of 4, about 52 minutes of yours ...`."""
-        left = describe_time_left(self.estimate_left())
-        return ", ".join(filter(None, (self.place or self._count_trials(), left)))
-
-    def estimate_left(self) -> TimeLeft:
-        """Return how much of the run is left."""
-        first, latest = self._first, self._latest
-        elapsed = Elapsed(0.0, 0.0)
-        if first is not None and latest is not None:
-            elapsed = Elapsed(latest.planned_s - first.planned_s, latest.rig_s - first.rig_s)
-        return estimate_time_left(self.workload, self._done_s, elapsed, self._answers)
-
-    def _count_trials(self) -> str:
-        trials = self.workload.trials
-        if trials <= 1:
-            return ""
-        return f"trial {min(self._ended + 1, trials)} of {trials}"

@@ -1,7 +1,7 @@
 """The interface of experiments to the rest of labrig."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from labrig.analysis.experiment import MeasuredExperiment
@@ -11,16 +11,14 @@ from labrig.analysis.summary import Summary
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.plugins import Plugin
+from labrig.protocol.conditions import Condition
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.decisions import NO_DECISIONS, Decisions
-from labrig.record.events import ValueMeasured
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import View
-from labrig.runner.condition_watch import ConditionWatch
 from labrig.runner.session import Session
-from labrig.runner.time_left import Workload
 
 
 @dataclass(frozen=True)
@@ -51,8 +49,6 @@ class RunPlan:
         Rig time without that of the operator [s].
     pictures, operator_steps : int
         Pictures that are taken, and requests that the operator answers.
-    questions : mapping of str to int
-        Those requests by the name of their class, from which the time that is left is learned; may be left out.
     moves : tuple of PlannedMove
         Those of one trial, in order: the sheath goes in, the needle goes in and out, the sheath comes out.
     problems : tuple of Problem
@@ -71,18 +67,12 @@ class RunPlan:
     duration_s: float = 0.0
     pictures: int = 0
     operator_steps: int = 0
-    questions: Mapping[str, int] = field(default_factory=dict)
     moves: tuple[PlannedMove, ...] = ()
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
     notes: tuple[str, ...] = ()
     uses_calibration: bool = False
-
-    @property
-    def workload(self) -> Workload:
-        """What the run takes of rig and operator."""
-        return Workload(self.duration_s, self.operator_steps, self.questions, self.trials)
 
     @property
     def work(self) -> float:
@@ -94,15 +84,15 @@ class RunPlan:
 class Remainder:
     """The rest of an interrupted run: how many trials are kept, how many are left, and the call that makes those.
 
-    `decisions` are those of its person so far, and `watch` knows the conditions that were met; the session that makes
-    the rest begins with them.
+    The session that makes the rest begins with `decisions`, those of its person so far, and `conditions`, those of the
+    protocol.
     """
 
     kept: int
     left: int
     run: Callable[[Session], None]
     decisions: Decisions = NO_DECISIONS
-    watch: ConditionWatch = field(default_factory=ConditionWatch)
+    conditions: tuple[Condition, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -158,8 +148,7 @@ class Experiment(MeasuredExperiment):
     def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
         """Return the rest of an interrupted run. Raises `InputError` when there is no room for it."""
         remainder = cast("Remainder", self.part("resume")(protocol, run))
-        watch = ConditionWatch(protocol.conditions).add_all(run.read_events(ValueMeasured))
-        return replace(remainder, decisions=run.decisions, watch=watch)
+        return replace(remainder, decisions=run.decisions, conditions=protocol.conditions)
 
     def simulate(self, protocol: ExperimentProtocol, rig: RigDescription | None, seed: int) -> TaskOutcome:
         """Return what comes of one virtual run, without pictures; the same seed gives the same bits in any process.

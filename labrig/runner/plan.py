@@ -6,7 +6,6 @@ from typing import Protocol
 from labrig.devices.calibrated_camera import require_calibrated_camera
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
-from labrig.devices.operator import ClearBench, LayGraphPaper
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, check_axis_move, section_problems, unknown_entries
 from labrig.errors import LimitError, Problem
@@ -68,15 +67,6 @@ def plan_roll_move(rig: RigDescription, key: str, farthest_rad: float) -> Planne
 def count_sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
     """Return the numbers of pictures and operator steps for the graph paper before and after a run."""
     return (0, 0) if sentinel is None else (_GRID_PICTURES, 2 * _GRID_PICTURES)
-
-
-def list_sentinel_questions(sentinel: GridSentinel | None) -> dict[str, int]:
-    """Return the same operator steps by the names of their requests."""
-    return (
-        {}
-        if sentinel is None
-        else {LayGraphPaper.__name__: _GRID_PICTURES, ClearBench.__name__: _GRID_PICTURES}
-    )
 
 
 def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:

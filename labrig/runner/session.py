@@ -112,7 +112,7 @@ class Session:
             self.reach_safe_point(TRIAL_END)
 
     def judge(self, trial: int, values: Mapping[str, float | None], reason: str = "") -> None:
-        """Record values of a trial that conditions of the protocol are on, and each condition that they newly meet.
+        """Record values of a trial that conditions of the protocol are on, and each condition that they meet.
 
         At the next safe point the run then pauses, or stops.
 
@@ -125,15 +125,19 @@ class Session:
         reason : str
             Why one could not be measured.
         """
-        dialogue = self.dialogue
-        for name in sorted(dialogue.watch.names & values.keys()):
-            value, before = values[name], dialogue.watch
-            unknown = reason if value is None else ""
-            self.record(ValueMeasured(trial=trial, name=name, value=value, reason=unknown))
-            for met in dialogue.watch.list_newly_met(before) if value is not None else ():
-                self.record(
-                    ConditionMet(trial=trial, action=met.action, condition=met.text, name=name, value=value)
-                )
+        conditions = self.dialogue.conditions
+        for name in sorted({condition.name for condition in conditions} & values.keys()):
+            value = values[name]
+            self.record(
+                ValueMeasured(trial=trial, name=name, value=value, reason=reason if value is None else "")
+            )
+            for met in conditions:
+                if met.name == name and value is not None and met.holds(value):
+                    self.record(
+                        ConditionMet(
+                            trial=trial, action=met.action, condition=met.text, name=name, value=value
+                        )
+                    )
 
     # What a procedure may know
 
@@ -170,7 +174,7 @@ class Session:
     @property
     def is_judged(self) -> bool:
         """Whether conditions of the protocol are on values that `judge` takes."""
-        return bool(self.dialogue.watch.names)
+        return bool(self.dialogue.conditions)
 
     def axis(self, name: str) -> AxisDescription:
         """Return an axis of the rig file: insertion, rotation or linear."""
@@ -291,7 +295,7 @@ class Session:
 
     def _pause(self, point: str, by: str, *, in_tissue: bool = False, because: str = "") -> None:
         """Hold until a person continues, who may decide things meanwhile. Raises as `reach_safe_point` does."""
-        dialogue, started_s = self.dialogue, self.rig.clock.now_s()
+        dialogue = self.dialogue
         self.record(Pause(point=point, by=by, trial=dialogue.trial))
         if in_tissue:
             self.stop()
@@ -300,7 +304,6 @@ class Session:
         request, reschedules = Paused(f"{place}, because {because}" if because else place), False
         while (answer := self._ask_once(request, paused=True)).choice is not None:
             reschedules = self._decide(answer, paused=True) or reschedules
-        dialogue.note_pause(self.rig.clock.now_s() - started_s)
         if not answer.confirmed:
             raise OperatorDeclinedError(
                 "the operator ended the run during a pause", "labrig resume continues it"
@@ -389,8 +392,8 @@ class Session:
         return answer
 
     def _ask_once(self, request: OperatorRequest, *, paused: bool = False) -> Answer:
-        """Ask once and record it; an answer counts for the time that answers take."""
-        offer, started_s = self.dialogue.make_offer(paused=paused), self.rig.clock.now_s()
+        """Ask once and record it."""
+        offer = self.dialogue.make_offer(paused=paused)
         try:
             answer = self.rig.ask(
                 request,
@@ -412,7 +415,7 @@ class Session:
             )
         )
         if not paused and answer.choice is None:
-            self.dialogue.note_answer(request, self.rig.clock.now_s() - started_s)
+            self.dialogue.note_answer(request)
         return answer
 
     def take_picture(self, role: PictureRole, trial: int | None = None) -> TakenPicture:

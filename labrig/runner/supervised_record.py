@@ -11,17 +11,10 @@ from numpy.typing import NDArray
 from labrig.devices.rig import Rig
 from labrig.record.events import Event
 from labrig.record.sink import RecordSink
-from labrig.runner.dialogue import Dialogue
 from labrig.runner.session import Progress, Session
-from labrig.runner.time_left import NO_WORKLOAD, Workload
 
 
-def begin_session(
-    rig: Rig,
-    open_record: Callable[[], RecordSink],
-    progress: Progress,
-    workload: Workload = NO_WORKLOAD,
-) -> Session:
+def begin_session(rig: Rig, open_record: Callable[[], RecordSink], progress: Progress) -> Session:
     """Return the session of a run, whose record is opened aside.
 
     Parameters
@@ -32,8 +25,6 @@ def begin_session(
         Opens the record.
     progress : callable
         Receives the progress.
-    workload : Workload
-        What the run takes by its plan, from which the time that is left is learned.
 
     Raises
     ------
@@ -41,13 +32,7 @@ def begin_session(
         When it cannot be opened.
     InterruptedRunError, SafetyStopError, BusError, DriveError
     """
-    dialogue = Dialogue(workload=workload)
-
-    def note_progress(done: float, doing: str) -> None:
-        dialogue.note_progress(done, rig.clock.now_s())
-        progress(done, doing)
-
-    return Session(rig, SupervisedRecord(rig.do_aside(open_record), rig), note_progress, dialogue)
+    return Session(rig, SupervisedRecord(rig.do_aside(open_record), rig), progress)
 
 
 class SupervisedRecord:

@@ -6,10 +6,8 @@ from typing import Literal
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.moving import Motion
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.problem import PlanMethod, PlanProblem
-from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings, freeze, require_numbers
 
 StopReason = Literal[
@@ -45,10 +43,6 @@ class SteeringSettings:
         and for the reason of a failure, while the needle advances; for records that were made before.
     mends_path : bool
         Whether the path that the needle follows, mended, is compared with the new ones when "best" plans again.
-    recovery : RecoverySettings or None
-        Whether and how a needle that is blocked, or would miss, is withdrawn and goes on elsewhere; None: it stops.
-    motion : Motion or None
-        How target and obstacles move from where the problem has them before the insertion; None: they stand still.
     """
 
     problem: PlanProblem
@@ -57,8 +51,6 @@ class SteeringSettings:
     method: PlanMethod = "best"
     staging: SearchStaging = "staged"
     mends_path: bool = True
-    recovery: RecoverySettings | None = None
-    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         """Refuse a planner and a filter that disagree about the plane."""
@@ -101,7 +93,7 @@ class Halt:
 
 @dataclass(frozen=True)
 class SteeringCommand:
-    """What to do next: stop, or turn the bevel, advance, and take a picture; or withdraw the needle.
+    """What to do next: stop, or or turn the bevel, advance, and take a picture.
 
     Attributes
     ----------
@@ -114,10 +106,7 @@ class SteeringCommand:
     stop : str or None
         Why the insertion ends here; None while it goes on.
     detail : str
-        A sentence about it, or about the withdrawal; empty while the needle goes on.
-    withdraw_to_mm, leave_mm : float or None
-        Withdraw the needle along its path to this insertion length, and then call `retreat_steering` with the length at
-        which it is to leave its old cut; None: no withdrawal.
+        A sentence about it; empty while the needle goes on.
     """
 
     roll_rad: float
@@ -125,5 +114,3 @@ class SteeringCommand:
     run_to_mm: float
     stop: StopReason | None = None
     detail: str = ""
-    withdraw_to_mm: float | None = None
-    leave_mm: float | None = None

@@ -58,9 +58,6 @@ class PlanProblem:
         is replanned many times near the direction of its first plan.
     planar : bool
         The path stays in the y-z plane of the start: delta_1 is 0 or pi, every later roll is pi (errata, planar rule).
-    leaves_mm : float
-        Above 0 for a needle in its old cut: the path begins with a roll beyond 90 degrees and an arc at least this
-        long, as the needle would follow its cut otherwise.
     covariance : (k, k) array, optional
         Of the start's position [mm] and rotation vector [rad] in the tip's frame, in the first six places.
     obstacle_sds_mm : tuple of float
@@ -91,7 +88,6 @@ class PlanProblem:
     axis: Point | None = None
     max_off_axis_rad: float = math.pi / 2
     planar: bool = False
-    leaves_mm: float = 0.0
     covariance: FloatArray | None = None
     obstacle_sds_mm: tuple[float, ...] = ()
     margin_sigmas: float = 2.0

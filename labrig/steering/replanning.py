@@ -15,7 +15,6 @@ from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.bending import PathStretch, Turn, advance_pose
 from labrig.steering.clearance import path_distances
-from labrig.steering.moving import expect_places, move_target
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
@@ -30,16 +29,11 @@ _CORRECTED_SHARE = 0.05
 _IMPROVING_ROUNDS = 6
 
 
-def replan(
-    state: SteeringState, occasion: Occasion, settings: SteeringSettings, leaves_mm: float = 0.0
-) -> SteeringState:
-    """Return the state with a new path, with the old path if it will do, or with the reason why there is none.
-
-    `leaves_mm` is the least length of an arc by which the needle leaves its old cut, 0 if it is not in one.
-    """
+def replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
+    """Return the state with a new path, with the old path if it will do, or with the reason why there is none."""
     tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
     staged = settings.staging == "staged"
-    stands = occasion in {"start", "recovery"} or state.sought is not None
+    stands = occasion == "start" or state.sought is not None
     try:
         problem = pose_problem_ahead(state, settings)
     except InputError as error:
@@ -48,9 +42,7 @@ def replan(
             if staged and not stands
             else replace(tried, refusal=error.message)
         )
-    if leaves_mm:
-        problem = replace(problem, leaves_mm=leaves_mm)
-    searches = staged and stands and occasion != "recovery"
+    searches = staged and stands
     mends = settings.mends_path and settings.method == "best" and state.plan.found
     present = _psi_ahead(state, settings) if mends else None
     plan = plan_with_clearance(problem, settings, "thorough" if searches else "quick", present)
@@ -88,11 +80,8 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
     start = state.predict(from_mm, settings)
     turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
     along = np.asarray(settings.problem.start)[:3, 2]
-    target_mm, obstacles = expect_places(settings.problem, settings.motion, from_mm, start[:3, 3])
     return replace(
         settings.problem,
-        target_mm=target_mm,
-        obstacles=obstacles,
         start=advance_pose(start, (PathStretch(0.0, turned, bends=True),), 0.0),
         radius_mm=_bounded_radius_mm(state, settings),
         radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
@@ -179,9 +168,7 @@ def _find_nearest_mm(state: SteeringState, to_mm: float, settings: SteeringSetti
     """Return the insertion length, before a turn made now would act, at which the tip is nearest to the target."""
     places_mm = np.linspace(state.insertion_mm, to_mm, _PLACES)
     tips = np.array([state.predict(float(at_mm), settings)[:3, 3] for at_mm in places_mm])
-    target_mm, motion = settings.problem.target_mm, settings.motion
-    targets = np.array([move_target(target_mm, motion, float(at_mm)) for at_mm in places_mm])
-    return float(places_mm[np.argmin(np.linalg.norm(tips - targets, axis=1))])
+    return float(places_mm[np.argmin(np.linalg.norm(tips - settings.problem.target_mm, axis=1))])
 
 
 def _is_still_good(state: SteeringState, settings: SteeringSettings) -> bool:

@@ -57,8 +57,6 @@ def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) 
         axis = np.asarray(problem.axis) @ np.asarray(problem.start)[:3, :3]
         off = frames.rotations[:, 1:, :, 2] @ axis
         good &= off.min(axis=-1) >= np.cos(problem.max_off_axis_rad) - _ROUNDING
-    if problem.leaves_mm > 0.0:
-        good &= (np.cos(psi[:, 0, 1]) < 0.0) & (problem.radius_mm * psi[:, 0, 0] >= problem.leaves_mm)
     good &= np.all((psi[..., 0] >= 0) & (psi[..., 0] <= np.pi), axis=-1)
     good &= problem.radius_mm * psi[..., 0].sum(axis=-1) <= problem.max_length_mm + _ROUNDING
     return np.flatnonzero(good)

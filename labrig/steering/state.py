@@ -1,6 +1,5 @@
 """The state of an insertion, and how sightings and turns of the bevel change it: the estimating half of the step."""
 
-import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -12,11 +11,10 @@ from labrig.steering.bending import Turn, advance_pose, shorten, split_into_stre
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
 from labrig.steering.planner import Plan
 from labrig.steering.policy import SteeringSettings, TipSighting
-from labrig.steering.recovery import PassedPlace, Stretch, find_cavities
 from labrig.steering.tip import TipObservation, TipState
 from labrig.steering.torsion import TurnAhead
 
-Occasion = Literal["start", "schedule", "deviation", "near", "recovery"]
+Occasion = Literal["start", "schedule", "deviation", "near"]
 
 HERE_MM = 0.02
 """Insertion lengths that differ by less count as one."""
@@ -57,16 +55,6 @@ class SteeringState:
         The occasion on which a quick search found no path: the needle halts, and the planner then searches thoroughly.
     moving_from : (float, array)
         Insertion length and position at which the tip was last known to move.
-    passed : tuple of PassedPlace
-        In order of depth, the start first.
-    turned_at_mm : tuple of float
-        Insertion lengths at which the bevel was turned on the way to the present place.
-    left_cut_mm : float
-        Insertion length at which a withdrawn needle last left its old cut; infinite if it never was withdrawn.
-    cavities : tuple of (float, float)
-        Stretches, in insertion length, on which the tip did not bend before it was withdrawn.
-    retreats : int
-        How often the needle has recovered.
     """
 
     belief: TipBelief
@@ -84,12 +72,7 @@ class SteeringState:
     refusal: str | None
     run_to_mm: float
     moving_from: tuple[float, FloatArray]
-    passed: tuple[PassedPlace, ...]
     sought: Occasion | None = None
-    turned_at_mm: tuple[float, ...] = ()
-    left_cut_mm: float = math.inf
-    cavities: tuple[Stretch, ...] = ()
-    retreats: int = 0
 
     @property
     def tip(self) -> TipState:
@@ -100,11 +83,6 @@ class SteeringState:
     def left_mm(self) -> float:
         """Length of the rest of the path."""
         return self.end_mm - self.insertion_mm
-
-    @property
-    def known_cavities(self) -> tuple[Stretch, ...]:
-        """Stretches on which the tip did not bend: before it was withdrawn, and since."""
-        return tuple(sorted((*self.cavities, *find_cavities(self.passed))))
 
     def predict(self, insertion_mm: float, settings: SteeringSettings) -> FloatArray:
         """Return the tip's pose (4, 4) at an insertion length ahead if no further turn is made before it."""
@@ -128,7 +106,7 @@ def begin_steering(settings: SteeringSettings) -> SteeringState:
     return SteeringState(
         belief=belief, insertion_mm=0.0, turns=(), plan=Plan(found=False, reason=None), plan_start=belief.tip.pose,
         plan_from_mm=0.0, ahead=(), end_mm=0.0, replans=-1, followed_mm=0.0, planned_at_mm=0.0, why=None, refusal=None,
-        run_to_mm=0.0, moving_from=(0.0, belief.tip.position_mm), passed=(PassedPlace(0.0, belief, ()),),
+        run_to_mm=0.0, moving_from=(0.0, belief.tip.position_mm),
     )  # fmt: skip
 
 
@@ -153,9 +131,6 @@ def take_in_sighting(
     if seen_mm is not None and np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2:
         moving_from = sighting.insertion_mm, seen_mm
     turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
-    passed = state.passed
-    if belief.tip.accepted:
-        passed = (*passed, PassedPlace(sighting.insertion_mm, belief, turns))
     return replace(
         state,
         belief=belief,
@@ -164,14 +139,13 @@ def take_in_sighting(
         why=None,
         refusal=None,
         moving_from=moving_from,
-        passed=passed,
     )
 
 
 def turn_bevel(state: SteeringState, roll_rad: float, settings: SteeringSettings) -> SteeringState:
     """Return the state after a turn of the bevel at the present insertion length."""
     turns = (*state.turns, Turn(find_acting_mm(state.insertion_mm, settings), roll_rad))
-    return replace(state, turns=turns, turned_at_mm=(*state.turned_at_mm, state.insertion_mm))
+    return replace(state, turns=turns)
 
 
 def find_acting_mm(made_at_mm: float, settings: SteeringSettings) -> float:

@@ -8,9 +8,6 @@ There are two policies. The paper's (`SteeringPolicy.paper`) replans every 20 mm
 default policy also replans when the rest of the path would miss, and at every sighting near the target, and it allows
 for the backlash. In the last millimetres it takes the path that comes nearest, and it stops where the tip passes the
 target at its nearest.
-
-If there is no path, or if the tip ended beside the target, the needle may recover: the command is then to withdraw it,
-and `retreat_steering` goes on from a place that it has passed.
 """
 
 import math
@@ -19,7 +16,6 @@ from dataclasses import replace
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.steering.moving import move_target
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.replanning import (
     plan_with_clearance,
@@ -27,7 +23,6 @@ from labrig.steering.replanning import (
     predict_miss_and_gap,
     replan,
 )
-from labrig.steering.retreat import LEAVES_MM, find_place_back, go_on_after_retreat
 from labrig.steering.state import (
     HERE_MM,
     NO_TURN,
@@ -77,16 +72,6 @@ def step_steering(
     return _command_next(state, settings)
 
 
-def retreat_steering(
-    state: SteeringState, leave_mm: float, settings: SteeringSettings
-) -> tuple[SteeringState, SteeringCommand]:
-    """Return what a needle that was withdrawn does next; it leaves its old cut at the passed place nearest to a length.
-
-    The state is then that of the tip at this place; the next sighting lies beyond it.
-    """
-    return _command_next(go_on_after_retreat(state, leave_mm, settings), settings)
-
-
 def _stop_if_lost(state: SteeringState, settings: SteeringSettings) -> SteeringCommand | None:
     """Return a stop if the tip is not seen, or does not move, otherwise None."""
     policy = settings.policy
@@ -106,8 +91,6 @@ def _find_occasion(state: SteeringState, settings: SteeringSettings) -> Occasion
     policy = settings.policy
     if state.sought is not None:
         return state.sought
-    if 0.0 <= state.insertion_mm - state.left_cut_mm < LEAVES_MM[0]:
-        return None
     if policy.final_mm > 0 and state.left_mm <= policy.final_mm:
         return "near"
     if state.insertion_mm - state.planned_at_mm >= policy.replan_every_mm - HERE_MM:
@@ -134,7 +117,7 @@ def _find_deviation(state: SteeringState, settings: SteeringSettings) -> Occasio
 def _command_next(state: SteeringState, settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
     """Return what to do next, and the state after it is done."""
     if state.refusal is not None:
-        return state, _withdraw_or_stop(state, _find_stop_reason(state, settings), state.refusal, settings)
+        return state, _stop(state, _find_stop_reason(state, settings), state.refusal)
     if state.left_mm <= settings.policy.arrival_mm:
         return state, _stop_at_end(state, settings)
     if state.sought is not None:
@@ -163,32 +146,14 @@ def _make_due_turns(state: SteeringState, settings: SteeringSettings) -> tuple[S
 
 def _stop_at_end(state: SteeringState, settings: SteeringSettings) -> SteeringCommand:
     problem = settings.problem
-    target_mm = move_target(problem.target_mm, settings.motion, state.insertion_mm)
-    miss_mm = float(np.linalg.norm(state.tip.position_mm - target_mm))
-    reached = miss_mm <= problem.tolerance_mm
+    miss_mm = float(np.linalg.norm(state.tip.position_mm - problem.target_mm))
     detail = f"the tip is {miss_mm:.2f} mm from the target, and {problem.tolerance_mm:g} mm are allowed"
-    if reached:
-        return _stop(state, "target_reached", detail)
-    return _withdraw_or_stop(state, "target_missed", detail, settings)
-
-
-def _withdraw_or_stop(
-    state: SteeringState, reason: StopReason, detail: str, settings: SteeringSettings
-) -> SteeringCommand:
-    """Return a withdrawal to where the needle can go on, if it may and there is such a place, otherwise a stop."""
-    recovery = settings.recovery
-    leave_mm = None if recovery is None else find_place_back(state, recovery, settings)
-    if recovery is None or leave_mm is None:
-        return _stop(state, reason, detail)
-    back_mm = leave_mm - recovery.leaves_track_mm
-    return replace(_stop(state, reason, detail), stop=None, withdraw_to_mm=back_mm, leave_mm=leave_mm)
+    return _stop(state, "target_reached" if miss_mm <= problem.tolerance_mm else "target_missed", detail)
 
 
 def _find_stop_reason(state: SteeringState, settings: SteeringSettings) -> StopReason:
     """Return "blocked" if there is a path without the obstacles, otherwise "target_missed"."""
-    motion = None if settings.motion is None else replace(settings.motion, obstacles=())
-    problem = replace(settings.problem, obstacles=(), obstacle_sds_mm=())
-    free = replace(settings, problem=problem, motion=motion)
+    free = replace(settings, problem=replace(settings.problem, obstacles=(), obstacle_sds_mm=()))
     plan = plan_with_clearance(pose_problem_ahead(state, free), free, "closer")
     return "blocked" if plan.found else "target_missed"
 

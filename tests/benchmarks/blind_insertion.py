@@ -59,7 +59,6 @@ class InsertionEnd:
     outcome: str
     interval_mm: tuple[float, float]
     left_plane: bool
-    retreats: int
 
     @property
     def error_mm(self) -> float:
@@ -121,7 +120,7 @@ def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
         "paper",
         planar=True,
     )
-    return replace(chosen, estimator=estimator, policy=SteeringPolicy.paper(), method="paper", recovery=None)
+    return replace(chosen, estimator=estimator, policy=SteeringPolicy.paper(), method="paper")
 
 
 def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) -> InsertionEnd:
@@ -148,7 +147,6 @@ def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> In
         outcome=end.ending.outcome,
         interval_mm=bounds.interval_mm,
         left_plane=bounds.depth is not None and bounds.depth.contradicts,
-        retreats=state.retreats,
     )
 
 

@@ -79,7 +79,6 @@ def _describe_ends(ends: Sequence[InsertionEnd], cpu_s: float) -> list[Row]:
         ("mean in the plane", f"{in_plane_mm.mean():.2f} mm", f"standard error {_standard_error(in_plane_mm):.2f}"),
         ("mean |x|", f"{statistics.mean(end.out_of_plane_mm for end in ends):.2f} mm", ""),
         ("touched an obstacle", sum(end.clearance_mm < 0 for end in ends), ""),
-        ("withdrew and went on", sum(end.retreats > 0 for end in ends), ""),
         ("turns, and CPU time, of one", f"{statistics.mean(end.turns for end in ends):.0f}", f"{cpu_s:.2f} s"),
         ("stops", ", ".join(f"{stop} {count}" for stop, count in Counter(end.stop for end in ends).most_common()), ""),
         ("largest errors", ", ".join(f"{errors_mm[i]:.1f}" for i in worst), "seeds " + _list_seeds(worst)),

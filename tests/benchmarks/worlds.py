@@ -78,7 +78,7 @@ class DrawnWorld:
 @cache
 def read_protocol() -> InsertionProtocol:
     """Return the protocol of the default policy, with leave to withdraw and re-enter."""
-    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS, ["recovery={}"])
+    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS, [])
     assert isinstance(protocol, InsertionProtocol)
     return protocol
 

@@ -28,19 +28,16 @@ def sweep_in(root: Path, gel: str) -> Path:
 
 
 def make_track(place_mm: float = 0.0, **changed: object) -> SpecimenTrack:
-    """Return a straight track of a needle of 1.2 mm in a sheath of 2 mm that went 15 mm in."""
+    """Return a track of a sheath of 2 mm."""
     values: dict[str, object] = {
         "run": "earlier",
         "trial": 0,
         "hole": 0,
         "hole_position_mm": place_mm,
         "needle_id": "N1",
-        "needle_diameter_mm": 1.2,
         "sheath_diameter_mm": 2.0,
-        "sheath_depth_mm": 15.0,
         "age_h": 24.0,
         "radius_mm": 28.0,
-        "path_mm": ((15.0, place_mm), (40.0, place_mm)),
     }
     return SpecimenTrack.model_validate({**values, **changed})
 

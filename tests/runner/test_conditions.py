@@ -23,10 +23,10 @@ LOOSE = ("analysis.max_radius_sigma_mm=900", "insertion.length_mm=22", "insertio
 
 
 def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path) -> None:
-    """The radius is that of the analysis; the run asks once, goes on, and replays identically."""
+    """The radius is that of the analysis; the run asks after each insertion, goes on, and replays identically."""
     text = "radius_mm inside [1, 900]"
     outcome, run, person, _ = make_run(
-        tmp_path, [GO_ON], overrides=(*LOOSE, f'ask_when=["{text}"]', "hole_order=random")
+        tmp_path, [GO_ON, GO_ON, GO_ON], overrides=(*LOOSE, f'ask_when=["{text}"]', "hole_order=random")
     )
     assert outcome.exit_status == "success"
     values = run.read_events(ValueMeasured)
@@ -39,7 +39,8 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
         found = measure_picture(picture, load_plane_map(run), make_order(protocol).settings, None)
         assert not isinstance(found, Unreadable)
         assert (value.trial, value.value) == (trial.start.trial, pytest.approx(found.radius_mm, rel=1e-12))
-    (met,), (pause,) = run.read_events(ConditionMet), run.read_events(Pause)
+    met, pause = run.read_events(ConditionMet)[0], run.read_events(Pause)[0]
+    assert [event.trial for event in run.read_events(ConditionMet)] == [value.trial for value in values]
     assert (met.trial, met.action, met.condition, met.value) == (0, "ask_when", text, values[0].value)
     assert (pause.by, pause.point) == ("ask_when", "trial_end")
     told = f"radius_mm of trial 0 is {met.value:.4g} (ask_when: {text})"
@@ -49,7 +50,7 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
 
 
 def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> None:
-    """The run ends as a person stops it, the answer is no; resumed, it is not stopped for the same reason again."""
+    """The run ends as a person stops it, the answer is no; resumed, it stops for the next value that meets it."""
     protocol = sweep(*SHORT, *LOOSE, 'stop_when=["radius_mm > 1"]')
     with bench(tmp_path, protocol, SPARSE) as at:
         outcome = conduct(find_experiment(protocol.experiment), protocol, at.session)
@@ -62,6 +63,6 @@ def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> 
         assert (remainder.kept, remainder.left) == (1, 1)
         at.recorder = Recorder.reopen(run.path, "test")
         again = conduct_remainder(find_run_experiment(run), remainder, at.session)
-    assert again.exit_status == "success"
+    assert "radius_mm of trial 1 is" in again.reason
     run = open_run(run.path)
-    assert [len(run.read_events(kind)) for kind in (ValueMeasured, ConditionMet)] == [2, 1]
+    assert [len(run.read_events(kind)) for kind in (ValueMeasured, ConditionMet)] == [2, 2]

@@ -1,15 +1,13 @@
 """The aim of an insertion: target and obstacles of the protocol in mm, and what rules them out."""
 
-import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from labrig.errors import InputError, Problem
 from labrig.experiments.insertion.protocol import InsertionObstacle, InsertionProtocol, Place, Target
 from labrig.experiments.insertion.settings import make_insertion_settings
-from labrig.steering.moving import expect_places, move_obstacles
 from labrig.steering.problem import Obstacle
 from labrig.vision.plane import PlaneMap
 
@@ -95,35 +93,15 @@ def find_pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterato
 
 
 def find_aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
-    """Yield the problems of an aim: a target out of tissue, out of view or inside an obstacle, and stray obstacles.
-
-    What moves is looked at where it is at the start, and where it will be when the tip gets to the target.
-    """
-    yield from _find_target_problems(protocol, aim.target_mm, plane, "target")
+    """Yield the problems of an aim: a target out of tissue, out of view or inside an obstacle, and stray obstacles."""
+    yield from _find_target_outside_tissue(protocol, aim.target_mm)
+    yield from _find_target_out_of_view(aim.target_mm, plane)
     for number, obstacle in enumerate(aim.obstacles):
         yield from _find_stray_obstacle(protocol, f"obstacles.{number}", obstacle, plane)
     try:
-        settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
-        if settings.motion is not None:
-            target_mm, _ = expect_places(settings.problem, settings.motion, 0.0, np.zeros(3))
-            yield from _find_target_problems(protocol, target_mm, plane, "target.motion_mm_per_mm")
-            obstacles = move_obstacles(aim.obstacles, settings.motion, math.hypot(*target_mm))
-            make_insertion_settings(protocol, target_mm, obstacles)
+        make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     except InputError as error:
         yield Problem("target", error.message, error.hint)
-
-
-def _find_target_problems(
-    protocol: InsertionProtocol, target_mm: Point, plane: PlaneMap, where: str
-) -> Iterator[Problem]:
-    """Yield a target out of tissue or out of view."""
-    yield from (
-        replace(problem, where=where)
-        for problem in (
-            *_find_target_outside_tissue(protocol, target_mm),
-            *_find_target_out_of_view(target_mm, plane),
-        )
-    )
 
 
 def _locate(place: Place, plane: PlaneMap) -> Point:

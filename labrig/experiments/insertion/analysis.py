@@ -32,7 +32,6 @@ from labrig.experiments.insertion.ending import (
     TracedPath,
     bound_error,
     find_depth,
-    list_turns,
     measure_end,
     missed_by_shaft,
 )
@@ -44,7 +43,6 @@ from labrig.experiments.insertion.events import (
     InsertionStart,
     InsertionStop,
     MarkersSought,
-    NeedleRetreat,
     PathSought,
     TipObserved,
     TrueInsertion,
@@ -67,15 +65,16 @@ from labrig.experiments.insertion.settings import (
     restore_settings,
     with_observation_sd,
 )
-from labrig.experiments.insertion.tracks import map_insertions
+from labrig.experiments.shared.holes import list_tracks
+from labrig.experiments.shared.specimen_result import map_specimens
+from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
-from labrig.steering.moving import move_obstacles, move_target
 from labrig.steering.out_of_plane import budget_out_of_plane
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
-from labrig.steering.step import retreat_steering, start_steering, step_steering
+from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.shaft_tip import ShaftTip
@@ -115,6 +114,11 @@ class _Events:
     way: tuple[InsertionEvent, ...]
     true: TrueInsertion | None
     markers: tuple[MarkersSought, ...] = ()
+
+    @property
+    def turns(self) -> tuple[BevelTurn, ...]:
+        """The turns of the bevel."""
+        return tuple(event for event in self.way if isinstance(event, BevelTurn))
 
     @property
     def estimates_mm(self) -> list[Point]:
@@ -193,9 +197,20 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         sentinel=sentinel,
         sighting_noise=_measure_noise(trials, insertions, protocol),
         not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
-        maps=map_insertions(run, protocol, insertions),
+        maps=map_specimens(
+            protocol.gels,
+            list_insertion_tracks(run, protocol),
+            protocol.sheath.diameter_mm,
+            protocol.specimen.width_mm,
+            protocol.needle.needle_id,
+        ),
     )
     return Findings(result)
+
+
+def list_insertion_tracks(run: Run, protocol: InsertionProtocol, _result: object = None) -> TracksBySpecimen:
+    """Return the tracks that a run left in a block with a specimen file, in order of time."""
+    return list_tracks(run, protocol.gels, protocol.sheath.diameter_mm, {})
 
 
 def _read_trials(run: Run) -> list[_Events]:
@@ -203,7 +218,7 @@ def _read_trials(run: Run) -> list[_Events]:
     trials = run.read_trials(InsertionStart, InsertionStop)
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
     plans = run.read_events(PathSought)
-    way = run.read_events(BevelTurn, TipObserved, NeedleRetreat)
+    way = run.read_events(BevelTurn, TipObserved)
     markers = run.read_events(MarkersSought)
     true = run.read_truth(TrueInsertion)
     return [
@@ -224,12 +239,12 @@ def _read_trials(run: Run) -> list[_Events]:
 def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
     settings = _restore_settings(events, source.protocol)
-    depth_mm, tolerance_mm = 0.0 if stop is None else stop.depth_mm, settings.problem.tolerance_mm
+    tolerance_mm = settings.problem.tolerance_mm
     true = _read_true_path(truth)
     markers = seek_markers(source.run, source.protocol, source.view.plane, events.start, events.markers)
     steps, commands = _retrace(events, settings, source, true, markers)
     settings = markers.place_at_end(settings)
-    target_mm = move_target(settings.problem.target_mm, settings.motion, depth_mm)[1:]
+    target_mm = settings.problem.target_mm[1:]
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
     budget = None if end is None else _find_budget(end, target_mm, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
@@ -258,9 +273,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         plans=tuple(_describe_plan(event) for event in events.plans),
         as_recorded=[step.estimate_mm for step in steps] == events.estimates_mm,
         commands=tuple(commands),
-        motion=settings.motion,
         **markers.describe(),
-        retreats=sum(isinstance(event, NeedleRetreat) for event in events.way),
     )
 
 
@@ -314,7 +327,7 @@ def _bound_error(
     bumped = source.sentinel is not None and not source.sentinel.accepted
     if unseen is None or stop is None or bumped:
         return None
-    path = TracedPath(list_turns(events.way), start.roll_zero_rad, stop.depth_mm, stop.centred)
+    path = TracedPath(events.turns, start.roll_zero_rad, stop.depth_mm, stop.centred)
     last = steps[-1] if steps else None
     estimate = None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm)
     if end is not None:
@@ -325,8 +338,7 @@ def _bound_error(
     else:
         return None
     budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen)
-    target_mm = move_target(settings.problem.target_mm, settings.motion, stop.depth_mm)
-    return bound_error(seen, budget, target_mm, target_sd_mm)
+    return bound_error(seen, budget, settings.problem.target_mm, target_sd_mm)
 
 
 def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
@@ -373,14 +385,11 @@ def _retrace(
     settings = markers.place_before(events.way, settings)
     state, command = start_steering(settings)
     steps, commands = list[InsertionStep](), [_describe_command(None, state, command)]
-    for place, event in enumerate(events.way):
+    for event in events.way:
         if isinstance(event, BevelTurn):
             if command.roll_rad == 0.0:
                 state = turn_bevel(state, event.to_rad - event.from_rad, settings)
             command = replace(command, roll_rad=0.0)
-        elif isinstance(event, NeedleRetreat):
-            state, command = retreat_steering(state, event.leave_mm, settings)
-            commands.append(_describe_command(None, state, command))
         elif isinstance(event, TipObserved):
             if command.roll_rad != 0.0:
                 state = replace(state, turns=state.turns[:-1])
@@ -393,8 +402,7 @@ def _retrace(
                 commands.append(_describe_command(event.frame, state, command))
             else:
                 state = take_in_sighting(state, sighting, settings)
-            known = _NO_PATH if _was_left(event, events.way[place:]) else true
-            places = _Places(predicted[:3, 3], sighting.position_mm, settings, known)
+            places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
             steps.append(_describe_step(event, fix, state, places))
     return steps, commands
 
@@ -430,15 +438,10 @@ def _measure_noise(
 def _list_sightings(
     events: _Events, insertion: InsertionTrial, protocol: InsertionProtocol, template_mm: float = 0.0
 ) -> SeenInsertion:
-    """Return the turns of an insertion, and its believed sightings but those within `template_mm` after a turn.
-
-    They end where the needle was first withdrawn.
-    """
+    """Return the turns of an insertion, and its believed sightings but those within `template_mm` after a turn."""
     steps = {step.frame: step for step in insertion.steps}
     way, swung_mm = list[TipSighting | float](), 0.0
     for event in events.way:
-        if isinstance(event, NeedleRetreat):
-            break
         if isinstance(event, BevelTurn):
             way.append(event.to_rad - event.from_rad)
             swung_mm = event.depth_mm + template_mm
@@ -447,11 +450,6 @@ def _list_sightings(
             seen_mm = step.tip_mm if step.believed and step.depth_mm >= swung_mm else None
             way.append(TipSighting(step.depth_mm, None if seen_mm is None else np.array((0.0, *seen_mm))))
     return SeenInsertion(begin_steering(_restore_settings(events, protocol)), tuple(way))
-
-
-def _was_left(event: TipObserved, since: Sequence[InsertionEvent]) -> bool:
-    """Return whether the needle was withdrawn later from where it was at a picture, to cut another path."""
-    return any(isinstance(later, NeedleRetreat) and later.leave_mm < event.depth_mm for later in since)
 
 
 def _describe_command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
@@ -464,7 +462,6 @@ def _describe_command(frame: int | None, state: SteeringState, command: Steering
         sought=state.why,
         replans=max(state.replans, 0),
         stop=command.stop,
-        withdraw_to_mm=command.withdraw_to_mm,
     )
 
 
@@ -500,19 +497,18 @@ def _describe_step(event: TipObserved, fix: TipFix, state: SteeringState, place:
         believed=tip.accepted,
         nis=tip.nis,
         innovation_mm=None if seen is None else _to_point((seen - place.predicted)[1:]),
-        clearance_mm=_find_clearance_mm(tip.position_mm, state.insertion_mm, place.settings),
+        clearance_mm=_find_clearance_mm(tip.position_mm, place.settings),
         true_mm=true_mm,
         true_heading_rad=true_heading_rad,
     )
 
 
-def _find_clearance_mm(
-    position_mm: FloatArray, inserted_mm: float, settings: SteeringSettings
-) -> float | None:
+def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
     """Return the distance from the needle's surface at the tip to the surface of the nearest obstacle."""
     problem = settings.problem
-    obstacles = move_obstacles(problem.obstacles, settings.motion, inserted_mm)
-    apart = [math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in obstacles]
+    apart = [
+        math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
+    ]
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 

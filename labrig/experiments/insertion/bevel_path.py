@@ -1,9 +1,8 @@
 """How the base of a needle's bevel was turned on its way, and how it is turned next; this moves nothing."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from labrig.experiments.insertion.ending import list_turns
-from labrig.experiments.insertion.events import BevelTurn, InsertionEvent, NeedleRetreat
+from labrig.experiments.insertion.events import BevelTurn
 from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.parameters import Turning
 from labrig.steering.state import SteeringState
@@ -34,8 +33,8 @@ class BevelPath:
         Where the base stands, from the roll zero; also where the bevel is, as far as its lag is known.
     turned, centred : int
         The directions in which it was turned last, and to the roll zero; 0 if that is not known.
-    way : list of InsertionEvent
-        Its turns, and the retreats between them.
+    turns : list of BevelTurn
+        The turns that were made.
     rolled : list of RolledStretch
         Stretches between turns, without the present one.
     """
@@ -49,13 +48,8 @@ class BevelPath:
     base_rad: float = 0.0
     turned: int = 0
     centred: int = 0
-    way: list[InsertionEvent] = field(default_factory=list)
+    turns: list[BevelTurn] = field(default_factory=list)
     rolled: list[RolledStretch] = field(default_factory=list)
-
-    @property
-    def turns(self) -> tuple[BevelTurn, ...]:
-        """Turns on the path that the needle lies in."""
-        return list_turns(self.way)
 
     def centre(self, from_rad: float) -> BaseTurn:
         """Return how the base is turned from an angle to the roll zero, past it by the lag, in the sheath."""
@@ -75,7 +69,7 @@ class BevelPath:
             to_rad=self.zero_rad + turn.to_rad,
             overshoot_rad=turn.overshoot_rad,
         )
-        self.way.append(event)
+        self.turns.append(event)
         self.rolled, self.turned, self.base_rad = rolled, turn.direction, turn.to_rad
         return turn, event
 
@@ -90,19 +84,6 @@ class BevelPath:
             turning=self.turning,
             radius_mm=self.radius_mm,
         )
-
-    def follow_retreat(self, retreat: NeedleRetreat) -> None:
-        """Forget the turns beyond where a withdrawn needle leaves its old cut; it was turned back on the way there."""
-        self.way.append(retreat)
-        kept, since_mm, turned_rad = list[RolledStretch](), 0.0, self.base_rad
-        for stretch in self.list_rolled(retreat.from_mm):
-            if since_mm >= retreat.leave_mm:
-                break
-            kept.append(replace(stretch, length_mm=min(stretch.length_mm, retreat.leave_mm - since_mm)))
-            since_mm += stretch.length_mm
-        self.rolled, self.base_rad = kept, kept[-1].roll_rad
-        if self.base_rad != turned_rad:
-            self.turned = 1 if self.base_rad > turned_rad else -1
 
     def list_rolled(self, to_mm: float) -> list[RolledStretch]:
         """Return the stretches between turns, the present one included."""

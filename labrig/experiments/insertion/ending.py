@@ -6,7 +6,7 @@ from the standard deviations under `out_of_plane:` in the protocol, and how far 
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import Problem
-from labrig.experiments.insertion.events import BevelTurn, InsertionEvent, NeedleRetreat
+from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import EndDepth, EndSource, TargetErrorSources
 from labrig.steering.arrival import bound_target_error, decide_arrival
@@ -140,21 +140,6 @@ class TracedPath:
             RolledStretch(length_mm, *roll)
             for length_mm, roll in zip(lengths_mm, ((0.0, self.centred), *turned), strict=True)
         )
-
-
-def list_turns(way: Iterable[InsertionEvent]) -> tuple[BevelTurn, ...]:
-    """Return the turns on the path that the needle lies in; those beyond where it left an old cut are not on it.
-
-    A withdrawn needle is turned in its old cut, which it then leaves at the length at which it was to leave it.
-    """
-    turns, left_mm = list[BevelTurn](), 0.0
-    for event in way:
-        if isinstance(event, BevelTurn):
-            turns.append(event.model_copy(update={"depth_mm": max(event.depth_mm, left_mm)}))
-        elif isinstance(event, NeedleRetreat):
-            left_mm = event.leave_mm
-            turns = [turn for turn in turns if turn.depth_mm <= left_mm]
-    return tuple(turns)
 
 
 @dataclass(frozen=True, eq=False)

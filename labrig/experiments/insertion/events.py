@@ -7,7 +7,6 @@ from pydantic import BaseModel, ConfigDict
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
-from labrig.steering.moving import Motion
 from labrig.steering.planner import PlannedArc
 from labrig.steering.problem import Obstacle
 from labrig.steering.torsion import LagError
@@ -43,7 +42,7 @@ class RecordedTorsion(_Part):
 
 
 class InsertionStart(SpecimenTrialStart):
-    """An insertion begins: its target, its obstacles, how they move, and the roll zero and torsion in use.
+    """An insertion begins: its target, its obstacles, and the roll zero and torsion in use.
 
     `repeats` is the trial that it replaces, interrupted or made again by a person. `marker_ids` are the markers that
     the target and each obstacle are bound to, the target's first; None for what is bound to none.
@@ -57,7 +56,6 @@ class InsertionStart(SpecimenTrialStart):
     roll_zero_rad: float
     roll_zero_sd_rad: float
     torsion: RecordedTorsion | None = None
-    motion: Motion | None = None
     marker_ids: tuple[int | None, ...] = ()
     repeats: int | None = None
 
@@ -99,21 +97,6 @@ class BevelTurn(InsertionEvent):
     from_rad: float
     to_rad: float
     overshoot_rad: float = 0.0
-
-
-class NeedleRetreat(InsertionEvent):
-    """The needle is withdrawn part of the way to go on elsewhere: from and to where, the how-manieth time, and why.
-
-    `leave_mm` is the length at which it is to leave its old cut.
-    """
-
-    kind: ClassVar[str] = "retreat"
-
-    from_mm: float
-    to_mm: float
-    leave_mm: float
-    attempt: int
-    cause: str
 
 
 class NeedleHeld(InsertionEvent):

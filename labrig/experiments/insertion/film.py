@@ -30,7 +30,7 @@ def _list_pictures(trial: InsertionTrial, plane: PlaneMap) -> Iterator[FilmPictu
     for step in trial.steps:
         taken.append(step.estimate_mm)
         strokes = (
-            *_draw_scene(trial, step.depth_mm, step.frame, plane),
+            *_draw_scene(trial, step.frame, plane),
             *_draw_line(_find_plan(trial, step.t_s), PLAN, "plan", plane),
             *_draw_line(taken, TAKEN, "estimate", plane),
             *_draw_tip(step, plane),
@@ -38,7 +38,7 @@ def _list_pictures(trial: InsertionTrial, plane: PlaneMap) -> Iterator[FilmPictu
         yield FilmPicture(step.frame, strokes, _write_caption(trial, step))
     if trial.final_frame is not None:
         end = (
-            *_draw_scene(trial, trial.length_mm or 0.0, trial.final_frame, plane),
+            *_draw_scene(trial, trial.final_frame, plane),
             *_draw_line(trial.shaft_mm, TAKEN, "shaft", plane),
         )
         yield FilmPicture(trial.final_frame, end, _write_end(trial))
@@ -49,8 +49,8 @@ def _find_plan(trial: InsertionTrial, t_s: float) -> Sequence[Point]:
     return next((plan.path_mm for plan in reversed(trial.plans) if plan.found and plan.t_s <= t_s), ())
 
 
-def _draw_scene(trial: InsertionTrial, depth_mm: float, frame: int, plane: PlaneMap) -> Iterator[Stroke]:
-    target_mm, obstacles = trial.locate_places(depth_mm, frame)
+def _draw_scene(trial: InsertionTrial, frame: int, plane: PlaneMap) -> Iterator[Stroke]:
+    target_mm, obstacles = trial.locate_places(frame)
     for ball in obstacles:
         yield Stroke(circle(ball.position_mm[1:], ball.radius_mm, plane), OBSTACLE, name="obstacle")
     yield Stroke(circle(target_mm[1:], trial.tolerance_mm, plane), TARGET, name="target")
@@ -70,7 +70,7 @@ def _draw_line(points_mm: Sequence[Point], colour: Colour, name: str, plane: Pla
 
 
 def _write_caption(trial: InsertionTrial, step: InsertionStep) -> str:
-    target_mm, _ = trial.locate_places(step.depth_mm, step.frame)
+    target_mm, _ = trial.locate_places(step.frame)
     left_mm = math.dist(step.estimate_mm, target_mm[1:])
     time_s = step.t_s - trial.start_t_s
     return f"{step.depth_mm:.1f} mm inserted, {time_s:.0f} s, {left_mm:.1f} mm to the target"

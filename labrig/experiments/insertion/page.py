@@ -25,7 +25,6 @@ from labrig.experiments.insertion.result import (
     TargetErrorSources,
 )
 from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
-from labrig.experiments.insertion.tracks import make_straight_shape
 from labrig.experiments.shared.specimen_page import make_specimen_views
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
@@ -155,7 +154,7 @@ def _collect_content(
             MarkerRow(trial.trial + 1, marker) for trial in content.insertions for marker in trial.markers
         ],
         "places": _describe_places(content.insertions),
-        "specimens": make_specimen_views(content.maps, protocol.gels, make_straight_shape(protocol)),
+        "specimens": make_specimen_views(content.maps, protocol.gels),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
@@ -286,7 +285,7 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         return None
     width, height = size_of(image)
     taken = [step.estimate_mm for step in trial.steps if step.depth_mm <= moment.depth_mm + 1e-6]
-    (_, *target_mm), obstacles = trial.locate_places(moment.depth_mm, moment.frame)
+    (_, *target_mm), obstacles = trial.locate_places(moment.frame)
     last = moment.frame == trial.final_frame
     scale_mm, scale = scale_bar((width, height), plane)
     return Panel(

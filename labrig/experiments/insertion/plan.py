@@ -15,7 +15,7 @@ from labrig.experiments.insertion.ending import EstimatedEnd, SeenEnd, bound_err
 from labrig.experiments.insertion.marker_view import find_marker_problems, find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
-from labrig.experiments.insertion.tracks import find_track_problems
+from labrig.experiments.shared.holes import find_near_holes
 from labrig.experiments.shared.rig_view import load_plane_map, load_tip_view
 from labrig.experiments.shared.roll_zero_search import RollZeroOrder
 from labrig.protocol.sections import RollZeroSteps
@@ -27,10 +27,9 @@ from labrig.runner.plan import (
     plan_insertion_moves,
     plan_roll_move,
 )
-from labrig.steering.moving import move_target
 from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
 from labrig.steering.parameters import Turning
-from labrig.steering.planner import Plan, sample_path
+from labrig.steering.planner import Plan
 from labrig.steering.step import start_steering
 from labrig.steering.torsion import BaseLimits, TurnAhead, plan_turn
 from labrig.vision.shaft_tip import READ_PX
@@ -39,6 +38,7 @@ from labrig.vision.shaft_tip import READ_PX
 def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
     """Return the plan of a run on a rig."""
     insertion, trials, steps = protocol.insertion, protocol.repetitions, protocol.roll_zero
+    specimen = protocol.specimen
     first = None if steps is None else make_roll_zero_order(protocol, steps)
     moves = plan_insertion_moves(
         "insertion.max_length_mm", insertion.max_length_mm, insertion, protocol.sheath
@@ -49,6 +49,9 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         *find_rig_problems(protocol, rig, (turn, *moves, *searched)),
         *_find_roll_zero_problems(protocol, rig),
         *_find_unmeasured(protocol, rig),
+        *find_near_holes(
+            "specimen", specimen, [specimen.first_hole_mm], protocol.sheath.diameter_mm, specimen.width_mm
+        ),
     )
     problems = problems or tuple(_find_aim_problems(protocol, rig))
     foreseen = _Foreseen() if problems else _foresee(protocol, rig)
@@ -64,7 +67,7 @@ def plan(protocol: InsertionProtocol, rig: RigDescription) -> RunPlan:
         + (0 if first is None else 3 + first.holes)
         + operator_steps,
         moves=moves,
-        problems=problems or foreseen.problems,
+        problems=problems,
         refusal=foreseen.refusal,
         warnings=(*foreseen.warnings, *_warn_of_torsion(protocol, rig), *_warn_of_marker_depth(protocol)),
         uses_calibration=True,
@@ -182,9 +185,8 @@ def _find_aim_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iter
 
 @dataclass(frozen=True)
 class _Foreseen:
-    """What the first plan says: old tracks in its way, why there is no path, or why its end may not be certified."""
+    """What the first plan says: why there is no path, or why its end may not be certified."""
 
-    problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
 
@@ -192,7 +194,7 @@ class _Foreseen:
 def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
     """Plan the path, unless a place is not known yet, and bound the error at its end."""
     if protocol.asked_places:
-        return _Foreseen(problems=tuple(find_track_problems(protocol, ())))
+        return _Foreseen()
     plane = load_plane_map(rig)
     aim = make_aim(protocol, plane)
     settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
@@ -200,19 +202,15 @@ def _foresee(protocol: InsertionProtocol, rig: RigDescription) -> _Foreseen:
     if command.stop is not None:
         message = f"there is no path: {command.detail}"
         return _Foreseen(refusal=Problem("target", message, "move target or obstacles"))
-    path_mm = sample_path(settings.problem, state.plan)[:, 1:]
-    if crossings := tuple(find_track_problems(protocol, path_mm)):
-        return _Foreseen(problems=crossings)
     roll_zero, radius_mm = _expect_roll_zero(protocol, rig), settings.problem.radius_mm
     unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
     if unseen is None:
         return _Foreseen()
     rolled = _list_stretches(state.plan, roll_zero, rig, protocol.policy.turning, radius_mm)
     budget = budget_out_of_plane(rolled, radius_mm, unseen)
-    target_mm = move_target(aim.target_mm, settings.motion, state.end_mm)
-    end = EstimatedEnd(np.array(target_mm[1:]), READ_PX * plane.mm_per_px)
+    end = EstimatedEnd(np.array(aim.target_mm[1:]), READ_PX * plane.mm_per_px)
     seen = SeenEnd.of_estimate(end, plane)
-    bounds = bound_error(seen, budget, target_mm, find_target_sd_mm(protocol, None))
+    bounds = bound_error(seen, budget, aim.target_mm, find_target_sd_mm(protocol, None))
     warning = bounds.warn(settings.problem.tolerance_mm)
     return _Foreseen(warnings=() if warning is None else (warning,))
 

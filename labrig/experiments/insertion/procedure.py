@@ -52,7 +52,6 @@ from labrig.experiments.insertion.events import (
     InsertionStart,
     InsertionStop,
     NeedleHeld,
-    NeedleRetreat,
     PathSought,
     RecordedEstimate,
     RecordedPose,
@@ -83,13 +82,12 @@ from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.record.decisions import Decisions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
-from labrig.runner.withdrawal import find_speeds, withdraw, withdraw_partly
-from labrig.steering.moving import expect_places, move_target
+from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
-from labrig.steering.step import retreat_steering, start_steering, step_steering
+from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture
@@ -254,9 +252,6 @@ def _steer(
     while command.stop is None:
         if insertion.session.reach_safe_point(IN_TISSUE, in_tissue=True):
             insertion.run_to_mm = 0.0  # the move ended where the needle was stopped
-        if command.withdraw_to_mm is not None and command.leave_mm is not None:
-            state, command = insertion.retreat(state, command, command.withdraw_to_mm, command.leave_mm)
-            continue
         insertion.turn_bevel(command.roll_rad, state)
         picture = insertion.advance(command)
         seen = insertion.find_tip(picture, state)
@@ -358,32 +353,6 @@ class _Insertion:
             )
         return self.session.take_picture(NeedleRole.OBSERVE, self.trial)
 
-    def retreat(
-        self, state: SteeringState, command: SteeringCommand, to_mm: float, leave_mm: float
-    ) -> tuple[SteeringState, SteeringCommand]:
-        """Withdraw the needle part of the way, and return how it goes on from where it is to leave its old cut."""
-        session, attempt = self.session, state.retreats + 1
-        session.progress(
-            _estimate_done_s(self.protocol, self.planned.repetition, to_mm),
-            f"{command.detail}: withdrawing the needle to {to_mm:.0f} mm to go on elsewhere, time {attempt}",
-        )
-        event = NeedleRetreat(
-            trial=self.trial,
-            from_mm=state.insertion_mm,
-            to_mm=to_mm,
-            leave_mm=leave_mm,
-            attempt=attempt,
-            cause=command.detail,
-        )
-        session.record(event)
-        withdraw_partly(session, self.path, to_mm, self._withdrawal_speeds)
-        self.path.append(session.read_positions())
-        self.bevel.path.follow_retreat(event)
-        self.run_to_mm = to_mm
-        state, command = session.compute(partial(retreat_steering, state, leave_mm, self.settings))
-        self._record_plan(state, None)
-        return state, command
-
     def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
         """Find the tip in a picture, near where the last state predicts it."""
         require_light(picture.image)
@@ -449,14 +418,13 @@ class _Insertion:
         return state, command
 
     def confirm(self, image: Picture, state: SteeringState, origin: TrialOrigin | None = None) -> None:
-        """Draw plan, axes, sheath, and target and obstacles where the tip will meet them, and have it confirmed."""
+        """Draw plan, axes, sheath, target and obstacles, and have it confirmed."""
         problem = self.settings.problem
-        target_mm, obstacles = expect_places(problem, self.settings.motion, 0.0, problem.start[:3, 3])
         drawn = DrawnPlan(
             path_mm=sample_path(problem, state.plan)[:, 1:],
-            target_mm=target_mm[1:],
+            target_mm=problem.target_mm[1:],
             tolerance_mm=problem.tolerance_mm,
-            obstacles=tuple((obstacle.position_mm[1:], obstacle.radius_mm) for obstacle in obstacles),
+            obstacles=tuple((obstacle.position_mm[1:], obstacle.radius_mm) for obstacle in problem.obstacles),
             sheath=None
             if origin is None or origin.tip_mm is None
             else (origin.tip_mm, origin.heading_rad or 0.0),
@@ -516,14 +484,13 @@ class _Insertion:
         if unseen is None:
             return None
         path = TracedPath(
-            self.bevel.path.turns, self.roll_zero.zero_rad, state.insertion_mm, self.bevel.path.centred
+            tuple(self.bevel.path.turns), self.roll_zero.zero_rad, state.insertion_mm, self.bevel.path.centred
         )
-        problem, radius_mm = self.settings.problem, self.settings.problem.radius_mm
+        problem = self.settings.problem
         seen = self._see_end(final.image, state, path, unseen)
-        budget = budget_out_of_plane(path.split(self.settings), radius_mm, unseen)
-        target_mm = move_target(problem.target_mm, self.settings.motion, state.insertion_mm)
+        budget = budget_out_of_plane(path.split(self.settings), problem.radius_mm, unseen)
         target_sd_mm = find_target_sd_mm(self.protocol, self.markers)
-        return bound_error(seen, budget, target_mm, target_sd_mm)
+        return bound_error(seen, budget, problem.target_mm, target_sd_mm)
 
     def _see_end(
         self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
@@ -564,7 +531,6 @@ class _Insertion:
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
                 torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
-                motion=self.settings.motion,
                 marker_ids=list_marker_ids(self.protocol),
                 repeats=self.planned.repeats,
             )

@@ -36,9 +36,6 @@ _WHERE = "give one of position_mm: [x, y, z], pixel: [u, v] and ask: true"
 _DEFAULT = SteeringPolicy()
 
 
-_Rate = Annotated[float, Field(ge=-0.5, le=0.5)]
-
-
 class Phantom(TrackedSpecimen):
     """A block of gel with obstacles cast in."""
 
@@ -57,22 +54,11 @@ class Place(Model):
         None, description="Place x, y, z from the origin of the steering plane [mm]; z along the insertion."
     )
     pixel: PixelUv | None = Field(None, description="Pixel (u, v) of the camera's picture [px].")
-    motion_mm_per_mm: tuple[_Rate, _Rate] | None = Field(
-        None,
-        description="How far it moves along y and z for each millimetre that the needle is inserted, as tissue is "
-        "pushed or drawn along; null: it stands still [mm/mm].",
-    )
     marker_id: MarkerId | None = Field(
         None,
         description="The id of a printed marker that moves with it: what the marker moves in the pictures after the "
         "first is added to its place. See markers.",
     )
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield a motion that is told and measured."""
-        if self.motion_mm_per_mm is not None and self.marker_id is not None:
-            message = f"motion_mm_per_mm tells how it moves, and marker {self.marker_id} measures it"
-            yield Conflict("motion_mm_per_mm", message, "give one of the two")
 
 
 class Target(Place):
@@ -90,7 +76,6 @@ class Target(Place):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a target that is given more than once, or not at all."""
-        yield from super().conflicts()
         given = (self.position_mm is not None) + (self.pixel is not None) + self.ask
         if given != 1:
             message = f"the target is given {given} times, expected one of position_mm, pixel and ask: true"
@@ -108,7 +93,6 @@ class InsertionObstacle(Place):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield an obstacle without a place, or with two."""
-        yield from super().conflicts()
         if (self.position_mm is not None) + (self.pixel is not None) + self.ask != 1:
             yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
 
@@ -301,22 +285,6 @@ class OutOfPlane(Model):
     )
 
 
-class Recovery(Model):
-    """How a needle that is blocked, or would miss, is withdrawn part of the way and goes on elsewhere."""
-
-    most_attempts: int = Field(
-        3, ge=1, le=20, description="So often the needle is withdrawn in an insertion."
-    )
-    back_mm: PositiveMm = Field(
-        5.0, description="Least length by which the needle is withdrawn, besides leaves_track_mm [mm]."
-    )
-    leaves_track_mm: PositiveMm = Field(
-        4.0,
-        description="Length along which a needle that goes in again follows its old cut with its bevel turned [mm].",
-    )
-    leaves_track_sd_mm: PositiveMm = Field(1.0, description="Standard deviation of leaves_track_mm [mm].")
-
-
 class InsertionProtocol(JudgedProtocol):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
@@ -349,11 +317,6 @@ class InsertionProtocol(JudgedProtocol):
         default_factory=OutOfPlane,
         description="What leads the needle out of the plane that the camera sees. The target is reached if the 95 % "
         "interval of the distance in space lies within the tolerance; null: if the distance in the plane does.",
-    )
-    recovery: Recovery | None = Field(
-        None,
-        description="Whether a needle that is blocked, or would miss, may be withdrawn part of the way, turned, and go "
-        "in again; null: it stops.",
     )
     roll_zero: RollZeroSteps | None = Field(
         None,
@@ -413,11 +376,6 @@ class InsertionProtocol(JudgedProtocol):
                 f"{self.repetitions} repetitions, each in a new block, and the specimen file describes one"
             )
             yield Conflict("repetitions", message, "repetitions: 1, or leave out specimen_file")
-        if self.recovery is not None and self.planner.staging == "unbounded":
-            message = (
-                "staging is unbounded, but a needle that may recover has to stand still while it is planned"
-            )
-            yield Conflict("planner.staging", message, "set it to staged, or leave out recovery")
         yield from self._find_marker_conflicts()
         if self.planner.radius_mm <= self.needle.diameter_mm:
             message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"

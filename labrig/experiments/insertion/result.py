@@ -7,7 +7,7 @@ from typing import Literal, Self
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
 from labrig.protocol.model import Model
-from labrig.steering.moving import Displacement, Displacements, Motion, locate_places
+from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as Point3
 from labrig.steering.sighting_noise import NisVerdict
@@ -54,7 +54,7 @@ class InsertionCommand(Model):
 
     `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
     turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
-    first, and why to stop; after the first stop there are no more. `withdraw_to_mm`: how far to withdraw the needle.
+    first, and why to stop; after the first stop there are no more.
     """
 
     frame: int | None
@@ -65,7 +65,6 @@ class InsertionCommand(Model):
     sought: str | None
     replans: int
     stop: str | None
-    withdraw_to_mm: float | None = None
 
 
 class InsertionPlan(Model):
@@ -173,9 +172,8 @@ class InsertionTrial(Model):
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
-    the live run to the last digit, as it is with its settings and its code. `retreats` counts how often the needle was
-    withdrawn part of the way to go on elsewhere. `target_mm` and `obstacles` are told for the start, and `motion` says
-    how they were told to move; None: not at all. `marker_ids` are the markers that the target and each obstacle are
+    the live run to the last digit, as it is with its settings and its code. `target_mm` and `obstacles` are where
+    they were at the start. `marker_ids` are the markers that the target and each obstacle are
     bound to, the target's first, `marker_steps` what these showed, and `markers` how far they moved. Errors and
     clearances are from where they were then.
     """
@@ -212,22 +210,20 @@ class InsertionTrial(Model):
     steps: tuple[InsertionStep, ...]
     plans: tuple[InsertionPlan, ...]
     as_recorded: bool | None = None
-    retreats: int = 0
-    motion: Motion | None = None
     marker_ids: tuple[int | None, ...] = ()
     markers: tuple[MarkerMotion, ...] = ()
     marker_steps: tuple[MarkerStep, ...] = ()
     commands: tuple[InsertionCommand, ...] = ()
 
-    def locate_places(self, depth_mm: float, frame: int) -> tuple[Point3, tuple[Obstacle, ...]]:
-        """Return where the target (x, y, z) and the obstacles were at an insertion length, in a picture."""
+    def locate_places(self, frame: int) -> tuple[Point3, tuple[Obstacle, ...]]:
+        """Return where the target (x, y, z) and the obstacles were in a picture."""
         moved = {
             step.marker_id: Displacement(step.displacement_mm, step.sd_mm)
             for step in self.marker_steps
             if step.frame <= frame
         }
         displacements = Displacements.by_marker(self.marker_ids, moved)
-        return locate_places(self.target_mm, self.obstacles, self.motion, depth_mm, displacements)
+        return displacements.move_target(self.target_mm), displacements.move_obstacles(self.obstacles)
 
 
 class InsertionRow(Model):
@@ -249,7 +245,6 @@ class InsertionRow(Model):
     true_target_error_mm: float | None
     true_min_clearance_mm: float | None
     replans: int
-    retreats: int
     length_mm: float | None
     missed_sightings: int
     mean_nis: float | None

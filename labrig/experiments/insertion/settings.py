@@ -9,12 +9,10 @@ import numpy as np
 
 from labrig.analysis.result import TrialOrigin
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.steering.moving import Motion
 from labrig.steering.out_of_plane import OutOfPlaneSettings
 from labrig.steering.parameters import PlanWeights, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
-from labrig.steering.recovery import RecoverySettings
 from labrig.steering.tip import EstimatorSettings
 from labrig.steering.torsion import LagError
 
@@ -82,19 +80,7 @@ def make_insertion_settings(
         method=planner.method,
         staging=planner.staging,
         mends_path=planner.mends_path,
-        recovery=None if protocol.recovery is None else RecoverySettings(**protocol.recovery.model_dump()),
-        motion=_make_motion(protocol),
     )
-
-
-def _make_motion(protocol: InsertionProtocol) -> Motion | None:
-    """Return how target and obstacles move; None if nothing does."""
-    if not any(place.motion_mm_per_mm for place in (protocol.target, *protocol.obstacles)):
-        return None
-    target, *obstacles = (
-        (0.0, *(place.motion_mm_per_mm or (0.0, 0.0))) for place in (protocol.target, *protocol.obstacles)
-    )
-    return Motion(target, tuple(obstacles))
 
 
 def make_out_of_plane(

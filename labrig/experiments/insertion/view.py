@@ -26,7 +26,7 @@ from labrig.record.reader import Run
 from labrig.report.pictures import circle
 from labrig.report.record_drawing import CAMERA, EVENTS, set_time
 from labrig.report.view import View, Words
-from labrig.steering.moving import Displacement, Displacements, locate_places
+from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as SpacePoint
 from labrig.vision.plane import PlaneMap
@@ -61,15 +61,15 @@ class _LiveScene:
     start: InsertionStart
     moved: Mapping[int, Displacement] = field(default_factory=dict)
 
-    def at(self, inserted_mm: float) -> _Scene:
-        """Return the scene at an insertion length."""
-        start = self.start
-        displacements = Displacements.by_marker(start.marker_ids, self.moved)
-        target_mm, obstacles = locate_places(
-            start.target_mm, start.obstacles, start.motion, inserted_mm, displacements
+    def find(self) -> _Scene:
+        """Return the scene as it is now."""
+        start, moved = self.start, Displacements.by_marker(self.start.marker_ids, self.moved)
+        return _Scene(
+            moved.move_target(start.target_mm),
+            start.tolerance_mm,
+            moved.move_obstacles(start.obstacles),
+            bool(start.marker_ids),
         )
-        moves = start.motion is not None or bool(start.marker_ids)
-        return _Scene(target_mm, start.tolerance_mm, obstacles, moves)
 
     def take_in(self, event: MarkersSought) -> None:
         """Take in where the markers have moved."""
@@ -187,9 +187,8 @@ def _send(content: InsertionResult, drawing: _Drawing, stream: rr.RecordingStrea
 
 
 def _find_scene(trial: InsertionTrial, step: InsertionStep) -> _Scene:
-    target_mm, obstacles = trial.locate_places(step.depth_mm, step.frame)
-    moves = trial.motion is not None or bool(trial.marker_ids)
-    return _Scene(target_mm, trial.tolerance_mm, obstacles, moves)
+    target_mm, obstacles = trial.locate_places(step.frame)
+    return _Scene(target_mm, trial.tolerance_mm, obstacles, bool(trial.marker_ids))
 
 
 def _follow(
@@ -200,13 +199,13 @@ def _follow(
         match event:
             case InsertionStart():
                 drawing.live = _LiveScene(event)
-                drawing.begin(stream, drawing.live.at(0.0), event.t_s)
+                drawing.begin(stream, drawing.live.find(), event.t_s)
             case PathSought():
                 drawing.draw_plan(stream, [(y, z) for _, y, z in sample_plan(event)], event.t_s)
             case MarkersSought() if drawing.live is not None:
                 drawing.live.take_in(event)
             case TipObserved():
-                scene = None if drawing.live is None else drawing.live.at(event.depth_mm)
+                scene = None if drawing.live is None else drawing.live.find()
                 drawing.draw_step(stream, _step_of_event(event), scene)
 
 
@@ -303,5 +302,4 @@ _WORDS: Mapping[str, Words] = {
     "origin": _describe_sheath,
     "hold": lambda event: f"needle holds still: {event['detail'] or event['stop']}",
     "markers": _describe_markers,
-    "retreat": lambda event: f"needle goes back to {event['to_mm']:.1f} mm: {event['cause']}",
 }

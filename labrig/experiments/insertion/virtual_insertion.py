@@ -1,7 +1,7 @@
 """The steering loop of an insertion against the simulated world: its commands move the world, a camera sees the tip.
 
-The steps are those of the procedure: turn, advance, look, estimate and plan, and withdraw part of the way where the
-needle recovers. Bevel, ending and steering step are the procedure's own.
+The steps are those of the procedure: turn, advance, look, estimate and plan. Bevel, ending and steering
+step are the procedure's own.
 """
 
 from collections.abc import Callable
@@ -21,15 +21,13 @@ from labrig.experiments.insertion.ending import (
     decide_ending,
     find_depth,
 )
-from labrig.experiments.insertion.events import NeedleRetreat
 from labrig.experiments.insertion.virtual_axis import VirtualAxis
 from labrig.experiments.insertion.virtual_camera import VirtualCamera
 from labrig.simulation.world import World
-from labrig.steering.moving import move_target
 from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
-from labrig.steering.step import retreat_steering, step_steering
+from labrig.steering.step import step_steering
 
 Follow = Callable[[SteeringSettings], SteeringSettings]
 
@@ -71,9 +69,6 @@ class VirtualInsertion:
     def steer(self, state: SteeringState, command: SteeringCommand) -> tuple[SteeringState, SteeringCommand]:
         """Run the closed loop until a stop, and return the last state and command."""
         while command.stop is None:
-            if command.withdraw_to_mm is not None and command.leave_mm is not None:
-                state, command = self._retreat(state, command, command.withdraw_to_mm, command.leave_mm)
-                continue
             if command.roll_rad != 0.0:
                 self._turn(command.roll_rad, state)
             at_mm = self.axis.pass_depth(command.observe_at_mm, command.run_to_mm, self.speed_mm_s)
@@ -94,28 +89,6 @@ class VirtualInsertion:
         turn, _ = self.bevel.turn(roll_rad, state, at_mm)
         self.move_world(at_mm, turn.farthest_rad)
         self.move_world(at_mm, turn.to_rad)
-
-    def _retreat(
-        self, state: SteeringState, command: SteeringCommand, to_mm: float, leave_mm: float
-    ) -> tuple[SteeringState, SteeringCommand]:
-        """Withdraw the needle part of the way, turning back where it was turned, and return how it goes on."""
-        zero_rad = self.bevel.zero_rad
-        for turn in reversed([turn for turn in self.bevel.turns if turn.depth_mm > to_mm]):
-            self.move_world(turn.depth_mm, turn.to_rad - zero_rad)
-            self.move_world(turn.depth_mm, turn.from_rad - zero_rad)
-        self.bevel.follow_retreat(
-            NeedleRetreat(
-                trial=self.bevel.trial,
-                from_mm=state.insertion_mm,
-                to_mm=to_mm,
-                leave_mm=leave_mm,
-                attempt=state.retreats + 1,
-                cause=command.detail,
-            )
-        )
-        self.axis.stand_at(to_mm)
-        self.move_world(to_mm, self.bevel.base_rad)
-        return retreat_steering(state, leave_mm, self.settings)
 
 
 @dataclass(frozen=True)
@@ -145,12 +118,13 @@ def end_insertion(
     """
     bounds = None
     if unseen is not None:
-        path = TracedPath(made.bevel.turns, made.bevel.zero_rad, state.insertion_mm, made.bevel.centred)
+        path = TracedPath(
+            tuple(made.bevel.turns), made.bevel.zero_rad, state.insertion_mm, made.bevel.centred
+        )
         seen = _see_end(made, state, path, unseen)
         problem = made.settings.problem
         budget = budget_out_of_plane(path.split(made.settings), problem.radius_mm, unseen)
-        target_mm = move_target(problem.target_mm, made.settings.motion, state.insertion_mm)
-        bounds = bound_error(seen, budget, target_mm, target_sd_mm)
+        bounds = bound_error(seen, budget, problem.target_mm, target_sd_mm)
     ending = decide_ending(
         str(command.stop),
         command.detail,

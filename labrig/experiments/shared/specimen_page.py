@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from labrig.experiments.shared.hole_map import TrackShape
-from labrig.experiments.shared.specimen_figure import draw_curvatures, draw_hole_map
+from labrig.experiments.shared.specimen_figure import draw_curvatures
 from labrig.experiments.shared.specimen_result import MOST_CHANGE_PERCENT, SpecimenMap, describe_trend
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenFile
@@ -19,7 +18,6 @@ class SpecimenView:
 
     map: SpecimenMap
     facts: Rows
-    hole_map: Markup
     curvatures: Markup | None
     drifts: tuple[str, ...]
     steady: tuple[str, ...]
@@ -27,7 +25,7 @@ class SpecimenView:
 
 
 def make_specimen_views(
-    maps: Sequence[SpecimenMap], gels: Mapping[str, TrackedSpecimen], next_shape: TrackShape
+    maps: Sequence[SpecimenMap], gels: Mapping[str, TrackedSpecimen]
 ) -> list[SpecimenView]:
     """Return the section of each specimen, with all figures drawn.
 
@@ -35,18 +33,11 @@ def make_specimen_views(
     ----------
     gels : mapping of str to TrackedSpecimen
         Those of the protocol, by their key.
-    next_shape : TrackShape
-        One more insertion of the run, as it lies if it enters at 0.
     """
     return [
         SpecimenView(
             map=specimen,
             facts=list_specimen_facts(section),
-            hole_map=draw_hole_map(
-                specimen,
-                None if specimen.next_hole_mm is None else next_shape.shift(specimen.next_hole_mm),
-                f"holes-{place}",
-            ),
             curvatures=draw_curvatures(specimen, f"drift-{place}"),
             drifts=tuple(describe_trend(trend) for trend in specimen.trends if trend.drifts),
             steady=tuple(describe_trend(trend) for trend in specimen.trends if not trend.drifts),

@@ -7,13 +7,10 @@ import numpy as np
 
 from labrig.analysis.group_tests import LEVEL, fit_slope
 from labrig.analysis.result import Point, Rows
-from labrig.errors import RecordError
-from labrig.experiments.shared.hole_map import TrackShape, find_place
+from labrig.experiments.shared.holes import find_place
 from labrig.protocol.model import Model
 from labrig.protocol.sections import TrackedSpecimen
-from labrig.protocol.specimen_file import SpecimenFile, SpecimenTrack
-from labrig.record.layout import COPY_HINT
-from labrig.record.reader import Run
+from labrig.protocol.specimen_file import SpecimenTrack
 from labrig.text import format_count
 
 MOST_CHANGE_PERCENT = 2.0
@@ -75,24 +72,10 @@ class SpecimenMap(Model):
     trends: tuple[CurvatureTrend, ...]
 
 
-def find_track_age_h(run: Run, specimen: SpecimenFile, t_s: float) -> float:
-    """Return the age of a specimen at a rig time of a run [h], rounded to seconds.
-
-    Raises
-    ------
-    RecordError
-        When the run does not say when it began.
-    """
-    moment = run.find_moment(t_s)
-    if moment is None:
-        raise RecordError(f"{run.path} does not say when it began", COPY_HINT)
-    return round(specimen.find_age_h(moment), 4)
-
-
 def map_specimens(
     gels: Mapping[str, TrackedSpecimen],
     own: Mapping[str, Sequence[SpecimenTrack]],
-    next_shape: TrackShape,
+    diameter_mm: float,
     last_mm: float,
     needle_id: str,
 ) -> tuple[SpecimenMap, ...]:
@@ -104,10 +87,10 @@ def map_specimens(
         By their key in the protocol.
     own : mapping of str to sequence of SpecimenTrack
         The tracks of the run, by the name of the specimen.
-    next_shape : TrackShape
-        One more insertion, as it lies if it enters at 0.
+    diameter_mm : float
+        Of the sheath.
     last_mm : float
-        The last entry point of such an insertion that the block has room for.
+        The last entry point that the block has room for.
     """
     maps = []
     for key, gel in gels.items():
@@ -121,7 +104,7 @@ def map_specimens(
                 clearance_mm=gel.track_clearance_mm,
                 earlier=len(gel.block.tracks),
                 tracks=tracks,
-                next_hole_mm=find_place(tracks, [next_shape], last_mm, gel),
+                next_hole_mm=find_place(tracks, [0.0], diameter_mm, last_mm, gel),
                 needle_id=needle_id,
                 trends=fit_trends(tracks, needle_id),
             )

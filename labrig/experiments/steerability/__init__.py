@@ -15,7 +15,7 @@ EXPERIMENT = ExperimentDeclaration(
     view="labrig.experiments.steerability.view:make_view",
     follow="labrig.experiments.steerability.view:follow",
     resume="labrig.experiments.steerability.resumption:resume",
-    tracks="labrig.experiments.steerability.tracks:list_tracks",
+    tracks="labrig.experiments.steerability.analysis:list_sweep_tracks",
     reanalysis_keys=("analysis",),
     puts_needle_in_tissue=True,
 )

@@ -9,7 +9,6 @@ from labrig.experiments.shared.paper import PAPER_MEAN_RADIUS_MM
 from labrig.experiments.shared.specimen_page import make_specimen_views
 from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.tracks import plan_track
 from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
 from labrig.report.figures import Design
@@ -28,7 +27,7 @@ def make_page(
         return Page(facts)
     design = Design(protocol.needle.design_radius_mm, protocol.insertion.length_mm, side=1)
     verdict = _write_verdict(protocol, result.content)
-    specimens = make_specimen_views(result.content.maps, protocol.gels, plan_track(protocol, 0.0))
+    specimens = make_specimen_views(result.content.maps, protocol.gels)
     return make_curvature_page(
         run, result, result.content, facts=facts, verdict=verdict, design=design, specimens=specimens
     )

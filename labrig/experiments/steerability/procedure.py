@@ -1,7 +1,7 @@
 """The steerability test of the paper, section V-B: insertions of one length without turning the bevel."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,7 +10,8 @@ from labrig.analysis.sentinel import GridRole
 from labrig.devices.axis import AxisReadback
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import PictureError
+from labrig.errors import PictureError, Problem
+from labrig.experiments.shared.holes import find_near_holes
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_plane_map, load_rig_mask
 from labrig.experiments.steerability.analysis import make_order
@@ -25,7 +26,6 @@ from labrig.experiments.steerability.schedule import (
     list_planned_trials,
     list_remaining_trials,
 )
-from labrig.experiments.steerability.tracks import find_track_problems
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.runner.experiment import PlannedMove, RunPlan, total_duration_s
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
@@ -33,7 +33,6 @@ from labrig.runner.plan import (
     PICTURES_A_TRIAL_BESIDE_ADVANCE,
     count_sentinel_work,
     find_rig_problems,
-    list_sentinel_questions,
     plan_insertion_moves,
     plan_roll_move,
 )
@@ -53,25 +52,25 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
     insertion, moves = protocol.insertion, list_trial_moves(protocol)
     trials = len(protocol.specimens) * protocol.insertions_per_specimen
     advance = math.ceil(insertion.length_mm / insertion.frame_every_mm) - 1
-    pictures, _ = count_sentinel_work(protocol.sentinel)
-    questions = {
-        MountNeedle.__name__: 1,
-        PlaceSpecimen.__name__: len(protocol.specimens),
-        ShiftToHole.__name__: trials,
-        **list_sentinel_questions(protocol.sentinel),
-    }
+    pictures, steps = count_sentinel_work(protocol.sentinel)
     turn = plan_roll_move(rig, "insertion.bevel_roll_rad", insertion.bevel_roll_rad)
     return RunPlan(
         trials=trials,
         duration_s=trials * total_duration_s(moves),
         pictures=trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE) + pictures,
-        operator_steps=sum(questions.values()),
-        questions=questions,
+        operator_steps=1 + len(protocol.specimens) + trials + steps,
         moves=moves,
-        problems=(*find_rig_problems(protocol, rig, (turn, *moves)), *find_track_problems(protocol)),
+        problems=(*find_rig_problems(protocol, rig, (turn, *moves)), *_find_near_holes(protocol)),
         uses_calibration=True,
         notes=tuple(describe_order(protocol)),
     )
+
+
+def _find_near_holes(protocol: SteerabilityProtocol) -> Iterator[Problem]:
+    """Yield planned holes that come too close to old ones."""
+    for key, gel in protocol.gels.items():
+        places_mm, diameter_mm = protocol.list_places_mm(gel), protocol.sheath.diameter_mm
+        yield from find_near_holes(key, gel, places_mm, diameter_mm, protocol.last_place_mm)
 
 
 def run(protocol: SteerabilityProtocol, session: Session) -> None:

@@ -7,10 +7,9 @@ from typing import TypeAlias
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.experiments.shared.hole_map import is_clear
+from labrig.experiments.shared.holes import is_clear
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.tracks import plan_track
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.record.decisions import NO_DECISIONS, Decisions
 from labrig.record.events import RecordedTrial, Repeat
@@ -166,15 +165,15 @@ def _find_free_place_mm(
     protocol: SteerabilityProtocol, gel: TrackedSpecimen, lost: SweepTrialStart, places_mm: Sequence[float]
 ) -> float:
     """Return a free entry point of a block, as far from the others and from old tracks as the protocol requires."""
-    spacing_mm = protocol.hole_spacing_mm
+    spacing_mm, diameter_mm = protocol.hole_spacing_mm, protocol.sheath.diameter_mm
     behind_mm = max(places_mm) + spacing_mm
-    if behind_mm <= protocol.last_place_mm and is_clear(gel, plan_track(protocol, behind_mm)):
+    if behind_mm <= protocol.last_place_mm and is_clear(gel, behind_mm, diameter_mm):
         return behind_mm
     holes = range(protocol.insertions_per_specimen - 1)
     halfway_mm = [gel.first_hole_mm + (hole + 0.5) * spacing_mm for hole in holes]
     for place_mm in sorted(halfway_mm, key=lambda candidate_mm: abs(candidate_mm - lost.hole_position_mm)):
         nearest_mm = min(abs(place_mm - other) for other in places_mm)
-        if nearest_mm > protocol.needle.diameter_mm and is_clear(gel, plan_track(protocol, place_mm)):
+        if nearest_mm > protocol.needle.diameter_mm and is_clear(gel, place_mm, diameter_mm):
             return place_mm
     raise InputError(
         f"specimen {lost.specimen} has no room for another entry point, in which trial {lost.trial} "

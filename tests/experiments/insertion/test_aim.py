@@ -100,18 +100,6 @@ def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> N
         assert all("is of needle another" in warning.message for warning in warnings)
 
 
-def test_a_target_that_moves_out_of_reach_is_refused_at_its_motion() -> None:
-    """Where the target will be when the tip gets there counts too: out of view, or in an obstacle."""
-    away = find_problems(insertion("target.motion_mm_per_mm=[0.35,0]"), simulated_rig())
-    assert {problem.where for problem in away} == {"target.motion_mm_per_mm"}
-    assert "outside of the tissue" in away[0].message
-    still = "{position_mm: [0, -7, 68], radius_mm: 8}"
-    into = f"obstacles=[{{position_mm: [0, 30, 98], radius_mm: 8, motion_mm_per_mm: [-0.25, 0]}}, {still}]"
-    (covered,) = find_problems(insertion(into), simulated_rig())
-    assert "inside obstacle 1" in covered.message
-    assert find_problems(insertion("target.motion_mm_per_mm=[0.01,0.03]"), simulated_rig()) == ()
-
-
 def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
     """On a rig that is not simulated a lag or a wandering of exactly 0 is refused, unless the torsion is measured."""
     bench = simulated_rig().model_copy(update={"kind": "bench"})
@@ -121,12 +109,6 @@ def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
     for stated in ("out_of_plane.lag_sd_deg=5", "roll_zero.torsion={}", "out_of_plane=null"):
         where = {problem.where for problem in find_problems(insertion(stated), bench)}
         assert not any(name.startswith("out_of_plane") for name in where)
-
-
-def test_no_copy_of_the_example_cuts_twice_unasked() -> None:
-    """The example leaves out recovery; an override gives it with its defaults."""
-    assert insertion().recovery is None  # type: ignore[attr-defined]
-    assert insertion("recovery={}").recovery is not None  # type: ignore[attr-defined]
 
 
 def test_a_target_named_by_its_pixel_is_aimed_at() -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error, list_turns
-from labrig.experiments.insertion.events import BevelTurn, NeedleRetreat
+from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
+from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
 from labrig.experiments.insertion.summary import describe_places, summarise
@@ -122,16 +122,6 @@ def test_the_largest_source_is_that_over_all_axes(target_sd_mm: float, largest: 
     bounds = bound_error(seen_at(0.0, 1 / math.sqrt(2)), unseen(0.3), (0.0, 0.0, 40.0), target_sd_mm)
     assert bounds.sources.in_plane == pytest.approx(1.0)
     assert (bounds.sources.target, bounds.sources.largest) == (target_sd_mm, largest)
-
-
-def test_a_turn_in_an_old_cut_counts_from_where_the_needle_leaves_it() -> None:
-    """A withdrawn needle is turned before the length at which it leaves its cut; turns beyond that are undone."""
-    first, beyond, again = (
-        BevelTurn(trial=0, depth_mm=depth_mm, from_rad=0.0, to_rad=math.pi) for depth_mm in (10.0, 30.0, 16.0)
-    )
-    retreat = NeedleRetreat(trial=0, from_mm=40.0, to_mm=16.0, leave_mm=20.0, attempt=1, cause="")
-    turns = list_turns((first, beyond, retreat, again))
-    assert [turn.depth_mm for turn in turns] == [10.0, 20.0]
 
 
 def test_a_turn_counts_from_where_it_acts() -> None:

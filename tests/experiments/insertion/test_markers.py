@@ -222,13 +222,12 @@ def _find_problems(*overrides: str) -> tuple[Problem, ...]:
     [
         (("target.marker_id=7",), "does not describe markers"),
         (("markers={side_mm: 6}",), "no target and no obstacle is bound to a marker"),
-        ((*BOUND, "target.motion_mm_per_mm=[0.1,0]"), "give one of the two"),
     ],
 )
 def test_a_protocol_that_contradicts_itself_about_markers_is_refused(
     overrides: tuple[str, ...], told: str
 ) -> None:
-    """An id without markers, markers that nothing names, and a motion that is told and measured."""
+    """An id without markers, markers that nothing names."""
     with pytest.raises(FileFormatError) as refused:
         insertion(*overrides)
     (problem,) = refused.value.problems

@@ -462,22 +462,6 @@ def test_the_same_seed_gives_the_same_record_byte_for_byte(
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
 
 
-def test_a_needle_that_missed_is_withdrawn_part_of_the_way_and_goes_on_elsewhere(tmp_path: Path) -> None:
-    """Led aside by cavities, it leaves its cut with its bevel turned, as recorded, and ends within the tolerance."""
-    aim = ("target.position_mm=[0,-12,50]", "target.tolerance_mm=0.8", "out_of_plane=null")
-    cavities = ("world.disturbances.cavities=3", "world.disturbances.cavity_mm=[10,12]")
-    outcome, run = conduct_insertion(
-        tmp_path, insertion(*aim, "insertion.max_length_mm=90", "recovery={}"), (*EVEN, *cavities)
-    )
-    assert outcome.exit_status == "success"
-    assert truth(run)["true_target_error_mm"] < 0.9
-    (retreat,) = events(run, "retreat")
-    assert retreat["attempt"] == 1
-    assert "0.8 mm are allowed" in retreat["cause"]
-    turn = next(event for event in events(run, "flip") if event["t_s"] > retreat["t_s"])
-    assert turn["depth_mm"] == pytest.approx(retreat["to_mm"], abs=0.1)
-
-
 def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(tmp_path: Path) -> None:
     """The axes stop at the next step, nothing is withdrawn, the needle goes on, and the replay is identical."""
     asks = AsksInTissue(4)

@@ -4,7 +4,6 @@ from random import Random
 
 import pytest
 
-from labrig.experiments.shared.hole_map import TrackShape
 from labrig.experiments.shared.specimen_result import (
     describe_trend,
     fit_trends,
@@ -48,8 +47,7 @@ def test_scatter_and_other_needles_are_no_drift() -> None:
 def test_the_terminal_tells_the_next_hole_and_a_drift() -> None:
     """A result as its file holds it gives a line for the specimen, and one for each trend that drifts."""
     gel = TrackedSpecimen(name="A1", gelatin_percent=10.0, block=make_section(*tracks(0.4)))
-    straight = TrackShape.of_track(make_track(0.0))
-    (found,) = map_specimens({"specimens.0": gel}, {}, straight, 100.0, "N1")
+    (found,) = map_specimens({"specimens.0": gel}, {}, 2.0, 100.0, "N1")
     line, *warnings = summarise_maps([found.model_dump(mode="json")])
     assert line == "specimen A1  12 tracks, next clear hole at first_hole_mm: 4"
     assert len(warnings) == 2

@@ -15,7 +15,6 @@ from labrig.experiments.steerability.schedule import (
     list_planned_trials,
     list_remaining_trials,
 )
-from labrig.experiments.steerability.tracks import plan_track
 from tests.protocol.specimens import make_section, make_track
 from tests.runner.sessions import sweep
 
@@ -141,7 +140,7 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
 def test_a_repeated_hole_keeps_off_old_tracks() -> None:
     """The place behind the last hole is taken by the track of an earlier run: the repetition goes halfway instead."""
     loaded = protocol("specimens=[{name: A1, gelatin_percent: 10}]")
-    old = make_track(30.0, path_mm=plan_track(loaded, 30.0).path_mm)
+    old = make_track(30.0)
     (gel,) = loaded.specimens
     sweep_in_a1 = loaded.model_copy(
         update={"specimens": (gel.model_copy(update={"block": make_section(old)}),)}

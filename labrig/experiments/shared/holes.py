@@ -1,0 +1,155 @@
+"""Holes in a block of gel along one line: how close a planned one comes to the old ones, and where the next one fits.
+
+Places count across the insertion, from the first entry point that the block ever had. Nothing measures them: they rest
+on the holes being made where the protocols say, and so on the operator who shifts the block by hand. What a needle does
+beyond its hole is not compared: needles of one sweep bend alike, side by side.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from labrig.errors import Problem, RecordError
+from labrig.experiments.shared.needle_events import SpecimenTrialStart
+from labrig.protocol.sections import TrackedSpecimen
+from labrig.protocol.specimen_file import SpecimenFile, SpecimenTrack, TracksBySpecimen
+from labrig.record.layout import COPY_HINT
+from labrig.record.reader import Run
+from labrig.text import format_count
+
+_STEP_MM = 0.5
+
+
+def is_clear(gel: TrackedSpecimen, place_mm: float, diameter_mm: float) -> bool:
+    """Return whether a sheath of a diameter keeps off the old holes of a gel at a place, or need not."""
+    return gel.block is None or gel.allow_crossing or _find_near(gel, place_mm, diameter_mm) is None
+
+
+def _find_gap_mm(track: SpecimenTrack, place_mm: float, diameter_mm: float) -> float:
+    """Return the distance between the surfaces of an old sheath and a planned one; negative where they overlap."""
+    return abs(place_mm - track.hole_position_mm) - 0.5 * (diameter_mm + track.sheath_diameter_mm)
+
+
+def _find_near(gel: TrackedSpecimen, place_mm: float, diameter_mm: float) -> SpecimenTrack | None:
+    """Return the old track that a planned hole comes closest to, if that is too close."""
+    old = () if gel.block is None else gel.block.tracks
+    nearest = min(old, key=lambda track: _find_gap_mm(track, place_mm, diameter_mm), default=None)
+    if nearest is None or _find_gap_mm(nearest, place_mm, diameter_mm) >= gel.track_clearance_mm:
+        return None
+    return nearest
+
+
+def find_near_holes(
+    key: str, gel: TrackedSpecimen, places_mm: Sequence[float], diameter_mm: float, last_mm: float
+) -> Iterator[Problem]:
+    """Yield a planned hole that comes too close to an old one, once for a gel: the first of them, and how many.
+
+    Parameters
+    ----------
+    key : str
+        Dotted key of the gel.
+    places_mm : sequence of float
+        In the order of the holes.
+    diameter_mm : float
+        Of the sheath.
+    last_mm : float
+        The last place that the block has room for.
+    """
+    if gel.block is None or gel.allow_crossing:
+        return
+    found = [(hole, _find_near(gel, place_mm, diameter_mm)) for hole, place_mm in enumerate(places_mm)]
+    near = [(hole, track) for hole, track in found if track is not None]
+    if not near:
+        return
+    hole, track = near[0]
+    more, gap_mm = len(near) - 1, _find_gap_mm(track, places_mm[hole], diameter_mm)
+    start_mm = find_place(
+        gel.block.tracks, [place - places_mm[0] for place in places_mm], diameter_mm, last_mm, gel
+    )
+    yield Problem(
+        f"{key}.first_hole_mm",
+        f"hole {hole + 1}, at {places_mm[hole]:g} mm, would be {max(gap_mm, 0.0):.2f} mm from hole {track.hole + 1} of "
+        f"run {track.run}, at {track.hole_position_mm:g} mm; the least clearance is {gel.track_clearance_mm:g} mm"
+        + (f"; so would {format_count(more, 'hole')} more" if more else ""),
+        _suggest(start_mm, len(places_mm)),
+    )
+
+
+def _suggest(start_mm: float | None, holes: int) -> str:
+    if start_mm is None:
+        return "the block has no room for that: fewer insertions, a fresh block, or allow_crossing: true"
+    clear = "is clear" if holes == 1 else f"is clear for all {holes} holes"
+    return f"first_hole_mm: {start_mm:g} {clear}; or allow_crossing: true"
+
+
+def find_place(
+    old: Iterable[SpecimenTrack],
+    places_mm: Sequence[float],
+    diameter_mm: float,
+    last_mm: float,
+    gel: TrackedSpecimen,
+) -> float | None:
+    """Return the first place, in steps of 0.5 mm, from which planned holes are clear of old ones; None without any.
+
+    Parameters
+    ----------
+    places_mm : sequence of float
+        As they lie if the first of them is at 0.
+    diameter_mm, last_mm : float
+        As in `find_near_holes`.
+    gel : TrackedSpecimen
+        Its track_clearance_mm counts.
+    """
+    held = tuple(old)
+    for step in range(math.floor((last_mm - max(places_mm)) / _STEP_MM) + 1):
+        start_mm = step * _STEP_MM
+        gaps_mm = (
+            _find_gap_mm(track, start_mm + place, diameter_mm) for track in held for place in places_mm
+        )
+        if all(gap_mm >= gel.track_clearance_mm for gap_mm in gaps_mm):
+            return start_mm
+    return None
+
+
+def list_tracks(
+    run: Run, gels: Mapping[str, TrackedSpecimen], diameter_mm: float, radii_mm: Mapping[int, float]
+) -> TracksBySpecimen:
+    """Return the tracks that a run left in blocks with a specimen file, in order of time.
+
+    Insertions that were broken off, or that a person had left out, have left a track too.
+
+    Parameters
+    ----------
+    gels : mapping of str to TrackedSpecimen
+        Those of the protocol.
+    diameter_mm : float
+        Of the sheath.
+    radii_mm : mapping of int to float
+        The accepted radius of each trial that has one.
+    """
+    blocks = {gel.name: gel.block for gel in gels.values() if gel.block is not None}
+    starts = run.read_events(SpecimenTrialStart) if blocks else ()
+    return {
+        name: tuple(
+            SpecimenTrack(
+                run=run.path.name,
+                trial=start.trial,
+                hole=start.hole,
+                hole_position_mm=start.hole_position_mm,
+                needle_id=start.needle_id,
+                sheath_diameter_mm=diameter_mm,
+                age_h=_find_age_h(run, block, start.t_s),
+                radius_mm=round(radii_mm[start.trial], 4) if start.trial in radii_mm else None,
+            )
+            for start in starts
+            if start.specimen == name
+        )
+        for name, block in blocks.items()
+    }
+
+
+def _find_age_h(run: Run, specimen: SpecimenFile, t_s: float) -> float:
+    """Return the age of a specimen at a rig time of a run [h], rounded to seconds. Raises `RecordError`."""
+    moment = run.find_moment(t_s)
+    if moment is None:
+        raise RecordError(f"{run.path} does not say when it began", COPY_HINT)
+    return round(specimen.find_age_h(moment), 4)

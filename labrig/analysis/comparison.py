@@ -7,12 +7,9 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from labrig.analysis.comparison_result import (
-    Assumption,
     Comparison,
-    Drift,
     Group,
     LeftOutRun,
     Pair,
@@ -22,12 +19,8 @@ from labrig.analysis.comparison_result import (
 )
 from labrig.analysis.group_tests import (
     Samples,
-    check_normality,
-    check_spreads,
     compare_means,
     compare_pairs,
-    compute_effect_size,
-    fit_slope,
     has_spread,
 )
 from labrig.analysis.measured_campaign import MeasuredCampaign
@@ -37,8 +30,6 @@ from labrig.analysis.shared_errors import ErrorsByOrigin, sum_by_origin, total_e
 from labrig.analysis.statistics import compute_spread
 from labrig.errors import InputError
 from labrig.text import format_count
-
-FloatArray = NDArray[np.float64]
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
 MOST_GROUPS_IN_PAIRS = 12
@@ -213,8 +204,6 @@ def _compare(
         groups=groups,
         welch_anova=_test_means(samples),
         pairs=_test_pairs(tested, samples, shared) if len(tested) <= MOST_GROUPS_IN_PAIRS else (),
-        drift=tuple(_fit_drifts(parts)),
-        assumptions=tuple(_check_assumptions(tested, samples)),
         not_in_interval=tuple(dict.fromkeys(source for run in runs for source in run.not_in_interval)),
         settings_differ=_find_differing_settings(runs),
         warnings=(),
@@ -270,7 +259,7 @@ def _test_pairs(
     found = compare_pairs(samples) if len(samples) > 1 else {}
     pairs = []
     for i, j in combinations(range(len(names)), 2):
-        test, size = found[i, j], compute_effect_size(samples[i], samples[j])
+        test = found[i, j]
         errors = total_errors([shared[names[i]], shared[names[j]]])
         ci95 = None if test is None else test.ci95
         pairs.append(
@@ -280,56 +269,11 @@ def _test_pairs(
                 difference=float(np.mean(samples[i]) - np.mean(samples[j])),
                 ci95=ci95,
                 p=None if test is None else test.p,
-                hedges_g=None if size is None else size.g,
-                hedges_g_ci95=None if size is None else size.ci95,
                 shared_sigma=errors,
                 ci95_with_shared=widen(ci95, errors),
             )
         )
     return tuple(pairs)
-
-
-def _fit_drifts(parts: Mapping[str, pd.DataFrame]) -> Iterable[Drift]:
-    for name, part in parts.items():
-        blocks = [
-            run if block is None else block for run, block in zip(part["run"], part["block"], strict=True)
-        ]
-        for over, x in (("hole", _read_holes(part)), ("hour", _read_hours(part))):
-            slope = None if x is None else fit_slope(x, part["value"].to_numpy(), blocks)
-            if slope is not None:
-                yield Drift(group=name, over=over, **vars(slope))  # type: ignore[arg-type]
-
-
-def _read_holes(part: pd.DataFrame) -> FloatArray | None:
-    if "hole" not in part or part["hole"].isna().any():
-        return None
-    return part["hole"].to_numpy(dtype=np.float64)
-
-
-def _read_hours(part: pd.DataFrame) -> FloatArray | None:
-    if part["trial"].isna().any() or part["started"].isna().any():
-        return None
-    times = pd.to_datetime(part["started"], utc=True)
-    hours = (times - times.min()).dt.total_seconds() / 3600.0
-    return np.array(hours, dtype=np.float64)
-
-
-def _check_assumptions(names: Sequence[str], samples: Samples) -> Iterable[Assumption]:
-    for name, sample in zip(names, samples, strict=True):
-        found = check_normality(sample)
-        if found is not None:
-            yield Assumption(
-                name="normal values", test="Shapiro-Wilk", group=name, statistic=found[0], p=found[1]
-            )
-    spreads = check_spreads(samples)
-    if spreads is not None:
-        yield Assumption(
-            name="equal variances, for g alone",
-            test="Brown-Forsythe",
-            group=None,
-            statistic=spreads[0],
-            p=spreads[1],
-        )
 
 
 def _find_differing_settings(runs: Sequence[Measured]) -> dict[str, dict[str, tuple[str, ...]]]:

@@ -41,7 +41,7 @@ class WelchAnova(Model):
 class Pair(Model):
     """Two groups: `difference` is the mean of a less that of b, with interval and p by Games and Howell.
 
-    All are None where neither group has a spread, as the intervals of g where it is beyond all doubt.
+    Both are None where neither group has a spread.
     `shared_sigma` is what is left in the difference of the errors that measurements share.
     """
 
@@ -50,31 +50,8 @@ class Pair(Model):
     difference: float
     ci95: Interval | None
     p: float | None
-    hedges_g: float | None
-    hedges_g_ci95: Interval | None
     shared_sigma: SharedErrors | None
     ci95_with_shared: Interval | None
-
-
-class Drift(Model):
-    """The slope of the quantity within the blocks of a group, for each hole or hour."""
-
-    group: str
-    over: Literal["hole", "hour"]
-    slope: float
-    ci95: Interval
-    p: float
-    df: int
-
-
-class Assumption(Model):
-    """The test of an assumption; `group` is None of all groups together."""
-
-    name: str
-    test: str
-    group: str | None
-    statistic: float
-    p: float
 
 
 class UsedRun(Model):
@@ -111,8 +88,6 @@ class Comparison(Model):
     groups: tuple[Group, ...]
     welch_anova: WelchAnova | None
     pairs: tuple[Pair, ...]
-    drift: tuple[Drift, ...]
-    assumptions: tuple[Assumption, ...]
     not_in_interval: tuple[str, ...]
     settings_differ: dict[str, dict[str, tuple[str, ...]]]
     warnings: tuple[str, ...]

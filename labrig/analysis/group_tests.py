@@ -1,8 +1,8 @@
-"""Tests of means of several groups that do not assume equal variances, and of drift within blocks.
+"""Tests of means of several groups that do not assume equal variances.
 
 scipy has the tests; the first of them loads `scipy.stats`, which takes half a second. What it does not return is
-computed here: the degrees of freedom of Welch's test, the interval of Hedges' g, and the quantile of the studentized
-range for a single pair, which scipy's table of all pairs takes a fifth of a second each for.
+computed here: the degrees of freedom of Welch's test, and the quantile of the studentized range for a single pair.
+scipy's table of all pairs takes a fifth of a second for each.
 """
 
 import math
@@ -18,7 +18,6 @@ FloatArray = NDArray[np.float64]
 Samples = Sequence[Sequence[float]]
 
 LEVEL = 0.95
-_LARGEST_T = 1000.0
 
 
 @dataclass(frozen=True)
@@ -39,14 +38,6 @@ class PairTest:
     ci95: tuple[float, float]
     p: float
     df: float
-
-
-@dataclass(frozen=True)
-class EffectSize:
-    """Hedges' g of a - b, with its 95 % interval; None for a g that is beyond all doubt (t above 1000)."""
-
-    g: float
-    ci95: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -121,50 +112,6 @@ def _find_range_quantile(groups: int, df: float) -> float:
             xtol=1e-5,
         )
     )
-
-
-def compute_effect_size(a: Sequence[float], b: Sequence[float]) -> EffectSize | None:
-    """Return Hedges' g with its interval by the noncentral t distribution; None without any spread.
-
-    g is the difference in pooled standard deviations, with the exact correction for small samples (Hedges 1981). The
-    interval is exact for normal values of equal variance. A bootstrap assumes neither, but it needs more values than
-    the two to six blocks that a lab has: with three, it can draw only ten different samples.
-    """
-    df = len(a) + len(b) - 2
-    pooled = math.sqrt(((len(a) - 1) * np.var(a, ddof=1) + (len(b) - 1) * np.var(b, ddof=1)) / df)
-    difference = float(np.mean(a) - np.mean(b))
-    if not (has_spread(a) or has_spread(b)):
-        return None
-    size = math.sqrt(len(a) * len(b) / (len(a) + len(b)))
-    t = difference / pooled * size
-    correction = math.exp(special.gammaln(df / 2) - special.gammaln((df - 1) / 2)) / math.sqrt(df / 2)
-    return EffectSize(correction * t / size, _find_effect_interval(t, df, correction / size))
-
-
-def _find_effect_interval(t: float, df: int, scale: float) -> tuple[float, float] | None:
-    """Return the noncentralities with which t lies at either end of the middle 95 %, times a scale."""
-    if abs(t) > _LARGEST_T:  # scipy's distribution loses its digits there
-        return None
-    low, high = (
-        scale * float(special.nctdtrinc(df, share, abs(t))) for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
-    )
-    return (low, high) if t >= 0 else (-high, -low)
-
-
-def check_normality(sample: Sequence[float]) -> tuple[float, float] | None:
-    """Return W and p of Shapiro and Wilk; None for fewer than three values or no spread."""
-    if len(sample) < 3 or not has_spread(sample):
-        return None
-    found = scipy.stats.shapiro(sample)
-    return float(found.statistic), float(found.pvalue)
-
-
-def check_spreads(samples: Samples) -> tuple[float, float] | None:
-    """Return the statistic and p of Brown and Forsythe, whether spreads differ; None for too few values."""
-    if len(samples) < 2 or any(len(sample) < 3 or not has_spread(sample) for sample in samples):
-        return None
-    found = scipy.stats.levene(*samples, center="median")
-    return float(found.statistic), float(found.pvalue)
 
 
 def fit_slope(x: ArrayLike, y: ArrayLike, blocks: Sequence[object]) -> Slope | None:

@@ -193,13 +193,13 @@ Measured: TypeAlias = MeasuredRun | MeasuredCampaign
 """What comparisons take: a run with a result, or a campaign."""
 
 
-def open_measured_run(path: Path, *, own_settings: bool = False) -> MeasuredRun:
-    """Open a run with its newest result, or with the newest one that was made with the run's own settings.
+def open_measured_run(path: Path) -> MeasuredRun:
+    """Open a run with its newest result.
 
     Raises
     ------
     InputError
-        When it has no such result.
+        When it has no result.
     RecordError
         When the run or the result is damaged.
     """
@@ -207,25 +207,24 @@ def open_measured_run(path: Path, *, own_settings: bool = False) -> MeasuredRun:
     if run.damage:
         first = run.damage[0]
         raise RecordError(f"{path} is damaged: {first.where}: {first.message}", first.hint)
-    for number in reversed(run.result_numbers):
-        folder = run.result_dir(number)
-        stamp = _read_stamp(folder / RESULT_FILE)
-        if not own_settings or not stamp.overrides:
-            return MeasuredRun(
-                run,
-                path.resolve().name,
-                number,
-                stamp.settings,
-                stamp.overrides,
-                stamp.not_in_interval,
-                _list_columns(folder),
-            )
-    which = "result with its own settings" if own_settings and run.result_numbers else "result"
-    raise InputError(f"{path} has no {which}", f"make one with: labrig reanalyze {path}")
+    if not run.result_numbers:
+        raise InputError(f"{path} has no result", f"make one with: labrig reanalyze {path}")
+    number = run.result_numbers[-1]
+    folder = run.result_dir(number)
+    stamp = _read_stamp(folder / RESULT_FILE)
+    return MeasuredRun(
+        run,
+        path.resolve().name,
+        number,
+        stamp.settings,
+        stamp.overrides,
+        stamp.not_in_interval,
+        _list_columns(folder),
+    )
 
 
 def open_measured_runs(
-    paths: Sequence[Path], *, own_settings: bool = False, progress: Callable[[float], None] = lambda _: None
+    paths: Sequence[Path], progress: Callable[[float], None] = lambda _: None
 ) -> tuple[list[Measured], list[LeftOut]]:
     """Open runs and campaigns, each once; those that cannot be used are returned with the reason, not raised."""
     measured: list[Measured] = []
@@ -233,7 +232,7 @@ def open_measured_runs(
     once = list({path.resolve(): path for path in paths}.values())
     for done, path in enumerate(once, start=1):
         try:
-            measured.append(_open_measured(path, own_settings=own_settings))
+            measured.append(_open_measured(path))
         except LabrigError as error:
             left_out.append(LeftOut(path, error))
         progress(done / len(once))
@@ -241,10 +240,10 @@ def open_measured_runs(
     return [run if names[run.name] == 1 else replace(run, name=str(run.path)) for run in measured], left_out
 
 
-def _open_measured(path: Path, *, own_settings: bool) -> Measured:
+def _open_measured(path: Path) -> Measured:
     if is_campaign(path):
         return open_measured_campaign(path)
-    return open_measured_run(path, own_settings=own_settings)
+    return open_measured_run(path)
 
 
 class Measurements(pd.DataFrame):

@@ -14,7 +14,7 @@ from labrig.cli.several_runs import find_matching_runs, require_runs_or_conditio
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 from labrig.lab.folder import CAMPAIGNS, COMPARISONS, find_in_lab
-from labrig.text import interval, number
+from labrig.text import interval
 
 
 def compare(
@@ -58,13 +58,6 @@ def compare(
             show_default=False,
         ),
     ] = None,
-    own_settings: Annotated[
-        bool,
-        typer.Option(
-            "--own-settings",
-            help="Take the newest result with the run's own settings, not the newest of all.",
-        ),
-    ] = False,
     runs_dir: RunsDirOption = None,
     out: Annotated[
         Path | None,
@@ -84,7 +77,7 @@ def compare(
     clock = SystemClock()
     paths = _choose_runs(run_paths or [], where, find_runs_dir(runs_dir))
     with progress_if_slow("reading the runs", clock, shown=not as_json) as progress:
-        measured, left_out = open_measured_runs(paths, own_settings=own_settings, progress=progress)
+        measured, left_out = open_measured_runs(paths, progress)
     for run in left_out:
         say(f"note: left out: {run.error.message}")
     failed = [run.error.exit_code for run in left_out if where is None or isinstance(run.error, RecordError)]
@@ -136,7 +129,7 @@ def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
 
 
 _GROUP_HEADS = ("insertions", "specimens", "mean", "SD", "95 % interval", "with shared errors")
-_PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)", "Hedges' g", "interval of g")
+_PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)")
 
 
 def _print(document: Mapping[str, Any]) -> None:
@@ -168,6 +161,4 @@ def _list_pair_cells(pair: Mapping[str, Any]) -> tuple[object, ...]:
         *(pair[key] for key in ("a", "b", "difference")),
         interval(pair["ci95"], 3),
         None if pair["p"] is None else f"{pair['p']:.4g}",
-        number(pair["hedges_g"], 2),
-        interval(pair["hedges_g_ci95"]),
     )

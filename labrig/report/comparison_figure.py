@@ -1,4 +1,4 @@
-"""Figures of a comparison: the measurements of each group with their means, and drift over holes."""
+"""The figure of a comparison: the measurements of each group with their means."""
 
 from collections.abc import Sequence
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from labrig.analysis.comparison_result import Comparison, Group
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
+from labrig.report.formatting import label_quantity
 from labrig.report.palette import Mark, mark
 
 MOST_GROUPS = 40
@@ -38,7 +39,7 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame, name: str) -> Drawn
             _draw_group(axes, place, group, look, rows, by_block=by_block)
         axes.set_yticks(range(len(groups)), [_shorten(group.name) for group in groups])
         axes.set_ylim(len(groups) - 0.5, -0.6)
-        axes.set_xlabel(comparison.quantity)
+        axes.set_xlabel(label_quantity(comparison.quantity))
         axes.grid(visible=True, axis="x")
         return svg(figure, name)
 
@@ -62,34 +63,6 @@ def _draw_group(
                 interval, [place + 0.2] * 2, "-", color=look.colour, linewidth=width, marker="|", markersize=8
             )
     axes.plot(group.mean, place + 0.2, look.marker, color=look.colour, markersize=7)
-
-
-def draw_drift(comparison: Comparison, table: pd.DataFrame, name: str) -> DrawnFigure | None:
-    """Draw measurements less the mean of their block over their hole, with the slopes; None without a slope."""
-    slopes = {drift.group: drift.slope for drift in comparison.drift if drift.over == "hole"}
-    if not slopes or len(comparison.groups) > MOST_GROUPS:
-        return None
-    with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 3.2), layout="constrained")
-        axes = figure.subplots()
-        for group, look in zip(comparison.groups, mark_groups(comparison.groups), strict=True):
-            rows = table[(table["group"] == group.name) & table["value"].notna()]
-            if group.name in slopes:
-                _draw_slope(axes, rows, look, slopes[group.name], _shorten(group.name))
-        axes.axhline(0.0, color="#888888", linewidth=0.7)
-        axes.set_xlabel("hole")
-        axes.set_ylabel(f"{comparison.quantity}, less the mean of its block")
-        axes.grid(visible=True)
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return svg(figure, name)
-
-
-def _draw_slope(axes: Axes, rows: pd.DataFrame, look: Mark, slope: float, label: str) -> None:
-    inside = rows["value"] - rows.groupby("block")["value"].transform("mean")
-    holes = rows["hole"].to_numpy(dtype=np.float64)
-    _scatter(axes, holes, inside, look, size=4.0, alpha=0.6)
-    ends = np.array([holes.min(), holes.max()])
-    axes.plot(ends, slope * (ends - holes.mean()), "-", color=look.colour, linewidth=1.2, label=label)
 
 
 def _scatter(axes: Axes, x: ArrayLike, y: ArrayLike, look: Mark, *, size: float, alpha: float) -> None:

@@ -8,14 +8,22 @@ from pathlib import Path
 
 from labrig import __version__
 from labrig.analysis.comparison import ComparedRuns
-from labrig.analysis.comparison_result import Comparison
+from labrig.analysis.comparison_result import Comparison, Pair
 from labrig.analysis.summary import TextTable
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import escape_formula
-from labrig.report.comparison_figure import draw_drift, draw_groups, mark_groups
+from labrig.report.comparison_figure import draw_groups, mark_groups
 from labrig.report.figure_files import write_figure
-from labrig.report.formatting import UNKNOWN, format_time, interval, join_words, number, signed
+from labrig.report.formatting import (
+    UNKNOWN,
+    format_time,
+    interval,
+    join_words,
+    number,
+    signed,
+    split_quantity,
+)
 from labrig.report.latex import make_latex_table
 from labrig.report.rendering import TEMPLATES, render
 from labrig.report.writing import REPORT_FILE
@@ -32,6 +40,8 @@ _SHARED_BY = {
 }
 _FIELD_NAMES = {"needle_id": "needle", "gelatin_percent": "gel"}
 _SIGNIFICANT = 4
+_LEVEL = 0.05
+_MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -65,17 +75,15 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
     for name, table in _make_tables(content).items():
         write_atomically(folder / f"{name}.tex", make_latex_table(table).encode())
-    figures = draw_groups(content, compared.table, "groups"), draw_drift(content, compared.table, "drift")
-    for figure in figures:
-        if figure is not None:
-            write_figure(folder, figure)
+    figure = draw_groups(content, compared.table, "groups")
+    if figure is not None:
+        write_figure(folder, figure)
     shown = {
         "content": content,
         "title": _make_title(content),
         "verdict": _summarise(content),
         "marks": mark_groups(content.groups),
-        "figure": figures[0],
-        "drift_figure": figures[1],
+        "figure": figure,
         "sources": _list_sources(content),
         "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
     }
@@ -91,32 +99,53 @@ def _make_tables(content: Comparison) -> dict[str, TextTable]:
         for group in content.groups
     )
     pairs = tuple(
-        (pair.a, pair.b, pair.difference, interval(pair.ci95, 3), _format_p(pair.p), number(pair.hedges_g))
-        for pair in content.pairs
+        (pair.a, pair.b, pair.difference, interval(pair.ci95, 3), _format_p(pair.p)) for pair in content.pairs
     )
     counted = f"n ({content.unit_of_analysis}s)"
     return {
         "groups": TextTable(("group", counted, "insertions", "mean", "SD", "95 % interval"), groups),
-        "pairs": TextTable(("a", "b", "a - b", "95 % interval", "p", "Hedges' g"), pairs),
+        "pairs": TextTable(("a", "b", "a - b", "95 % interval", "p"), pairs),
     }
 
 
 def _make_title(content: Comparison) -> str:
-    return f"{content.quantity} by {join_words(_FIELD_NAMES.get(name, name) for name in content.by)}"
+    return f"{split_quantity(content.quantity)[0]} by {join_words(_FIELD_NAMES.get(name, name) for name in content.by)}"
 
 
 def _summarise(content: Comparison) -> Sequence[str]:
-    """Return the result in a sentence or two."""
+    """Return the result in a sentence or two: which pairs differ, by how much, and how much was measured."""
     counted = format_count(sum(group.insertions for group in content.groups), "measurement")
     whole = f"{counted} of {format_count(len(content.used), 'run')} in {format_count(len(content.groups), 'group')}."
-    if content.welch_anova is None:
-        return (whole,)
-    apart = [pair for pair in content.pairs if pair.p is not None and pair.p < 0.05]
-    found = f"Welch's ANOVA: p {_relate_p(content.welch_anova.p)}."
-    if not content.pairs:
-        return (whole, found)
-    told = f"{len(apart)} of {format_count(len(content.pairs), 'pair')} differ at the 5 % level of all pairs together."
-    return (whole, f"{found} {told}")
+    return _state_finding(content), whole
+
+
+def _state_finding(content: Comparison) -> str:
+    quantity, test = split_quantity(content.quantity)[0], content.welch_anova
+    apart = [pair for pair in content.pairs if pair.p is not None and pair.p < _LEVEL]
+    if apart and len(content.groups) == 2:
+        (pair,) = apart
+        return f"The {quantity} differs: {_state_difference(content, pair)}."
+    if apart:
+        told = "; ".join(_state_difference(content, pair) for pair in apart[:_MOST_NAMED])
+        more = f", and {len(apart) - _MOST_NAMED} more" if len(apart) > _MOST_NAMED else ""
+        return f"{len(apart)} of {len(content.pairs)} pairs differ in {quantity}: {told}{more}."
+    if test is None:
+        return f"The {quantity} was not tested: that takes two groups of two or more, each with a spread."
+    if content.pairs:
+        return f"No pair is known to differ in {quantity} (Welch's ANOVA: p {_relate_p(test.p)})."
+    told = "differs" if test.p < _LEVEL else "is not known to differ"
+    return f"Over all groups the mean {quantity} {told} (p {_relate_p(test.p)})."
+
+
+def _state_difference(content: Comparison, pair: Pair) -> str:
+    """Return by how much one group is above the other, with the 95 % interval."""
+    low, high = pair.ci95 or (pair.difference, pair.difference)
+    above, below = (pair.a, pair.b) if pair.difference >= 0 else (pair.b, pair.a)
+    ends = (low, high) if pair.difference >= 0 else (-high, -low)
+    decimals = _count_decimals(content)
+    between = f"{number(ends[0], decimals)} to {number(ends[1], decimals)}"
+    unit = f" {content.unit}" if content.unit else ""
+    return f"{above} is {number(abs(pair.difference), decimals)}{unit} above {below} ({between})"
 
 
 def _list_sources(content: Comparison) -> Sequence[SharedSource]:
@@ -144,14 +173,18 @@ def _relate_p(p: float) -> str:
     return text if text.startswith("<") else f"= {text}"
 
 
-def _make_filters(content: Comparison) -> dict[str, object]:
-    """Return filters that write numbers with as many decimals as the smallest interval of a mean deserves."""
+def _count_decimals(content: Comparison) -> int:
+    """Return as many decimals as the smallest interval of a mean deserves."""
     widths = [group.ci95[1] - group.ci95[0] for group in content.groups if group.ci95 is not None]
     sizes = [abs(group.mean) for group in content.groups if group.mean is not None]
     least = min(
         (width for width in widths if width > 0), default=max(sizes, default=1.0) * 10 ** (1 - _SIGNIFICANT)
     )
-    decimals = min(max(2 - math.floor(math.log10(least or 1.0)), 0), 9)
+    return min(max(1 - math.floor(math.log10(least or 1.0)), 0), 9)
+
+
+def _make_filters(content: Comparison) -> dict[str, object]:
+    decimals = _count_decimals(content)
     return {
         "digits": lambda value: number(value, decimals),
         "plus": lambda value: signed(value, decimals),

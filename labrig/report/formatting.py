@@ -37,6 +37,30 @@ def join_words(words: Iterable[str]) -> str:
     return " and ".join([", ".join(listed[:-1]), listed[-1]]) if len(listed) > 1 else "".join(listed)
 
 
+_QUANTITIES = {
+    "true_target_error": "true error at the target",
+    "target_error": "error at the target",
+    "true_min_clearance": "true least clearance",
+    "min_clearance": "least clearance",
+    "mean_radius": "mean radius",
+    "reach": "reach",
+}
+_UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "degrees", "s": "s", "percent": "%"}
+
+
+def split_quantity(column: str) -> tuple[str, str | None]:
+    """Return what a column holds in words, and its unit; None without one: `radius_mm` is ("radius", "mm")."""
+    stem, _, end = column.rpartition(".")[2].rpartition("_")
+    name, unit = (stem, _UNITS[end]) if stem and end in _UNITS else (column.rpartition(".")[2], None)
+    return _QUANTITIES.get(name, name.replace("_", " ")), unit
+
+
+def label_quantity(column: str) -> str:
+    """Return a column as the label of an axis: `radius_mm` is "radius (mm)"."""
+    name, unit = split_quantity(column)
+    return name if unit is None else f"{name} ({unit})"
+
+
 def flatten(value: object, path: str = "") -> list[tuple[str, str]]:
     """Return a nested document as rows: dotted key, value."""
     if isinstance(value, Mapping):

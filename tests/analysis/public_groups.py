@@ -18,7 +18,6 @@ class PublicGroups:
     df_within: float
     p: float
     pairs: dict[tuple[str, str], float]
-    hedges_g: dict[tuple[str, str], float]
 
 
 PLANT_GROWTH = PublicGroups(
@@ -31,7 +30,6 @@ PLANT_GROWTH = PublicGroups(
     17.12841861664413,
     0.017392821490169984,
     {("ctrl", "trt1"): 0.4745549222, ("ctrl", "trt2"): 0.1128891769, ("trt1", "trt2"): 0.0237034547},
-    {("ctrl", "trt1"): 0.5102373665, ("ctrl", "trt2"): -0.9140377642, ("trt1", "trt2"): -1.2892771189},
 )
 INSECT_SPRAYS = PublicGroups(
     {
@@ -46,12 +44,6 @@ INSECT_SPRAYS = PublicGroups(
     30.04256050876738,
     7.999379455673353e-12,
     {("A", "B"): 0.9972482341, ("A", "D"): 0.0001255901, ("C", "D"): 0.0556677695, ("D", "E"): 0.6005952535},
-    {
-        ("A", "B"): -0.1787660531,
-        ("A", "D"): 2.4495188230,
-        ("C", "D"): -1.2133424999,
-        ("D", "E"): 0.6355013006,
-    },
 )
 CHICK_WEIGHTS = PublicGroups(
     {
@@ -70,12 +62,6 @@ CHICK_WEIGHTS = PublicGroups(
         ("casein", "sunflower"): 0.9999000381,
         ("horsebean", "linseed"): 0.0649384324,
         ("linseed", "meatmeal"): 0.2209306574,
-    },
-    {
-        ("casein", "linseed"): 1.7257231353,
-        ("casein", "sunflower"): -0.0900728863,
-        ("horsebean", "linseed"): -1.2085767699,
-        ("linseed", "meatmeal"): -0.9564574502,
     },
 )
 PUBLIC = {"PlantGrowth": PLANT_GROWTH, "InsectSprays": INSECT_SPRAYS, "chickwts": CHICK_WEIGHTS}

@@ -132,7 +132,7 @@ def _prepare_for_paper(run: Any, formats: list[str]) -> Callable[[Path], None]:
     def write(folder: Path) -> None:
         if _LATEX in formats:
             summary = None if result is None else experiment.summarise(result.document)
-            write_latex(folder, run, result, summary)
+            write_latex(folder, summary)
         if page is not None and _FIGURES in formats:
             write_figures(folder, run, page)
         with show_working("drawing the films", shown=bool(films)):

@@ -109,7 +109,8 @@ def _make_tables(content: Comparison) -> dict[str, TextTable]:
 
 
 def _make_title(content: Comparison) -> str:
-    return f"{split_quantity(content.quantity)[0]} by {join_words(_FIELD_NAMES.get(name, name) for name in content.by)}"
+    by = join_words(_FIELD_NAMES.get(name, name) for name in content.by)
+    return f"{split_quantity(content.quantity)[0].capitalize()} by {by}"
 
 
 def _summarise(content: Comparison) -> Sequence[str]:

@@ -18,6 +18,7 @@ _PANELS = (
 _WAYS = (("forwards", 1, "#0072b2"), ("backwards", -1, "#d55e00"))
 _BIN_MM = 1.0
 _MOVED_MM = 1e-6
+_LEAST_TRAVEL_MM = 0.5
 
 
 def draw_load_figure(states: pd.DataFrame, name: str) -> Markup | None:
@@ -33,9 +34,9 @@ def draw_load_figure(states: pd.DataFrame, name: str) -> Markup | None:
     Returns
     -------
     Markup or None
-        None for a run without currents: its drives do not measure them.
+        None for a run without currents, or whose axes stood still.
     """
-    shown = [panel for panel in _PANELS if panel[1] in states and states[panel[1]].notna().any()]
+    shown = [panel for panel in _PANELS if panel[1] in states and _has_travelled(states, panel)]
     if not shown:
         return None
     with mpl.rc_context(SETTINGS):
@@ -43,6 +44,11 @@ def draw_load_figure(states: pd.DataFrame, name: str) -> Markup | None:
         for axes, panel in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             _draw_panel(axes, states, panel)
         return svg(figure, name)
+
+
+def _has_travelled(states: pd.DataFrame, panel: Sequence[str]) -> bool:
+    position, current, _ = panel
+    return bool(states[current].notna().any()) and float(np.ptp(states[position])) > _BIN_MM
 
 
 def _draw_panel(axes: Axes, states: pd.DataFrame, panel: Sequence[str]) -> None:
@@ -55,6 +61,8 @@ def _draw_panel(axes: Axes, states: pd.DataFrame, panel: Sequence[str]) -> None:
             continue
         bins = np.floor(moved[position] / _BIN_MM)
         found = moved.groupby(bins)[current].agg(["median", "min", "max"])
+        # An axis that comes to rest within a bin draws no current there, which is no load of its travel.
+        found = found[moved[position].abs().groupby(bins).agg(np.ptp) > _LEAST_TRAVEL_MM]
         middle_mm = (found.index.to_numpy() + 0.5) * _BIN_MM
         axes.fill_between(middle_mm, found["min"], found["max"], color=colour, alpha=0.2, linewidth=0)
         axes.plot(middle_mm, found["median"], color=colour, linewidth=1.2, label=label)

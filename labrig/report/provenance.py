@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 from labrig.analysis.result import AnyResult
 from labrig.record.reader import Run
-from labrig.report.formatting import UNKNOWN, Rows, flatten, format_time, format_value
-
-_CAMERA_SETTINGS = ("camera.asked.", "camera.readback.")
+from labrig.report.formatting import Rows, flatten, format_time, format_value
 
 
 @dataclass(frozen=True)
@@ -71,43 +69,28 @@ def _list_measurement(result: AnyResult) -> Rows:
 
 
 def _make_details(run: Run, result: AnyResult | None) -> tuple[Section, ...]:
-    devices = run.manifest.get("devices")
     measured = () if result is None else _list_code(result.content.provenance)
     return (
-        *_make_code_sections(_list_code(run.manifest.get("provenance")), measured),
+        Section("Recorded with", _list_code(run.manifest.get("provenance"))),
         *_make_session_sections(run),
+        Section("Measured with", measured),
         Section("Analysis", () if result is None else _list_analysis(result)),
         Section("SHA-256 of what was used", _list_hashes(run, result)),
-        Section("Camera, asked for and read back", _list_camera_settings(devices)),
-        Section("Devices", _list_devices(devices)),
+        Section("Devices", _list_devices(run.manifest.get("devices"))),
     )
-
-
-def _make_code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:
-    """Return one section if the same command recorded and measured, else two."""
-    if recorded == measured:
-        return (Section("Recorded and measured with", recorded),)
-    return Section("Recorded with", recorded), Section("Measured with", measured)
 
 
 def _make_session_sections(run: Run) -> Iterator[Section]:
     """Yield a section for each session after the first: its start and its code."""
     for number, session in enumerate(run.sessions, start=2):
-        diff = session.get("code_diff")
-        changes = () if diff is None else (("changes to the code", str(diff)),)
         began = ("started", format_time(session.get("started")))
-        yield Section(
-            f"Resumed with, session {number}", (began, *_list_code(session.get("provenance")), *changes)
-        )
+        yield Section(f"Resumed with, session {number}", (began, *_list_code(session.get("provenance"))))
 
 
 def _list_analysis(result: AnyResult) -> Rows:
     content = result.content
     return (
-        ("result", f"analysis/{result.path.name}"),
-        ("created", format_time(content.created)),
         ("parent", "none" if content.parent is None else f"analysis/{content.parent:03d}"),
-        ("changed after the run", ", ".join(content.overrides) or "nothing"),
         *flatten(content.settings),
     )
 
@@ -118,43 +101,19 @@ def _list_hashes(run: Run, result: AnyResult | None) -> Rows:
     return (*inputs.items(), *recorded)
 
 
-def _list_camera_settings(devices: object) -> Rows:
-    """Return each camera setting as asked for and as read back."""
-    values = dict(_list_rows(devices))
-    asked, readback = _CAMERA_SETTINGS
-    names = dict.fromkeys(
-        key.removeprefix(asked).removeprefix(readback) for key in values if key.startswith(_CAMERA_SETTINGS)
-    )
-    return tuple(
-        (name, f"{values.get(asked + name, UNKNOWN)}; {values.get(readback + name, UNKNOWN)} read back")
-        for name in names
-    )
-
-
 def _list_devices(devices: object) -> Rows:
-    """Return the devices without the camera's settings, in the units and notation of their manuals."""
-    values = dict(_list_rows(devices))
-    return tuple(
-        (key, _format_device_value(key, value, values))
-        for key, value in values.items()
-        if not key.startswith(_CAMERA_SETTINGS)
-    )
+    """Return the devices as they were read back; identities in the notation of their manuals."""
+    return tuple((key, _format_identity(key, value)) for key, value in _list_rows(devices))
 
 
-def _format_device_value(key: str, value: str, values: Mapping[str, str]) -> str:
-    stem, _, name = key.rpartition(".")
-    unit = values.get(f"{stem}.unit", "unit")
-    match name:
-        # maxon's tables list versions in this form: 0x6220 is an EPOS2 24/5.
-        case "hardware_version" | "software_version" if value.isdecimal():
-            return f"0x{int(value):04X}"
-        case "vendor_id" | "product_code" | "revision_number" if value.isdecimal():
-            return f"0x{int(value):08X}"
-        case "rpm_per_speed":
-            return f"{value} rpm per {unit}/s"
-        case "quadcounts_per_unit" | "counts_per_unit" | "speed_units_per_speed":
-            return f"{value} per {unit}"
-    return value
+def _format_identity(key: str, value: str) -> str:
+    name = key.rpartition(".")[2]
+    if not value.isdecimal():
+        return value
+    # maxon's tables list versions in the form 0x6220, which is an EPOS2 24/5.
+    if name in {"hardware_version", "software_version"}:
+        return f"0x{int(value):04X}"
+    return f"0x{int(value):08X}" if name in {"vendor_id", "product_code", "revision_number"} else value
 
 
 def _list_rows(document: object) -> Rows:

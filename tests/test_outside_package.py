@@ -18,7 +18,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from labrig.lab.examples import read_examples
+from labrig.lab import read_examples
 from labrig.record.source_digest import digest_sources
 
 ROOT = Path(__file__).parents[1]
@@ -98,7 +98,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
 def test_a_lab_folder_of_a_wheel_runs_its_protocols(installed: Installed, tmp_path: Path) -> None:
     """Without a checkout: run, report and list of runs; the record says which code made it."""
     outside = Installed(installed.environment, tmp_path)
-    assert json.loads(outside.call("labrig", "init", "lab", "--json"))["added"]
+    assert json.loads(outside.call("labrig", "init", "lab", "--json"))["written"]
     lab = Installed(installed.environment, tmp_path / "lab")
     assert json.loads(lab.call("labrig", "check", "steerability", "--json"))["ok"]
     short = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: A1, gelatin_percent: 10}]")
@@ -121,7 +121,7 @@ def test_a_wheel_holds_the_code_the_examples_and_the_licence(installed: Installe
     """They are those of the checkout, and the version is that of the project."""
     described = (
         "import labrig; from hashlib import sha256; from importlib.metadata import files;"
-        "from labrig.lab.examples import read_examples; from labrig.record.source_digest import digest_sources;"
+        "from labrig.lab import read_examples; from labrig.record.source_digest import digest_sources;"
         "print(labrig.__file__, digest_sources(), sha256(repr(read_examples()).encode()).hexdigest(),"
         "[file.name for file in files('labrig') if 'licenses' in file.parts], labrig.__version__, sep='\\n')"
     )
@@ -131,12 +131,21 @@ def test_a_wheel_holds_the_code_the_examples_and_the_licence(installed: Installe
     assert found == [digest_sources(), examples, "['LICENSE']", PROJECT["version"]]
 
 
+def _read_definitions(schema: Path) -> set[str]:
+    return set(json.loads(schema.read_text(encoding="utf-8"))["$defs"])
+
+
 def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: Installed) -> None:
     """From the schema over the run to its report; then the record is checked, replayed, measured again and exported."""
     where = installed.call("python", "-c", "import labrig, labrig_example; print(labrig.__file__)")
     assert where.startswith(str(installed.environment))
-    assert "RepeatabilityProtocol" in json.loads(installed.call("labrig", "schema"))["$defs"]
-    rig = json.loads(installed.call("labrig", "schema", "rig"))["$defs"]
+    installed.call("labrig", "init", "lab")
+    schemas = {
+        name: (installed.folder / "lab" / f"{name}.schema.json").read_text()
+        for name in ("protocols/protocol", "calibration/rig")
+    }
+    assert "RepeatabilityProtocol" in json.loads(schemas["protocols/protocol"])["$defs"]
+    rig = json.loads(schemas["calibration/rig"])["$defs"]
     assert {"StepperAxis", "Epos2Axis", "MarkerDescription"} <= set(rig)
 
     protocol = ("repeatability.yaml", "--rig", "rig.yaml")

@@ -17,7 +17,7 @@ from labrig.analysis.measured_campaign import MeasuredCampaign, is_campaign, ope
 from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
-from labrig.lab.folder import choose_runs_dir
+from labrig.lab import choose_runs_dir
 from labrig.record.fields import manifest_fields
 from labrig.record.manifest import calibration_sha256, is_simulated
 from labrig.record.reader import Run, open_run

@@ -1,21 +1,13 @@
 """What commands that write calibration files share: their options, checks and provenance."""
 
-import hashlib
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labrig.cli.output import say
-from labrig.devices.clocks import SystemClock
-from labrig.errors import InputError, OutputExistsError
-from labrig.input_file import read_file
-from labrig.record.json_lines import plain_text
-from labrig.record.provenance import collect_provenance
-from labrig.vision.camera_frame import read_common_camera
-from labrig.vision.camera_in_use import CAMERA
-from labrig.vision.picture import MAX_PICTURE_BYTES
+from labrig.cli.output import failure_lines, print_json, say
+from labrig.errors import CalibrationRefusedError, InputError, OutputExistsError
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
@@ -45,6 +37,16 @@ def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -
 
 def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
     """Return how a calibration file was made: code, command, time, hashes of the pictures, their camera if known."""
+    import hashlib
+
+    from labrig.devices.clocks import SystemClock
+    from labrig.input_file import read_file
+    from labrig.record.json_lines import plain_text
+    from labrig.record.provenance import collect_provenance
+    from labrig.vision.camera_frame import read_common_camera
+    from labrig.vision.camera_in_use import CAMERA
+    from labrig.vision.picture import MAX_PICTURE_BYTES
+
     camera = read_common_camera(images)
     return {
         **collect_provenance(sys.argv),
@@ -64,3 +66,12 @@ def report_output(out: Path | None, accepted: bool, force: bool) -> None:
         say(f"written: {out}" + ("" if accepted else " (a refused calibration, marked as refused)"))
     elif out is not None:
         say(f"not written: {out}")
+
+
+def report_refusal(refusal: CalibrationRefusedError, nothing: dict[str, object], as_json: bool) -> int:
+    """Report a calibration without any numbers; unknown values are null."""
+    if as_json:
+        print_json({"accepted": False, "reasons": [refusal.message], **nothing})
+    for line in failure_lines(refusal):
+        say(line)
+    return refusal.exit_code

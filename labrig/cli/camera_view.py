@@ -17,7 +17,6 @@ from labrig.cli.output import (
     print_checks,
     print_json,
     print_line,
-    print_wrapped,
     say,
 )
 from labrig.cli.signals import note_signals
@@ -214,7 +213,7 @@ def _report(order: CameraOrder, watch: CameraWatch, camera: Camera) -> None:
         print_line(f"picture {watch.last.number} of rig {order.rig.name}")
         print_checks(_list_checks(watch.last.scores), as_json=False)
         for landmark in watch.landmarks:
-            print_wrapped(f"      {_describe(landmark)}", 6)
+            print_line(f"      {_describe(landmark)}", 6)
 
 
 def _describe_camera(rig: RigDescription, camera: Camera) -> CameraInUse:

@@ -11,12 +11,11 @@ from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_json, print_line, print_table, say
-from labrig.cli.progress import progress, progress_if_slow
+from labrig.cli.progress import progress, show_working
 from labrig.cli.signals import Interruption
 from labrig.cli.worker_pool import open_pool
-from labrig.devices.clocks import SystemClock
 from labrig.errors import WorkersError
-from labrig.lab.folder import CAMPAIGNS, find_in_lab
+from labrig.lab import CAMPAIGNS, find_in_lab
 from labrig.text import format_count, interval, number
 
 
@@ -40,10 +39,8 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
     InputError, DiskError, MachineError
         When it cannot begin or go on; what is done stays done.
     """
-    with progress_if_slow("reading the arms", SystemClock(), shown=True) as report:
-        loaded = load_campaign_files(
-            order.file, find_rig_file, settings=order.settings, rig=order.rig, progress=report
-        )
+    with show_working("reading the arms"):
+        loaded = load_campaign_files(order.file, find_rig_file, settings=order.settings, rig=order.rig)
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if order.out is None else order.out
     with open_store(loaded, folder) as store:
         try:

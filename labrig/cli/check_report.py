@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.cli.output import print_wrapped
+from labrig.cli.output import print_line
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckResult
 from labrig.devices.needle_state import NeedleState
@@ -86,12 +86,12 @@ def print_report(report: CheckReport, verdict: str) -> None:
     """Print the verdict with the work of the run, the age of the calibration, and what is left."""
     steps = format_count(report.plan.operator_steps, "operator step")
     where = "without a rig" if report.rig_name is None else f"on rig {report.rig_name}"
-    print_wrapped(
+    print_line(
         f"{verdict} {where}: {report.plan.duration_s / 60:.0f} min of motion, {steps}, "
         f"{format_count(report.plan.pictures, 'picture')}, {report.disk_bytes / 1e6:.0f} MB"
     )
     for result in report.calibration:
-        print_wrapped(f"{result.check}: {result.value}" + (f"; {result.solution}" if result.solution else ""))
+        print_line(f"{result.check}: {result.value}" + (f"; {result.solution}" if result.solution else ""))
     for note in report.plan.notes:
-        print_wrapped(note)
-    print_wrapped("not checked here: " + ", ".join(report.left_to_run))
+        print_line(note)
+    print_line("not checked here: " + ", ".join(report.left_to_run))

@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 import typer
 
 from labrig.cli.options import RunsDirOption, find_runs_dir, require_run_folder
-from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
-from labrig.cli.progress import progress_if_slow, show_working
+from labrig.cli.output import AsJson, print_json, print_line, print_table, say
+from labrig.cli.progress import show_working
 from labrig.cli.several_runs import find_matching_runs, require_runs_or_condition
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
-from labrig.lab.folder import CAMPAIGNS, COMPARISONS, find_in_lab
+from labrig.lab import CAMPAIGNS, COMPARISONS, find_in_lab
 from labrig.text import interval
 
 
@@ -74,10 +74,9 @@ def compare(
     from labrig.analysis.comparison import compare_runs
     from labrig.analysis.measurements import open_measured_runs
 
-    clock = SystemClock()
     paths = _choose_runs(run_paths or [], where, find_runs_dir(runs_dir))
-    with progress_if_slow("reading the runs", clock, shown=not as_json) as progress:
-        measured, left_out = open_measured_runs(paths, progress)
+    with show_working("reading the runs", shown=not as_json):
+        measured, left_out = open_measured_runs(paths)
     for run in left_out:
         say(f"note: left out: {run.error.message}")
     failed = [run.error.exit_code for run in left_out if where is None or isinstance(run.error, RecordError)]
@@ -144,7 +143,7 @@ def _print(document: Mapping[str, Any]) -> None:
     if document["pairs"]:
         print_table(_PAIR_HEADS, [_list_pair_cells(pair) for pair in document["pairs"]])
     for sentence in document["warnings"]:
-        say_wrapped(f"note: {sentence}")
+        say(f"note: {sentence}")
     print_line(f"report  {document['report']}")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.cli.damage import note_unused, report_damage
-from labrig.cli.output import print_json, print_wrapped, say
+from labrig.cli.output import print_json, print_line, say
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 from labrig.experiments.registry import follow_run
@@ -64,4 +64,4 @@ def _make_row(event: Mapping[str, Any], entry: LogEntry) -> dict[str, object]:
 def _print(event: Mapping[str, Any], entry: LogEntry) -> None:
     t_s = event.get("t_s")
     time = f"{t_s:.3f} s" if isinstance(t_s, int | float) else "-"
-    print_wrapped(f"{time:>{_TIME_COLUMNS}}  {_MARKS.get(entry.level, '')}{entry.text}", _TIME_COLUMNS + 2)
+    print_line(f"{time:>{_TIME_COLUMNS}}  {_MARKS.get(entry.level, '')}{entry.text}", _TIME_COLUMNS + 2)

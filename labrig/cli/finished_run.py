@@ -13,9 +13,7 @@ from labrig.cli.output import (
     print_json,
     print_line,
     print_table,
-    print_wrapped,
     say,
-    say_wrapped,
 )
 from labrig.record.seal import find_root
 from labrig.runner.conduct import Outcome
@@ -57,7 +55,7 @@ def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool)
         document["error"] = failure_document(error)
         say_where_needle_is(finished.needle)
         for line in failure_lines(error):
-            say_wrapped(line)
+            say(line)
         say_way_out(finished.needle)
         if finished.result is None:
             say(f"the record is kept: {finished.path}\nmeasure what it holds: labrig reanalyze {place}")
@@ -84,4 +82,4 @@ def print_summary(summary: Summary) -> None:
         if isinstance(line, TextTable):
             print_table(line.heads, line.rows)
         else:
-            print_wrapped(line)
+            print_line(line)

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-import labrig
-from labrig.cli.output import AsJson, print_json, print_line, print_markdown, print_wrapped, say_wrapped
+from labrig import __version__
+from labrig.cli.output import AsJson, print_json, print_line, print_markdown, say
 from labrig.errors import InputError
 from labrig.protocol.formatting import choice_hint
 from labrig.report.manual import INDEX, KINDS, ManualPage, read_written_pages
@@ -95,8 +95,8 @@ def _list_pages(pages: Sequence[ManualPage], as_json: bool) -> None:
         if listed:
             print_line(name)
         for page in listed:
-            print_wrapped(f"  {page.topic:{width}}{page.title}", width + 2)
-    print_wrapped("labrig manual TOPIC opens a page; --print prints it here")
+            print_line(f"  {page.topic:{width}}{page.title}", width + 2)
+    print_line("labrig manual TOPIC opens a page; --print prints it here")
 
 
 def _write_all(pages: Sequence[ManualPage], out: Path, *, force: bool, as_json: bool) -> None:
@@ -104,7 +104,7 @@ def _write_all(pages: Sequence[ManualPage], out: Path, *, force: bool, as_json: 
     from labrig.report.manual_html import write_html
 
     with output_folder(str(out), force=force) as folder:
-        write_html(pages, folder, labrig.__version__)
+        write_html(pages, folder, __version__)
     first = out / f"{INDEX}.html"
     if as_json:
         print_json({"out": str(out), "pages": [f"{page.place}.html" for page in pages]})
@@ -121,9 +121,9 @@ def _open_page(page: ManualPage, pages: Sequence[ManualPage]) -> bool:
     from labrig.report.manual_html import write_html
 
     folder = _find_cache_folder()
-    write_html(pages, folder, labrig.__version__)
+    write_html(pages, folder, __version__)
     file = folder / f"{page.place}.html"
-    say_wrapped(f"the page is {file}; --print prints it here")
+    say(f"the page is {file}; --print prints it here")
     return webbrowser.open(file.as_uri())
 
 

@@ -4,7 +4,7 @@ import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from labrig.cli.output import say_wrapped
+from labrig.cli.output import say
 from labrig.devices.needle_location import NeedleLocation
 from labrig.devices.rig import Rig
 from labrig.errors import InterruptedRunError, MachineError
@@ -47,14 +47,14 @@ def _find_way_out(rig: Rig, run: Path) -> str:
 def say_where_needle_is(report: NeedleReport | None) -> None:
     """Say what the needle is doing, and where it is."""
     if report is not None:
-        say_wrapped(f"needle: {report.location.motion}")
-        say_wrapped(f"positions: {report.location.where}")
+        say(f"needle: {report.location.motion}")
+        say(f"positions: {report.location.where}")
 
 
 def say_way_out(report: NeedleReport | None) -> None:
     """Say what to do about the needle, if there is anything to do."""
     if report is not None and report.way_out:
-        say_wrapped(f"then: {report.way_out}")
+        say(f"then: {report.way_out}")
 
 
 def add_closing_failure(outcome: Outcome, failure: MachineError) -> Outcome:

@@ -13,7 +13,7 @@ import typer
 
 from labrig.cli.output import say
 from labrig.errors import FileFormatError, InputError
-from labrig.lab.folder import (
+from labrig.lab import (
     CALIBRATION,
     PROTOCOLS,
     RUNS,
@@ -111,7 +111,7 @@ def _find_in_lab_folder(name: Path, *, is_campaign: bool) -> Path:
     elif find_lab_folder() is None:
         hint = "there is no lab folder here or above; make one, with example protocols: labrig init FOLDER"
     else:
-        hint = f"there are {', '.join(known)}" if known else "labrig init --update adds the examples"
+        hint = f"there are {', '.join(known)}" if known else "labrig init adds the examples"
     kind = "campaign" if is_campaign else "protocol"
     raise InputError(f"there is no {kind} {name}, neither here nor in {folder}", hint)
 
@@ -359,6 +359,14 @@ OptionalInsertion = Annotated[
     ),
 ]
 
+CameraMovedOption = Annotated[
+    bool,
+    typer.Option(
+        "--camera-moved",
+        help="The camera, its lens or the height of the paper was changed since the last plane map, so "
+        "its scale may be another one.",
+    ),
+]
 IntrinsicsOption = Annotated[
     Path | None,
     typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),

@@ -7,15 +7,17 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from types import NoneType
-from typing import Annotated, Any
+from typing import IO, Annotated, Any, TypeVar
 
 import typer
 
 from labrig.errors import FileFormatError, LabrigError, fault_of
+
+_T = TypeVar("_T")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
@@ -37,17 +39,17 @@ def escape_controls(text: str) -> str:
     return CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
-def print_line(text: str) -> None:
-    """Print a line of a result on standard output."""
-    typer.echo(escape_controls(text))
+def show(document: _T, as_json: bool, print_text: Callable[[_T], None]) -> None:
+    """Print a result: as JSON, or as text for people."""
+    if as_json:
+        print_json(document)
+    else:
+        print_text(document)
 
 
 def print_json(document: object) -> None:
-    """Print one JSON document, in which unknown and infinite values are null already."""
-    try:
-        text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    except ValueError:  # a sum or ratio of values that a record holds, each of them finite
-        text = json.dumps(_make_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
+    """Print one JSON document, in which unknown and infinite values are null."""
+    text = json.dumps(_make_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
     typer.echo(CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
@@ -63,10 +65,7 @@ def _make_finite(value: object) -> object:
 
 
 _UNKNOWN = "-"
-_UNLIMITED = 1_000_000
 _LEAST_COLUMNS = 20
-_WIDEST_TEXT = 100  # longer lines of prose are hard to read
-_INDENT = "  "
 _NUMBER = (int, float, NoneType)
 
 
@@ -107,11 +106,38 @@ class SafeStandardError:
         return self._stream.fileno()
 
 
-def say(text: str) -> None:
-    """Print a message for the person at the terminal on standard error."""
+def print_line(text: str, indent: int = 2) -> None:
+    """Print text of a result on standard output; a terminal gets it wrapped between words, further lines indented."""
+    typer.echo(_wrap(escape_controls(text), sys.stdout, indent))
+
+
+def say(text: str, indent: int = 2) -> None:
+    """Print a message for the person at the terminal on standard error, wrapped as `print_line` does."""
     stream = SafeStandardError()
-    stream.write(f"{escape_controls(text)}\n")
+    stream.write(f"{_wrap(escape_controls(text), sys.stderr, indent)}\n")
     stream.flush()
+
+
+def _wrap(text: str, stream: IO[str], indent: int) -> str:
+    if not stream.isatty():
+        return text
+    columns = max(_count_columns(stream), _LEAST_COLUMNS)
+    return "\n".join(
+        textwrap.fill(
+            line, columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+        )
+        for line in text.split("\n")
+    )
+
+
+def _count_columns(stream: IO[str]) -> int:
+    """Return the width of a terminal, `COLUMNS` first; standard error may be one where standard output is none."""
+    if os.environ.get("COLUMNS", "").isdecimal():
+        return int(os.environ["COLUMNS"])
+    try:
+        return os.get_terminal_size(stream.fileno()).columns
+    except (OSError, ValueError):
+        return shutil.get_terminal_size().columns
 
 
 def ring_bell() -> None:
@@ -120,30 +146,6 @@ def ring_bell() -> None:
     if stream.isatty():
         stream.write("\a")
         stream.flush()
-
-
-def say_wrapped(text: str, indent: int = 2) -> None:
-    """Print a message on standard error; on a terminal it is wrapped between words, with further lines indented."""
-    say("\n".join(wrapped for line in text.split("\n") for wrapped in _wrap(line, _error_columns(), indent)))
-
-
-def _error_columns() -> int:
-    """Return the width of the terminal of standard error, `COLUMNS` first; without a terminal there is no limit."""
-    stream = SafeStandardError()
-    if not stream.isatty():
-        return _UNLIMITED
-    if os.environ.get("COLUMNS", "").isdecimal():
-        return max(int(os.environ["COLUMNS"]), _LEAST_COLUMNS)
-    try:
-        return max(os.get_terminal_size(stream.fileno()).columns, _LEAST_COLUMNS)
-    except OSError:
-        return _UNLIMITED
-
-
-def _wrap(line: str, columns: int, indent: int) -> list[str]:
-    return textwrap.wrap(
-        line, columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
-    ) or [""]
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
@@ -181,107 +183,45 @@ def failure_lines(error: LabrigError) -> list[str]:
 
 def print_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
     """Print checks (`status`, `check`, `value`, `solution`, perhaps `axis`), and return 1 if a check failed."""
-    if as_json:
-        print_json(checks)
-    else:
-        for check in checks:
-            axis = f"{check['axis']} " if "axis" in check else ""
-            print_wrapped(f"{check['status']:4}  {axis}{check['check']}: {check['value']}", 6)
-            if check["solution"]:
-                print_wrapped(f"      {check['solution']}", 6)
+    show(checks, as_json, _print_checks)
     return 1 if any(check["status"] == "FAIL" for check in checks) else 0
 
 
+def _print_checks(checks: Sequence[Mapping[str, Any]]) -> None:
+    for check in checks:
+        axis = f"{check['axis']} " if "axis" in check else ""
+        print_line(f"{check['status']:4}  {axis}{check['check']}: {check['value']}", 6)
+        if check["solution"]:
+            print_line(f"      {check['solution']}", 6)
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print a table; if the terminal is too narrow for it, a block of `head: value` for each row."""
+    cells = [[format_cell(value) for value in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
+    if sys.stdout.isatty() and sum(widths) + 2 * (len(widths) - 1) > _count_columns(sys.stdout):
+        for name, *others in cells:
+            print_line(f"{heads[0]}: {name}" if heads[0] else name)
+            known = [
+                f"{head}: {cell}" for head, cell in zip(heads[1:], others, strict=True) if cell != _UNKNOWN
+            ]
+            print_line(f"  {', '.join(known)}")
+        return
+    numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
+    columns = (f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True))
+    line = "  ".join(columns)
+    # One call: there may be thousands of rows.
+    typer.echo("\n".join(line.format(*row).rstrip() for row in (heads, *cells)))
+
+
 def print_markdown(text: str) -> None:
-    """Print Markdown as text for a terminal; a table that is too wide for it becomes a block for each row."""
+    """Print Markdown as text for a terminal."""
     from rich.console import Console
 
     from labrig.cli.markdown_text import TerminalMarkdown
 
-    # A height too, without which a terminal that knows no colours counts as 80 columns wide.
-    console = Console(width=min(_terminal_columns(), _WIDEST_TEXT), height=25, highlight=False)
-    with console.capture() as captured:
-        console.print(TerminalMarkdown(escape_controls(text)), crop=False)
-    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
-
-
-def print_wrapped(text: str, indent: int = 2) -> None:
-    """Print a sentence; on a terminal it is wrapped between words, with all lines but the first indented."""
-    for line in text.splitlines() or [""]:
-        print_line("\n".join(_wrap(line, _terminal_columns(), indent)))
-
-
-def print_table(
-    heads: Sequence[str], rows: Sequence[Sequence[object]], under: Sequence[str] | None = None
-) -> None:
-    """Print a table; if the terminal is too narrow for it, print a block of `head: value` for each row.
-
-    Parameters
-    ----------
-    under : sequence of str or None
-        A line to put below each row; empty lines are left out.
-    """
-    cells = [[format_cell(value) for value in row] for row in rows]
-    below = under or [""] * len(rows)
-    widths = _measure_columns(heads, cells)
-    if _measure_table(widths) > _terminal_columns():
-        for row, line in zip(cells, below, strict=True):
-            _print_block(heads, row, line)
-        return
-    numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
-    padded = "  ".join(
-        f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True)
-    )
-    lines: list[str] = []
-    for cells_of_row, line in zip((heads, *cells), ("", *below), strict=True):
-        lines.append(padded.format(*cells_of_row).rstrip())
-        lines += _wrap_remark(line)
-    print_line("\n".join(lines))  # one call: there may be thousands of rows
-
-
-def fits_terminal(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> bool:
-    """Return whether a table is no wider than the terminal; without a terminal every table fits."""
-    if not sys.stdout.isatty():
-        return True
-    cells = [[format_cell(value) for value in row] for row in rows]
-    return _measure_table(_measure_columns(heads, cells)) <= _terminal_columns()
-
-
-def _measure_columns(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
-    return [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
-
-
-def _measure_table(widths: Sequence[int]) -> int:
-    return sum(widths) + 2 * (len(widths) - 1)
-
-
-def _print_block(heads: Sequence[str], row: Sequence[str], under: str) -> None:
-    """Print the first cell, then the others with their heads on as few lines as possible."""
-    print_line(f"{heads[0]}: {row[0]}" if heads[0] else row[0])
-    others = [f"{head}: {cell}" for head, cell in zip(heads[1:], row[1:], strict=True) if cell != _UNKNOWN]
-    width = _terminal_columns() - len(_INDENT)
-    line = ""
-    for cell in others:
-        joined = f"{line}  {cell}" if line else cell
-        if line and len(joined) > width:
-            print_line(_INDENT + line)
-            joined = cell
-        line = joined
-    if line:
-        print_line(_INDENT + line)
-    for line in _wrap_remark(under):
-        print_line(line)
-
-
-def _wrap_remark(line: str) -> list[str]:
-    """Return a remark on a row as the lines to print below it."""
-    if not line:
-        return []
-    return [_INDENT + part for part in textwrap.wrap(line, max(_terminal_columns() - len(_INDENT), 20))]
-
-
-def _terminal_columns() -> int:
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
+    console = Console(width=min(shutil.get_terminal_size().columns, 100), highlight=False)
+    console.print(TerminalMarkdown(escape_controls(text)), crop=False)
 
 
 def format_cell(value: object) -> str:
@@ -290,7 +230,4 @@ def format_cell(value: object) -> str:
         return _UNKNOWN
     if isinstance(value, float):
         return f"{value:.3f}"
-    text = str(value)
-    if text.isprintable():
-        return text
-    return escape_controls(text).replace("\n", " ").replace("\t", " ")
+    return escape_controls(str(value)).replace("\n", " ").replace("\t", " ")

@@ -1,10 +1,10 @@
 """`labrig pause` and `labrig continue`: ask the labrig that makes a run, from another terminal."""
 
 from pathlib import Path
+from typing import Literal
 
 from labrig.cli.options import LocalRunArgument
 from labrig.cli.output import AsJson, print_json, print_line
-from labrig.runner.run_control import Order, ask_run
 
 
 def pause(run_path: LocalRunArgument, as_json: AsJson = False) -> int:
@@ -17,7 +17,9 @@ def continue_(run_path: LocalRunArgument, as_json: AsJson = False) -> int:
     return _ask(run_path, "continue", as_json=as_json)
 
 
-def _ask(run: Path, order: Order, *, as_json: bool) -> int:
+def _ask(run: Path, order: Literal["pause", "continue"], *, as_json: bool) -> int:
+    from labrig.runner.run_control import ask_run
+
     answer = ask_run(run, order)
     if as_json:
         print_json({"run": str(run), "answer": answer})

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.cli.output import say, say_wrapped
+from labrig.cli.output import say
 from labrig.cli.signals import SignalNote
 from labrig.errors import DiskError
 from labrig.posix import is_in_background
@@ -72,7 +72,7 @@ class RunRequests:
         elif not self._announced:
             self._announced = True
             again = "; Ctrl+C again stops now" if by == _BY_KEY else ""
-            say_wrapped(f"{by}: pausing {when}{again}")
+            say(f"{by}: pausing {when}{again}")
 
     def begin(self) -> None:
         """Note that the pause has begun."""

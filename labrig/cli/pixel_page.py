@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO, cast
 
-from labrig.cli.output import say_wrapped
+from labrig.cli.output import say
 from labrig.cli.typed_lines import TypedLines
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import OperatorRequest, PickPixel
@@ -54,7 +54,7 @@ class PixelPage:
             if self._is_open:
                 return line
             self._is_open = True
-            say_wrapped(f"   or click at {line}", 3)
+            say(f"   or click at {line}", 3)
         return None
 
     def confirm(self) -> None:

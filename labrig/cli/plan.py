@@ -6,8 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.calibration_files import require_writable
-from labrig.cli.output import AsJson, print_json, print_line, print_table
-from labrig.devices.clocks import SystemClock
+from labrig.cli.output import AsJson, print_line, print_table, show
 from labrig.errors import InputError
 from labrig.text import format_count, number
 
@@ -20,18 +19,13 @@ def plan(
         Path | None,
         typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.", show_default=False),
     ] = None,
-    improve_s: Annotated[
-        float,
-        typer.Option(
-            "--improve-s", metavar="S", min=0.0, help="Look so long for a better path than the first [s]."
-        ),
-    ] = 0.0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing figure.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
+    from labrig.devices.clocks import SystemClock
     from labrig.experiments.insertion.scenario import load_scenario, make_problem
-    from labrig.steering.planner import plan_in_rounds
+    from labrig.steering.planner import plan_path
 
     if figure is not None:
         _check_figure(figure, force)
@@ -39,19 +33,13 @@ def plan(
     problem = make_problem(asked)
     clock = SystemClock()
     started_s = clock.now_s()
-    plans = plan_in_rounds(problem, asked.method)
-    found = next(plan for plan in plans if plan is not None)
-    while clock.now_s() - started_s < improve_s and (better := next(plans, None)) is not None:
-        found = better
+    found = plan_path(problem, asked.method)
     document = {**found.to_json(), "elapsed_s": clock.now_s() - started_s}
     if figure is not None:
         from labrig.report.plan_figure import write_plan_figure
 
         write_plan_figure(figure, problem, found)
-    if as_json:
-        print_json(document)
-    else:
-        _print(document)
+    show(document, as_json, _print)
     return 0 if found.found else 1
 
 

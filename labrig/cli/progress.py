@@ -1,13 +1,11 @@
 """Progress of a run or a batch: a bar with elapsed and remaining time on a terminal, plain lines elsewhere."""
 
 import sys
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import IO, Any, Protocol, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
-from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 
 
@@ -22,84 +20,54 @@ class Reporter(Protocol):
 ShareReporter: TypeAlias = Callable[[float], None]
 """Takes the share that is done, 0 to 1."""
 
+_shown: list[Any] = []
+"""The rich bar on the terminal, if one is shown."""
+
 
 @contextmanager
 def progress(title: str, total: float) -> Iterator[Reporter]:
     """Show progress on standard error; `total` is in seconds of rig time, or in pictures."""
-    if sys.stderr.isatty():
-        with _show_bar(title, total) as reporter:
-            yield reporter
-    else:
+    if not sys.stderr.isatty():
         yield _PlainLines(title, total)
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
 
-
-_PATIENCE_S = 0.5
-"""How long nothing is shown of work that is usually short."""
-
-
-@contextmanager
-def progress_if_slow(title: str, clock: Clock, *, shown: bool) -> Iterator[ShareReporter]:
-    """Show a bar on a terminal once the clock is at half a second, and remove it at the end; elsewhere nothing."""
-    with ExitStack() as stack:
-        bars: list[Reporter] = []
-
-        def report(share: float) -> None:
-            if not bars and clock.now_s() >= _PATIENCE_S:
-                bars.append(stack.enter_context(_show_bar(title, 1.0, transient=True)))
-            for bar in bars:
-                bar(share, title)
-
-        yield report if shown and sys.stderr.isatty() else _report_nothing
-
-
-_LONG_S = 1.0
-"""How long nothing is shown of work whose length is not known."""
+    doing_column = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+    columns = (
+        TextColumn("{task.percentage:>3.0f} %"),
+        BarColumn(12),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False, table_column=doing_column),
+    )
+    with Progress(*columns, console=_make_console(), expand=True) as bar:
+        task = bar.add_task(escape_controls(title), total=total)
+        _shown.append(bar)
+        try:
+            yield lambda done, doing: bar.update(task, completed=done, description=escape_controls(doing))
+        finally:
+            _shown.remove(bar)
 
 
 @contextmanager
-def show_working(title: str, *, shown: bool, patience_s: float = _LONG_S) -> Iterator[None]:
-    """Show on a terminal that the block is at work once it has taken so long, until its end; elsewhere nothing."""
+def show_working(title: str, *, shown: bool = True) -> Iterator[None]:
+    """Show on a terminal that the block is at work, until its end; elsewhere nothing."""
     if not (shown and sys.stderr.isatty()):
         yield
         return
-    done = threading.Event()
-
-    def watch() -> None:
-        if not done.wait(patience_s):
-            with _show_bar(title, None, transient=True):
-                done.wait()
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
+    with _make_console().status(escape_controls(title)):
         yield
-    finally:
-        done.set()
-        watcher.join()
-
-
-def _report_nothing(share: float) -> None:
-    """Take the place of a bar."""
-
-
-class _Bar(Protocol):
-    @property
-    def live(self) -> Any: ...
-
-    def start(self) -> None: ...
-
-    def stop(self) -> None: ...
-
-
-_shown: list[_Bar] = []
-"""The bar on the terminal, if one is shown."""
 
 
 @contextmanager
 def hold_bar() -> Iterator[None]:
     """Take the bar off the terminal during the block, so that it stands beside no question and no answer."""
     for bar in _shown:
-        _remove(bar)
+        bar.live.transient = True  # leaves nothing
+        bar.stop()
+        bar.live.transient = False
     try:
         yield
     finally:
@@ -107,73 +75,13 @@ def hold_bar() -> Iterator[None]:
             bar.start()
 
 
-def _remove(bar: _Bar) -> None:
-    """Stop a bar and leave nothing of it, whether or not it stays in the end."""
-    transient = bar.live.transient
-    bar.live.transient = True
-    bar.stop()
-    bar.live.transient = transient
-
-
-_LEAST_BAR_COLUMNS = 70
-"""Columns that bar, times and description need; a narrower terminal gets no bar."""
-
-_BAR_AND_TIMES_COLUMNS = 40
-"""What a description leaves to percentage, bar and times, so that none of them is cut."""
-
-
-@contextmanager
-def _show_bar(title: str, total: float | None, *, transient: bool = False) -> Iterator[Reporter]:
-    """Show a bar; without a total, only that time passes."""
+def _make_console() -> Any:
     from rich.console import Console
-    from rich.progress import Progress
 
-    console = Console(file=cast("IO[str]", SafeStandardError()))
-    columns = _list_columns(console.width, counted=total is not None)
-    with Progress(*columns, console=console, transient=transient) as bar:
-        task = bar.add_task(escape_controls(title), total=total)
-
-        def report(done: float, doing: str) -> None:
-            bar.update(task, completed=done, description=escape_controls(doing))
-
-        _shown.append(bar)
-        try:
-            yield report
-        finally:
-            _shown.remove(bar)
+    return Console(file=cast("IO[str]", SafeStandardError()))
 
 
-def _list_columns(width: int, *, counted: bool) -> tuple[Any, ...]:
-    """Return rich's columns of a bar on a terminal so wide; it is imported only where a bar is shown."""
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.table import Column
-
-    if not counted:
-        return SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    if width < _LEAST_BAR_COLUMNS:
-        return (
-            TextColumn(
-                "{task.percentage:>3.0f} % {task.description}",
-                markup=False,
-                table_column=Column(no_wrap=True, overflow="ellipsis"),
-            ),
-        )
-    most = width - _BAR_AND_TIMES_COLUMNS
-    return (
-        TextColumn("{task.percentage:>3.0f} %"),
-        BarColumn(bar_width=None),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn(
-            "{task.description}",
-            markup=False,
-            table_column=Column(no_wrap=True, overflow="ellipsis", max_width=most),
-        ),
-    )
-
-
-LEAST_PAUSE_S = 2.0
+_LEAST_PAUSE_S = 2.0
 
 
 class _PlainLines:
@@ -189,7 +97,7 @@ class _PlainLines:
     def __call__(self, done: float, doing: str) -> None:
         fraction = min(done / self._total, 1.0)
         elapsed_s = self._clock.now_s()
-        if int(10 * fraction) <= self._tenths or elapsed_s < self._printed_s + LEAST_PAUSE_S:
+        if int(10 * fraction) <= self._tenths or elapsed_s < self._printed_s + _LEAST_PAUSE_S:
             return
         self._tenths, self._printed_s = int(10 * fraction), elapsed_s
         remaining_s = elapsed_s * (1 - fraction) / fraction

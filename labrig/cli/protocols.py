@@ -1,11 +1,7 @@
-"""`labrig check` and `labrig schema`: what protocol and rig file hold, before anything moves."""
+"""`labrig check`: whether a protocol can run on a rig, before anything moves."""
 
 from dataclasses import asdict
-from typing import Annotated
 
-import typer
-
-from labrig.cli.lab_version import remark_on_lab_version
 from labrig.cli.options import (
     ProtocolArgument,
     RigOption,
@@ -20,22 +16,12 @@ from labrig.cli.output import (
     failure_lines,
     print_json,
     print_line,
-    print_wrapped,
     say,
 )
 from labrig.cli.plugin_faults import find_plugin_faults
-from labrig.cli.schemas import FileKind, make_schema
 from labrig.devices.clocks import SystemClock
 from labrig.errors import FileFormatError, Problem
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
-
-_PLUGINS: dict[FileKind, tuple[str, ...]] = {
-    "protocol": (EXPERIMENTS,),
-    "rig": (DRIVES, CAMERAS),
-    "specimen": (),
-    "campaign": (),
-}
-"""The plugins that the schema of each kind of file knows."""
 
 
 def check(
@@ -63,7 +49,6 @@ def check(
             say(line)
         _print_check(error.problems, (), None, None, faults, {})
         return error.exit_code
-    remark_on_lab_version()
     if description is not None:
         faults += _report_plugin_faults(DRIVES, CAMERAS)
     experiment = find_experiment(loaded.experiment)
@@ -91,9 +76,9 @@ def check(
 
 def _print_problems(problems: tuple[Problem, ...], kind: str = "") -> None:
     for problem in problems:
-        print_wrapped(f"{kind}{problem.where}: {problem.message}")
+        print_line(f"{kind}{problem.where}: {problem.message}")
         if problem.hint:
-            print_wrapped(f"  hint: {problem.hint}", 4)
+            print_line(f"  hint: {problem.hint}", 4)
 
 
 def _report_plugin_faults(*groups: str) -> list[dict[str, object]]:
@@ -123,17 +108,3 @@ def _print_check(
             **report,
         }
     )
-
-
-def schema(
-    of: Annotated[
-        FileKind,
-        typer.Argument(metavar="[protocol|rig|specimen|campaign]", help="Kind of file."),
-    ] = "protocol",
-    as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
-) -> None:
-    """Print the schema, with which editors complete and check the YAML files."""
-    from labrig.protocol.schema import schema_text
-
-    _report_plugin_faults(*_PLUGINS[of])
-    print_line(schema_text(make_schema(of)).rstrip())

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from labrig.cli.options import find_rig_file, restore_rig_prefix
-from labrig.cli.output import say, say_wrapped
+from labrig.cli.output import say
 from labrig.cli.pausing import UNPAUSED, Attention
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
@@ -65,7 +65,7 @@ def open_rig_for_person(
             insisted=interrupted.insist,
             doing=doing,
             opening=opening or Opening(),
-            alert=say_wrapped,
+            alert=say,
         ) as rig,
     ):
         yield rig, interrupted

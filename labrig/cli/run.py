@@ -55,7 +55,6 @@ def run(
     if runs_dir is None:  # before the other imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
     from labrig.cli.finished_run import print_finished
-    from labrig.cli.lab_version import remark_on_lab_version
     from labrig.cli.live import Watching
     from labrig.cli.pausing import Attention
     from labrig.cli.pipeline import RunOrder, perform
@@ -64,7 +63,6 @@ def run(
     from labrig.devices.clocks import SystemClock
     from labrig.experiments.registry import find_experiment
 
-    remark_on_lab_version()
     description = sources.load_rig(loaded)
     loaded = require_usable_specimens(loaded, description, chosen.path, SystemClock().utc())
     if description is not None:

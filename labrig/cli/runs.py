@@ -21,13 +21,13 @@ from labrig.cli.options import (
     RunUrlArgument,
     find_runs_dir,
 )
-from labrig.cli.output import AsJson, fits_terminal, format_cell, print_json, print_line, print_table, say
-from labrig.cli.progress import ShareReporter, progress_if_slow
+from labrig.cli.output import AsJson, format_cell, print_json, print_line, print_table, say
+from labrig.cli.progress import show_working
 from labrig.cli.runs_check import check
 from labrig.cli.runs_log import log
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
-from labrig.lab.folder import choose_runs_dir, find_lab_folder
+from labrig.lab import choose_runs_dir, find_lab_folder
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, list_runs
 
@@ -85,13 +85,9 @@ def list_(
         return
 
     folder = find_runs_dir(runs_dir)
-    if find_lab_folder() is not None:
-        from labrig.cli.lab_version import remark_on_lab_version
-
-        remark_on_lab_version()
     with _no_collections():
-        with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
-            every = _find(folder, where, sort, show or (), reverse, progress)
+        with show_working("reading the runs", shown=not as_json):
+            every = _find(folder, where, sort, show or (), reverse)
         if as_json:
             print_json([_make_row(run) for run in every[:limit]])
         elif every:
@@ -135,14 +131,13 @@ def _find(
     sort: str | None,
     show: Sequence[str],
     reverse: bool,
-    progress: ShareReporter,
 ) -> list[FoundRun]:
     """Find the runs that fit, or list all runs, which needs no YAML reader."""
     if where is None and sort is None and not show:
-        return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse, progress=progress)]
+        return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse)]
     from labrig.record.search import find_runs
 
-    return find_runs(runs_dir, where, sort, show, reverse=reverse, progress=progress)
+    return find_runs(runs_dir, where, sort, show, reverse=reverse)
 
 
 def _make_row(found: FoundRun) -> dict[str, object]:
@@ -166,10 +161,7 @@ def _print_runs(found: Sequence[FoundRun]) -> None:
     wanted = [column for column in range(len(_REMARKS)) if any(cells[column] for cells in remarks)]
     wide_heads = [*heads, *(_REMARKS[column] for column in wanted)]
     wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, remarks, strict=True)]
-    if not wanted or fits_terminal(wide_heads, wide):
-        print_table(wide_heads, wide)
-    else:
-        print_table(heads, rows, [_join_remarks(cells) for cells in remarks])
+    print_table(wide_heads, wide)
 
 
 def _format_summary(summary: RunSummary) -> list[object]:
@@ -183,12 +175,6 @@ _REMARKS = ("verdict", "notes", "tags")
 
 def _format_remarks(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
     return summary.verdict, summary.notes or None, ", ".join(summary.tags) or None
-
-
-def _join_remarks(cells: tuple[str | None, int | None, str | None]) -> str:
-    return "  ".join(
-        f"{name}: {cell}" for name, cell in zip(_REMARKS, cells, strict=True) if cell is not None
-    )
 
 
 def _join(values: Sequence[object]) -> object:

@@ -10,7 +10,7 @@ import typer
 
 from labrig.cli.next_steps import can_resume
 from labrig.cli.options import RunsArgument
-from labrig.cli.output import AsJson, print_line, print_wrapped
+from labrig.cli.output import AsJson, print_line
 from labrig.cli.several_runs import do_for_each_run
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem
@@ -150,34 +150,34 @@ def _join(damage: Iterable[Problem]) -> str | None:
 
 def _print(row: _CheckedRun) -> None:
     """Print what a run holds, and a line for each problem."""
-    print_wrapped(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
+    print_line(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
     counts = (
         format_count(row["frames"], "frame"),
         format_count(row["states"], "state"),
         format_count(row["events"], "event"),
     )
-    print_wrapped(f"  it holds {', '.join(counts)}; {format_count(row['trials_done'], 'trial')} done")
+    print_line(f"  it holds {', '.join(counts)}; {format_count(row['trials_done'], 'trial')} done")
     _print_seal(row)
     for name, problems in (("damage", row["damage"]), ("torn", row["torn"]), ("note", row["notices"])):
         for problem in problems:
-            print_wrapped(f"  {name}: {problem['where']}: {problem['message']}", 4)
-            print_wrapped(f"    hint: {problem['hint']}", 6)
+            print_line(f"  {name}: {problem['where']}: {problem['message']}", 4)
+            print_line(f"    hint: {problem['hint']}", 6)
 
 
 def _print_seal(row: _CheckedRun) -> None:
     """Print whether the run is sealed, its root, and what came after the root that was asked for."""
     if row["root"] is None:
-        print_wrapped(f"  seal: {row['seal']}")
+        print_line(f"  seal: {row['seal']}")
     else:
-        print_wrapped(f"  seal: {row['seal']}; root, to be compared with a notebook:")
+        print_line(f"  seal: {row['seal']}; root, to be compared with a notebook:")
         print_line(f"    {row['root']}")
     if row["after_root"] == []:
-        print_wrapped("  nothing was added after the link that --root names")
+        print_line("  nothing was added after the link that --root names")
     elif row["after_root"]:
-        print_wrapped("  added after the link that --root names:")
+        print_line("  added after the link that --root names:")
     for link in row["after_root"] or ():
         covers = ", ".join(sorted({name.rpartition("/")[0] or name for name in link["files"]})) or "no file"
-        print_wrapped(f"    link {link['link']}, {link['kind']}, {link['at'] or 'time unknown'}: {covers}", 6)
+        print_line(f"    link {link['link']}, {link['kind']}, {link['at'] or 'time unknown'}: {covers}", 6)
 
 
 def _describe_state(row: _CheckedRun) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from labrig.cli.options import find_rig_file, split_overrides
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.lab.folder import find_lab_folder
+from labrig.lab import find_lab_folder
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.cli.output import say_wrapped
+from labrig.cli.output import say
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, Problem
@@ -66,9 +66,9 @@ def require_usable_specimens(
     if prepared.problems:
         raise FileFormatError(prepared.problems)
     for warning in prepared.warnings:
-        say_wrapped(f"warning: {warning.where}: {warning.message}")
+        say(f"warning: {warning.where}: {warning.message}")
         if warning.hint:
-            say_wrapped(f"  hint: {warning.hint}", 4)
+            say(f"  hint: {warning.hint}", 4)
     return prepared.protocol
 
 

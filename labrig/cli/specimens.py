@@ -1,90 +1,87 @@
 """`labrig specimens`: the blocks of gel that protocols name, their files and tracks."""
 
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.options import RunsDirOption, find_runs_dir
-from labrig.cli.output import AsJson, print_json, print_line, print_table, say, say_wrapped
-from labrig.errors import InputError
-from labrig.lab.folder import SPECIMENS, find_in_lab
-from labrig.protocol.specimen_file import list_specimens, load_specimen
-from labrig.protocol.yaml_file import dump_yaml
-
-app = typer.Typer(no_args_is_help=True)
+from labrig.cli.output import AsJson, print_line, print_table, say, show
 
 
 def _complete_name(incomplete: str) -> list[str]:
+    from labrig.protocol.specimen_file import list_specimens
+
     return [name for name in list_specimens() if name.startswith(incomplete)]
 
 
-NameArgument = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of the specimen.", autocompletion=_complete_name)
-]
-
-
-@app.command("list", help="List the specimens.")
-def list_(as_json: AsJson = False) -> None:
-    """List the specimens of data/specimens; a file that cannot be read is named."""
-    rows, faults = [], []
-    for name in list_specimens():
-        try:
-            rows.append(load_specimen(name)[0])
-        except InputError as error:
-            faults.append(error)
-    if as_json:
-        print_json([specimen.model_dump(mode="json") for specimen in rows])
-    elif rows:
-        heads = ["specimen", "gelatin %", "batch", "cast", "usable until"]
-        cells = [
-            [row.name, f"{row.gelatin_percent:g}", row.batch, row.cast_on, row.usable_until] for row in rows
-        ]
-        print_table(heads, cells)
-    else:
-        say(f"no specimens in {find_in_lab(SPECIMENS)}; labrig manual specimens says how to write the first")
-    for fault in faults:
-        say_wrapped(f"note: {fault.message}")
-
-
-@app.command("show", help="Show what is known of a specimen, and every track in it.")
-def show(name: NameArgument, runs_dir: RunsDirOption = None, as_json: AsJson = False) -> None:
-    """Show its file, and the tracks that the runs of a folder have left in it: of real runs, and of simulated ones."""
+def specimens(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="Show this one.", autocompletion=_complete_name),
+    ] = None,
+    runs_dir: RunsDirOption = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the specimens of data/specimens; of one, its file and the tracks that real and simulated runs left in it."""
+    if name is None:
+        show(_list(), as_json, _print_list)
+        return
     from labrig.experiments.specimen_tracks import find_tracks
+    from labrig.protocol.specimen_file import load_specimen
 
     specimen, sha256 = load_specimen(name)
     folder = find_runs_dir(runs_dir)
     found = {
         kind: find_tracks(folder, [name], simulated=kind == "simulated") for kind in ("real", "simulated")
     }
-    tracks = {kind: held.tracks[name] for kind, held in found.items()}
-    unread = {problem.where: problem for held in found.values() for problem in held.unread}.values()
-    if as_json:
-        listed = {kind: [track.model_dump(mode="json") for track in held] for kind, held in tracks.items()}
-        document = {**specimen.model_dump(mode="json"), "sha256": sha256, "tracks": listed}
-        print_json({**document, "unread": [asdict(problem) for problem in unread]})
-        return
-    print_line(dump_yaml(specimen).rstrip())
-    heads = ["track", "run", "hole", "place mm", "needle", "age h", "radius mm"]
-    for kind, held in tracks.items():
-        if held:
-            print_line(f"\ntracks of {kind} runs:")
-            print_table(
-                heads,
-                [
-                    [
-                        number,
-                        track.run,
-                        track.hole + 1,
-                        f"{track.hole_position_mm:g}",
-                        track.needle_id,
-                        f"{track.age_h:.1f}",
-                        "-" if track.radius_mm is None else f"{track.radius_mm:.2f}",
-                    ]
-                    for number, track in enumerate(held, start=1)
-                ],
-            )
-    if not (any(tracks.values()) or unread):
+    tracks = {
+        kind: [track.model_dump(mode="json") for track in held.tracks[name]] for kind, held in found.items()
+    }
+    unread = {problem.where: asdict(problem) for held in found.values() for problem in held.unread}
+    document = {**specimen.model_dump(mode="json"), "sha256": sha256, "tracks": tracks}
+    show({**document, "unread": list(unread.values())}, as_json, _print_specimen)
+    if not (as_json or any(tracks.values()) or unread):
         say(f"no run in {folder} has inserted into it")
-    for problem in unread:
-        say_wrapped(f"note: {problem.where}: its tracks are not known: {problem.message}")
+
+
+def _list() -> list[dict[str, Any]]:
+    """Return what the files of the specimens say; a file that cannot be read is named."""
+    from labrig.errors import InputError
+    from labrig.protocol.specimen_file import list_specimens, load_specimen
+
+    rows = []
+    for name in list_specimens():
+        try:
+            rows.append(load_specimen(name)[0].model_dump(mode="json"))
+        except InputError as error:
+            say(f"note: {error.message}")
+    return rows
+
+
+def _print_list(rows: list[dict[str, Any]]) -> None:
+    if not rows:
+        say("no specimens in data/specimens; labrig manual specimens says how to write the first")
+        return
+    keys = ("name", "gelatin_percent", "batch", "cast_on", "usable_until")
+    heads = ("specimen", "gelatin %", "batch", "cast", "usable until")
+    print_table(heads, [[row[key] for key in keys] for row in rows])
+
+
+def _print_specimen(document: dict[str, Any]) -> None:
+    for key, value in document.items():
+        if key not in {"tracks", "unread", "sha256"} and value is not None:
+            print_line(f"{key}: {value}")
+    heads = ("track", "run", "hole", "place mm", "needle", "age h", "radius mm")
+    for kind, tracks in document["tracks"].items():
+        if tracks:
+            print_line(f"\ntracks of {kind} runs:")
+            print_table(heads, [_list_cells(number, track) for number, track in enumerate(tracks, start=1)])
+    for problem in document["unread"]:
+        say(f"note: {problem['where']}: its tracks are not known: {problem['message']}")
+
+
+def _list_cells(number: int, track: dict[str, Any]) -> list[object]:
+    place, age, radius = track["hole_position_mm"], track["age_h"], track["radius_mm"]
+    seen = None if radius is None else f"{radius:.2f}"
+    return [number, track["run"], track["hole"] + 1, f"{place:g}", track["needle_id"], f"{age:.1f}", seen]

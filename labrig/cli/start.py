@@ -1,6 +1,5 @@
 """The entry point: handles signals and replaces missing streams before anything slow is imported."""
 
-import gc
 import os
 import signal
 import sys
@@ -28,13 +27,8 @@ def _run_arguments() -> int:
 
     try:
         raise_until_exit()
-        gc.disable()  # imports make no garbage, and collections take a tenth of their time
         from labrig.cli.main import run_command
 
-        gc.enable()
-        from labrig.cli.matplotlib_folder import provide_matplotlib_folder
-
-        provide_matplotlib_folder(os.environ)
         return run_command(sys.argv[1:])
     except Interruption as interruption:
         sys.stderr.write(f"error: interrupted by {interruption}\n")
@@ -62,10 +56,9 @@ def _report_failed_import(error: Exception) -> int:
 
 def _replace_closed_streams() -> None:
     """Give a program started with `>&-` somewhere to write; Python sets such streams to None."""
-    if sys.stdout is None:
-        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - open until the end
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - open until the end
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123 - open until the end
 
 
 def _flush() -> None:

@@ -1,23 +1,18 @@
 """`labrig calibrate template`: cuts the picture by which runs and `labrig measure tip` find the tip."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.calibration_files import ForceOption, collect_calibration_provenance, require_writable
-from labrig.cli.options import (
-    IntrinsicsOption,
-    OptionalInsertion,
-    OriginOption,
-    PlaneOption,
-    PxPerMmOption,
-    find_run_or_picture,
-)
-from labrig.cli.output import AsJson, print_json, print_line
+from labrig.cli.options import OptionalInsertion, find_run_or_picture
+from labrig.cli.output import AsJson, print_line, show
 from labrig.errors import InputError
+
+# Needle widths that a template shows to each side of the tip, and its side where no shaft was measured.
+_WIDTHS, _SIDE_PX = 1.75, 41
 
 
 def template(
@@ -42,62 +37,42 @@ def template(
     tip_px: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            metavar="U V", help="Pixel of the tip. Default: the end of the shaft.", show_default=False
+            metavar="U V",
+            help="Pixel of the tip. Default in a run: the end of the shaft.",
+            show_default=False,
         ),
     ] = None,
     heading_deg: Annotated[
         float | None,
-        typer.Option(help="Heading of the needle. Default: that of the shaft.", show_default=False),
+        typer.Option(help="Heading of the needle. Default in a run: that of the shaft.", show_default=False),
     ] = None,
-    roll_deg: Annotated[
-        float | None,
-        typer.Option(help="Roll of the bevel. Default: recorded with the frame, else 0.", show_default=False),
-    ] = None,
-    side_px: Annotated[
-        int | None,
-        typer.Option(help="Side of the square. Default: three and a half needle widths.", show_default=False),
-    ] = None,
-    intrinsics: IntrinsicsOption = None,
-    plane: PlaneOption = None,
-    px_per_mm: PxPerMmOption = None,
-    origin_px: OriginOption = None,
     insertion: OptionalInsertion = None,
-    needle_diameter_mm: Annotated[
-        float | None,
-        typer.Option(help="Outer diameter of the needle. Default: the run's, else 1.2.", show_default=False),
-    ] = None,
-    sheath_diameter_mm: Annotated[
-        float | None,
-        typer.Option(
-            help="Outer diameter of the sheath. Default: the run's, else no sheath.",
-            show_default=False,
-        ),
-    ] = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> None:
-    """Cut the template out; tip and heading that are not given are measured by the shaft."""
-    from labrig.cli.cut_template import cut_tip, read_recorded_frame, read_single_picture
-    from labrig.cli.mapping import load_plane_map
+    """Of a picture that belongs to no run, tip and heading have to be given."""
+    from labrig.vision.picture import read_picture
     from labrig.vision.template_file import save_template, template_files
+    from labrig.vision.tip_template import cut_template
 
-    for file in template_files(out):
-        require_writable(file, force)
-    mapped = plane is not None or px_per_mm is not None
-    given = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion) if mapped else None
-    if frame is not None and not source.is_dir():
-        raise InputError(f"--frame is for runs, and {source} is not a run", "leave it out, or name the run")
-    found = read_recorded_frame(source, frame) if source.is_dir() else read_single_picture(source)
-    found = replace(
-        found,
-        plane=given or found.plane,
-        roll_rad=found.roll_rad if roll_deg is None else math.radians(roll_deg),
-        needle_diameter_mm=needle_diameter_mm or found.needle_diameter_mm,
-        sheath_diameter_mm=sheath_diameter_mm or found.sheath_diameter_mm,
-    )
+    for written in template_files(out):
+        require_writable(written, force)
     heading_rad = None if heading_deg is None else math.radians(heading_deg)
-    cut = cut_tip(found, tip_px, heading_rad, side_px, insertion or "right")
-    save_template(out, cut, collect_calibration_provenance([found.file]))
+    if source.is_dir():
+        file, cut = _cut_from_run(source, frame, tip_px, heading_rad)
+    elif frame is not None:
+        raise InputError(f"--frame is for runs, and {source} is not a run", "leave it out, or name the run")
+    elif tip_px is None or heading_rad is None:
+        raise InputError(
+            "tip and heading cannot both be measured: it is not known how the picture maps to mm",
+            "give --tip-px and --heading-deg, or name a run",
+        )
+    else:
+        file = source
+        cut = cut_template(
+            read_picture(file), tip_px, heading_rad, side_px=_SIDE_PX, insertion=insertion or "right"
+        )
+    save_template(out, cut, collect_calibration_provenance([file]))
     document = {
         "template": str(out),
         "side_px": cut.picture.shape[0],
@@ -106,10 +81,50 @@ def template(
         "roll_deg": math.degrees(cut.roll_rad),
         "insertion": cut.insertion,
     }
-    if as_json:
-        print_json(document)
-    else:
-        _print(document)
+    show(document, as_json, _print)
+
+
+def _cut_from_run(
+    folder: Path, frame: int | None, tip_px: tuple[float, float] | None, heading_rad: float | None
+) -> tuple[Path, Any]:
+    """Return the file of a frame, by default the last one of a needle, and its template.
+
+    What is not given of the tip is measured by the shaft.
+
+    Raises
+    ------
+    InputError
+        When the run holds no such picture, or no map of its pictures to mm.
+    MeasurementRefusedError
+        When the picture does not show one shaft.
+    """
+    from labrig.analysis.calibration import load_plane_map
+    from labrig.experiments.registry import load_run_protocol
+    from labrig.experiments.shared.needle_events import NeedleRole
+    from labrig.record.reader import open_run
+    from labrig.vision.shaft_tip import measure_shaft_tip
+    from labrig.vision.tip_template import cut_template
+
+    run = open_run(folder)
+    if frame is None:
+        shown = [line.frame for line in run.frame_lines if line.role in set(NeedleRole)]
+        if not shown:
+            raise InputError(f"{folder} holds no picture of a needle", "name one with --frame")
+        frame = shown[-1]
+    image, line = run.read_frame(frame), run.frame_lines[frame]
+    plane, needle, side_px = load_plane_map(run), load_run_protocol(run).pictured_needle, _SIDE_PX
+    if tip_px is None or heading_rad is None:
+        if needle is None:
+            raise InputError(f"{folder} holds no needle", "give --tip-px and --heading-deg")
+        shaft = measure_shaft_tip(image, plane, needle.diameter_mm, needle.sheath_diameter_mm)
+        tip_px = tip_px or shaft.tip_px
+        heading_rad = shaft.heading_rad if heading_rad is None else heading_rad
+        side_px = 2 * round(_WIDTHS * shaft.width_px) + 1
+    roll_rad = line.rotation_rad or 0.0
+    cut = cut_template(
+        image, tip_px, heading_rad, side_px=side_px, insertion=plane.insertion, roll_rad=roll_rad
+    )
+    return folder / line.file, cut
 
 
 def _print(document: dict[str, Any]) -> None:

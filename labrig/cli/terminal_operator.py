@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TextIO, TypeVar
 
-from labrig.cli.output import CONTROLS, ring_bell, say_wrapped
+from labrig.cli.output import CONTROLS, ring_bell, say
 from labrig.cli.pixel_page import PixelPage, offer_page
 from labrig.cli.progress import hold_bar
 from labrig.cli.signals import SignalNote
@@ -83,7 +83,7 @@ class TerminalOperator:
         with self._interrupted.pausing(enabled=False):
             nobody = self._find_nobody(request)
             if nobody is not None and isinstance(request, Paused):
-                say_wrapped(f"{request.text} labrig continue, in another terminal, ends the pause.")
+                say(f"{request.text} labrig continue, in another terminal, ends the pause.")
                 self._wait(meanwhile)
             if nobody is not None:
                 raise nobody
@@ -127,9 +127,9 @@ class TerminalOperator:
         keys = "".join(f", {' '.join(_KEYS[choice])}" for choice in offer.choices)
         remark, lead = "", f"\n{offer.status}\n" if offer.status else "\n"
         while True:
-            say_wrapped(f"{lead}>> {request.text}", 3)
+            say(f"{lead}>> {request.text}", 3)
             self._use_terminal(discard_typed)
-            say_wrapped(f"   {remark}{wanted}{keys}, or no to stop: ", 3)
+            say(f"   {remark}{wanted}{keys}, or no to stop: ", 3)
             line, clicked = self._read_line_or_click(meanwhile, page)
             typed = line.lower()
             if typed in {"n", "no"}:
@@ -148,14 +148,14 @@ class TerminalOperator:
             return None
         if choice in _TEXTS:
             if not text.strip():
-                say_wrapped(f"   {_TEXTS[choice]}: ", 3)
+                say(f"   {_TEXTS[choice]}: ", 3)
                 text = self._read_line(meanwhile)
             if len(text) > _LONGEST_TEXT:
-                say_wrapped(f"   only its first {_LONGEST_TEXT} characters are kept", 3)
+                say(f"   only its first {_LONGEST_TEXT} characters are kept", 3)
                 text = text[:_LONGEST_TEXT]
             if not text.strip():
                 return None
-        say_wrapped(f"   {_KEYS[choice][1]}: taken", 3)
+        say(f"   {_KEYS[choice][1]}: taken", 3)
         return Answer(confirmed=False, note=text.strip(), choice=choice)
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
@@ -202,7 +202,7 @@ def _confirm_click(page: PixelPage | None, answer: Answer) -> Answer:
     if page is not None:
         page.confirm()
     note = f"{answer.note}, clicked"
-    say_wrapped(f"   {note}", 3)
+    say(f"   {note}", 3)
     return replace(answer, note=note)
 
 

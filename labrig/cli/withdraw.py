@@ -8,7 +8,7 @@ from pathlib import Path
 
 from labrig.cli.needle_report import NeedleReport, add_closing_failure, report_needle, say_where_needle_is
 from labrig.cli.options import find_rig_file
-from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say, say_wrapped
+from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
 from labrig.cli.progress import progress
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.axis_positions import AxisPositions
@@ -74,7 +74,7 @@ def withdraw_and_print(
         document["error"] = failure_document(outcome.error)
         say_where_needle_is(needle)
         for line in failure_lines(outcome.error):
-            say_wrapped(line)
+            say(line)
         say(f"again: {_make_retry_command(description, runs_dir, recorded)}\nthe record is kept: {recorded}")
     if as_json:
         print_json(document)

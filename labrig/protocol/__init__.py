@@ -20,5 +20,5 @@ Decided here:
 
 This room knows no experiment. Each experiment's folder holds its own model, a subclass of `ExperimentProtocol`, and
 `load_protocol` is handed all of them by name. After a change of a model, run
-`labrig schema > protocols/protocol.schema.json`; of a specimen file, `labrig schema specimen`, into `data/specimens`.
+`labrig init .`.
 """

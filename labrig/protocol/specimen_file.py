@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field
 
 from labrig.errors import InputError
 from labrig.input_file import read_file
-from labrig.lab.folder import SPECIMENS, find_in_lab
+from labrig.lab import SPECIMENS, find_in_lab
 from labrig.protocol.model import Conflict, Line, Model, Name, Notes, PositiveMm
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
@@ -199,8 +199,8 @@ def load_specimen(name: str, given: Sequence[Path] = ()) -> tuple[SpecimenFile, 
 
 
 _OTHER_KINDS: Mapping[str, tuple[str, str]] = {
-    "experiment": ("this is a protocol, expected a specimen file", "labrig specimens list"),
-    "axes": ("this is a rig file, expected a specimen file", "labrig specimens list"),
+    "experiment": ("this is a protocol, expected a specimen file", "labrig specimens"),
+    "axes": ("this is a rig file, expected a specimen file", "labrig specimens"),
 }
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
 _CODE = frozenset({".py", ".jinja", ".html", ".css", ".js", ".svg"})
-_NO_CODE = ("lab/files/", "manual/")
+_NO_CODE = ("examples/", "manual/")
 """What a wheel holds beside the code; in a checkout the first stands elsewhere."""
 
 

@@ -572,20 +572,19 @@ run PROTOCOLS/design.yaml --runs-dir new --set grid_points=3 --seed 1 --run-name
 check PROTOCOLS/steerability.yaml --rig RIG --seed 1 --set insertions_per_specimen=2
 check PROTOCOLS/insertion.yaml --rig RIG --set target.position_mm=[0,2,20]
 plan s.yaml --figure plan.svg
-schema rig
 design --radius-mm 30 --clearance-mm 0.025 --grid-points 3 --out d.json --csv g.csv
 import pictures --px-per-mm 5 --origin-px 1 2 --insertion right --runs-dir new --title t
 measure curvature picture.png --px-per-mm 5 --origin-px 1 2 --insertion right --mask m.json
 measure tip picture.png --template RIGS/simulated-tip.png --near-px 3 4 --region-px 50 --px-per-mm 5 --origin-px \
  1 2 --insertion right --heading-deg 3
-calibrate intrinsics picture.png --board 9x6 --square-mm 2 --window-px 5 --out i.json
+calibrate intrinsics picture.png --board 9x6 --square-mm 2  --out i.json
 calibrate intrinsics picture.png --board 9x6 --square-mm 2 --charuco DICT_5X5_100 --marker-mm 1
 calibrate intrinsics picture.png --board 6x6 --square-mm 2 --tag-spacing 0.3
 calibrate plane picture.png --origin-px 3 4 --insertion up --gel-index 1.3 --gel-depth-mm 3
 calibrate plane picture.png --origin-px 3 4 --insertion up --telecentric --gel-index 1.3 --gel-depth-mm 3 \
  --gel-index-sigma 0.1 --gel-depth-sigma-mm 1 --layer glass:3:1 --tilt-deg 1 1 --tilt-sigma-deg 1 --paper-at gel
 calibrate plane picture.png --origin-px 3 4 --insertion up --gel-index 1.3 --through-gel picture.png
-calibrate template picture.png --tip-px 30 30 --heading-deg 0 --side-px 20 --out t.png
+calibrate template picture.png --tip-px 30 30 --heading-deg 0 --out t.png
 runs --runs-dir runs --where tag=x --sort started --reverse
 runs tag runs/import --tag x --by me
 runs note runs/import text --by me --revise 1

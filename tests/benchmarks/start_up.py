@@ -9,20 +9,19 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from labrig.lab.folder import RUNS_DIR_VARIABLE
+from labrig.lab import RUNS_DIR_VARIABLE
 from tests.benchmarks.catalogue import RUNS, SEARCH, children_s, make_runs
 from tests.benchmarks.table import print_rows
 
 REPEATS = 20
 BARE = "python -c pass"
 COMMANDS: tuple[tuple[str, tuple[str, ...], int | None], ...] = (
-    ("--help", ("--help",), 150),
+    ("--help", ("--help",), 300),
     ("run --help", ("run", "--help"), None),
     ("manual", ("manual",), None),
     ("runs of an empty folder", ("runs", "--runs-dir", "none"), None),
     (f"runs, {RUNS} of them", ("runs",), 300),
     (f"runs --where, {RUNS} of them", ("runs", "--where", SEARCH), 300),
-    ("schema", ("schema",), None),
     ("check", ("check", "protocols/steerability.yaml"), None),
 )
 """The name of each command line, its words, and its limit [ms]."""

@@ -1,13 +1,14 @@
 """Errors for bad input: a sentence that names the cause, a hint, the documented exit code, and no traceback."""
 
+import json
 import os
-import sys
-import types
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+from labrig.cli.main import run_command
 from labrig.cli.output import AsJson, failure_document
 from labrig.errors import (
     BusError,
@@ -269,46 +270,44 @@ def test_a_list_of_brackets_hides_no_run(labrig: Labrig, tmp_path: Path) -> None
     assert (done.exit_code, [row["exit_status"] for row in done.json()]) == (0, ["damaged"])
 
 
-@pytest.fixture
-def failing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make `labrig schema` raise the error of the test."""
+def _fail(error: BaseException) -> int:
+    """Return the exit code of a command that raises an error."""
+    app = typer.Typer()
 
-    def schema(as_json: AsJson = False) -> None:
-        raise request.param
+    @app.command()
+    def fail(as_json: AsJson = False) -> None:
+        raise error
 
-    file = types.ModuleType("labrig.cli.protocols")
-    file.__dict__["schema"] = schema
-    monkeypatch.setitem(sys.modules, "labrig.cli.protocols", file)
+    return run_command(["--json"], app)
 
 
-@pytest.mark.parametrize("failing", [KeyError("roll"), RecursionError("too deep")], indirect=True)
-@pytest.mark.usefixtures("failing")
-def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(labrig: Labrig) -> None:
+@pytest.mark.parametrize("bug", [KeyError("roll"), RecursionError("too deep")])
+def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(
+    bug: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A bug exits with 5, prints one sentence, and leaves its traceback in the named file."""
-    done = labrig("schema", "--json")
-    error = done.json()["error"]
-    assert (done.exit_code, error["type"]) == (5, "BugError")
+    assert _fail(bug) == 5
+    printed = capsys.readouterr()
+    error = json.loads(printed.out)["error"]
+    assert error["type"] == "BugError"
     file = Path(error["hint"].rpartition(" ")[2])
     try:
         assert "Traceback (most recent call last)" in file.read_text()
     finally:
         file.unlink()
-    assert "Traceback" not in done.err
+    assert "Traceback" not in printed.err
 
 
-@pytest.mark.parametrize("failing", [MemoryError()], indirect=True)
-@pytest.mark.usefixtures("failing")
-def test_too_little_memory_is_a_fault_of_the_computer(labrig: Labrig) -> None:
-    """Running out of memory exits with 3: it is neither a bug nor wrong input."""
-    done = labrig("schema")
-    assert (done.exit_code, "too little memory" in done.err) == (3, True)
-
-
-@pytest.mark.parametrize("failing", [KeyboardInterrupt()], indirect=True)
-@pytest.mark.usefixtures("failing")
-def test_an_interruption_that_a_library_raises_is_one(labrig: Labrig) -> None:
-    """A KeyboardInterrupt from a library exits with 130 like a signal."""
-    assert labrig("schema").exit_code == 130
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [(MemoryError(), 3, "too little memory"), (KeyboardInterrupt(), 130, "")],
+)
+def test_what_a_library_raises_is_told_in_words(
+    error: BaseException, code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Running out of memory is neither a bug nor wrong input; an interruption counts as a signal."""
+    assert _fail(error) == code
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

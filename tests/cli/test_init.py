@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.cli.sources import Sources, read_sources
-from labrig.lab.folder import MARKER, RUNS_DIR_VARIABLE
+from labrig.lab import RUNS_DIR_VARIABLE
 from tests.cli.conftest import Labrig
 
 
@@ -18,7 +18,7 @@ def lab(labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
         monkeypatch.delenv(name, raising=False)
     made = labrig("init", "my lab", "--json")
     assert made.exit_code == 0
-    assert "protocols/steerability.yaml" in made.json()["added"]
+    assert "protocols/steerability.yaml" in made.json()["written"]
     monkeypatch.chdir(tmp_path / "my lab")
     return tmp_path / "my lab"
 
@@ -88,49 +88,6 @@ def test_without_a_lab_folder_labrig_says_how_to_make_one(
         in labrig("runs").err
     )
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("marker", "told", "remedy"),
-    [
-        ({"labrig": "0.0.1"}, "are of labrig 0.0.1, this is", "bring them up to date: labrig init --update"),
-        ({"labrig": "99.1"}, "was made by labrig 99.1, which is newer", "install labrig 99.1 or a newer one"),
-        ({"format": 2}, "has format 2, and formats up to 1 are read", "install a newer labrig"),
-    ],
-)
-def test_a_lab_folder_of_another_labrig_is_named(
-    lab: Path, labrig: Labrig, marker: dict[str, object], told: str, remedy: str
-) -> None:
-    """A check and a list of the runs work all the same, and say what brings the two together."""
-    written = json.loads((lab / MARKER).read_text(encoding="utf-8"))
-    (lab / MARKER).write_text(json.dumps({**written, **marker}), encoding="utf-8")
-    for command in (("check", "steerability"), ("runs",)):
-        done = labrig(*command)
-        assert done.exit_code == 0
-        assert told in done.err
-        assert remedy in done.err
-
-
-def test_an_update_names_what_it_kept(lab: Path, labrig: Labrig) -> None:
-    """The example that labrig has now can be compared with the changed file."""
-    changed = lab / "protocols" / "design.yaml"
-    changed.write_text("# ours\n", encoding="utf-8")
-    marker = json.loads((lab / MARKER).read_text(encoding="utf-8"))
-    marker["files"]["protocols/design.yaml"] = "0" * 64
-    (lab / MARKER).write_text(json.dumps({**marker, "labrig": "0.0.1"}), encoding="utf-8")
-    updated = labrig("init", "--update")
-    assert updated.exit_code == 0
-    assert "kept      protocols/design.yaml" in updated.out
-    assert "diff protocols/design.yaml" in updated.err
-    assert changed.read_text(encoding="utf-8") == "# ours\n"
-
-
-def test_a_lab_folder_is_not_made_twice(lab: Path, labrig: Labrig) -> None:
-    """The hint brings it up to date instead."""
-    refused = labrig("init")
-    assert refused.exit_code == 2
-    assert refused.err.splitlines()[-1] == "hint: bring it up to date: labrig init --update"
-    assert labrig("init", "--update").exit_code == 0
 
 
 def test_the_name_of_a_kept_run_is_refused_before_anything_begins(lab: Path, labrig: Labrig) -> None:

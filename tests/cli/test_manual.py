@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from labrig.cli.command_reference import find_commands, read_tree
-from labrig.cli.main import COMMANDS, make_app
+from labrig.cli.main import app
 from labrig.cli.manual import find_page, list_pages
 from labrig.errors import InputError
 from labrig.report.manual import KINDS, ManualPage
@@ -120,7 +120,7 @@ def test_the_reference_names_every_command_and_option(labrig: Labrig) -> None:
     """With the exit codes of every kind of failure."""
     text = labrig("manual", "commands", "--json").json()["text"]
     sections = {part.partition("`\n")[0]: part for part in text.split("\n## `")[1:]}
-    commands = dict(find_commands(read_tree(make_app(COMMANDS))))
+    commands = dict(find_commands(read_tree(app)))
     assert {" ".join(path) for path in commands} == sections.keys()
     assert len(commands) > 30
     for path, command in commands.items():

@@ -92,7 +92,7 @@ def test_an_experiment_that_two_packages_claim_is_refused(site: Path, tmp_path: 
 def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
     site: Path, tmp_path: Path, labrig: Labrig, name: str, code: str, words: str
 ) -> None:
-    """`check`, `devices check` and `schema` name it; other runs and schemas are unaffected."""
+    """`check` and `devices check` name it; other runs are unaffected."""
     _declare(site, name, code)
     checked = labrig("check", *ON_RIG, "--json")
     assert checked.exit_code == 0
@@ -104,8 +104,6 @@ def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
         if result["check"] == "plugin"
     ]
     assert [(result["status"], words in result["value"]) for result in warned] == [("WARN", True)]
-    schema = labrig("schema")
-    assert (schema.exit_code, words in schema.err, name in schema.out) == (0, True, False)
     run = shutil.copytree(KEPT, tmp_path / "runs" / "kept")
     assert labrig("runs", "--runs-dir", run.parent).exit_code == 0
     assert labrig("runs", "check", run).exit_code == 0
@@ -120,11 +118,11 @@ def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
 def test_a_driver_that_fails_is_named_and_fatal_to_nothing(
     site: Path, labrig: Labrig, group: str, name: str, kind: str
 ) -> None:
-    """`check`, `devices check` and `schema rig` name it; a rig without it is unaffected."""
+    """`check` and `devices check` name it; a rig without it is unaffected."""
     module = f"lab_{kind}_that_fails"
     install_package(site, "lab-drivers", f"[labrig.{group}]\n{name} = {module}:KIND\n", module, "1 / 0\n")
     words = f"{kind} {name} of package lab-drivers 1.5 cannot be imported: ZeroDivisionError"
-    for command in (("check", *ON_RIG), ("schema", "rig"), ("devices", "check", "--rig", RIG)):
+    for command in (("check", *ON_RIG), ("devices", "check", "--rig", RIG)):
         done = labrig(*command)
         assert done.exit_code == 0
         assert words in done.err + done.out

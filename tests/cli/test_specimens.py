@@ -59,10 +59,10 @@ def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Lab
     assert f"<code>first_hole_mm: {2 * place_mm:g}</code>" in page
     assert "&lt;b&gt;7&lt;/b&gt;" in page
     assert "<b>7</b>" not in page
-    shown = labrig("specimens", "show", "A1", "--json").json()
+    shown = labrig("specimens", "A1", "--json").json()
     assert [track["hole_position_mm"] for track in shown["tracks"]["simulated"]] == [0.0, place_mm]
     assert shown["tracks"]["real"] == []
-    assert "\ntracks of simulated runs:\n" in labrig("specimens", "show", "A1").out
+    assert "\ntracks of simulated runs:\n" in labrig("specimens", "A1").out
     assert labrig("replay", run, "--json").json()["identical"] is True
     assert labrig("reanalyze", run).exit_code == 0
     again = json.loads((run / "analysis" / "002" / "result.json").read_text(encoding="utf-8"))
@@ -102,10 +102,10 @@ def test_a_block_that_is_not_of_an_age_to_be_used_is_refused(bench: Path, labrig
 
 def test_specimens_are_listed_and_shown(bench: Path, labrig: Labrig) -> None:
     """A file that cannot be read is named; of a name that no specimen has, the nearest one is."""
-    assert labrig("specimens", "list").err.startswith("no specimens in data/specimens")
+    assert labrig("specimens").err.startswith("no specimens in data/specimens")
     write_specimen(bench)
     (bench / "data/specimens/B1.yaml").write_text("name: [", encoding="utf-8")
-    listed = labrig("specimens", "list", "--json")
+    listed = labrig("specimens", "--json")
     assert [row["name"] for row in json.loads(listed.out)] == ["A1"]
     assert "B1.yaml" in listed.err
-    assert "did you mean A1?" in labrig("specimens", "show", "A11").err
+    assert "did you mean A1?" in labrig("specimens", "A11").err

@@ -24,8 +24,8 @@ def _shell(command: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
-    """`labrig runs >&-` exits with 0 and prints no error."""
-    done = _shell(f"{LABRIG} schema >&-")
+    """`labrig design --help >&-` exits with 0 and prints no error."""
+    done = _shell(f"{LABRIG} design --help >&-")
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -39,15 +39,15 @@ def test_a_closed_standard_error_does_not_keep_a_run_from_succeeding(tmp_path: P
 
 def test_a_full_standard_output_is_one_line(tmp_path: Path) -> None:
     """Writing to a full device exits with 3 and a one-line error, without a traceback."""
-    done = _shell(f"{LABRIG} schema >/dev/full")
+    done = _shell(f"{LABRIG} manual >/dev/full")
     assert done.returncode == 3
     assert "Traceback" not in done.stderr
     assert "error:" in done.stderr
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:
-    """`labrig schema | true` exits with 0 and prints no error."""
-    done = _shell(f"{LABRIG} schema | true; exit ${{PIPESTATUS[0]}}")
+    """`labrig manual | true` exits with 0 and prints no error."""
+    done = _shell(f"{LABRIG} manual | true; exit ${{PIPESTATUS[0]}}")
     assert (done.returncode, done.stderr) == (0, "")
 
 

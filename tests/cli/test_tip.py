@@ -63,7 +63,7 @@ def test_a_picture_and_both_ends_by_hand_need_no_map(labrig: Labrig, sweep: Swee
     picture = _finals(sweep)[0]
     asked = ("calibrate", "template", picture, "--tip-px", 300, 350, "--out", out)
     assert labrig(*asked).exit_code == 2
-    assert labrig(*asked, "--heading-deg", -30, "--side-px", 61).exit_code == 0
+    assert labrig(*asked, "--heading-deg", -30).exit_code == 0
     assert json.loads(out.with_suffix(".json").read_text())["heading_rad"] == pytest.approx(math.radians(-30))
 
 

@@ -25,7 +25,7 @@ BUS = {"interface": "socketcan", "channel": "can0"}
 
 
 def test_the_committed_schema_is_current() -> None:
-    """calibration/rig.schema.json is that of the models; labrig schema rig prints it."""
+    """calibration/rig.schema.json is that of the models; labrig init writes it."""
     assert (CALIBRATION / "rig.schema.json").read_text(encoding="utf-8") == schema_text(rig_schema())
 
 

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from labrig.cli.command_reference import read_tree
-from labrig.cli.main import COMMANDS, make_app
+from labrig.cli.main import app
 from labrig.cli.options import complete_live
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import list_usable_models
@@ -36,7 +36,7 @@ ANCHORS = {
 @pytest.fixture(scope="module")
 def tree() -> TyperGroup:
     """Return the tree of commands."""
-    return read_tree(make_app(COMMANDS))
+    return read_tree(app)
 
 
 @pytest.fixture(scope="module")

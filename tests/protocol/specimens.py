@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from labrig.lab.folder import SPECIMENS
+from labrig.lab import SPECIMENS
 from labrig.protocol.specimen_file import SpecimenSection, SpecimenTrack
 from tests.protocol.designs import SWEEP
 

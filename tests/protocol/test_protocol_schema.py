@@ -50,7 +50,7 @@ def every_reference(node: Any) -> Iterator[str]:
 def test_the_committed_schema_is_current():
     """Editors check against what the code accepts."""
     assert COMMITTED.read_text(encoding="utf-8") == schema_text(protocol_schema(PROTOCOL_MODELS)), (
-        "the committed schema is out of date; run: labrig schema > protocols/protocol.schema.json"
+        "the committed schema is out of date; run: labrig init ."
     )
 
 

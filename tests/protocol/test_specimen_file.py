@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_committed_schema_is_that_of_the_model() -> None:
-    """data/specimens/specimen.schema.json is what labrig schema specimen prints."""
+    """data/specimens/specimen.schema.json is what labrig init writes."""
     committed = ROOT / "data" / "specimens" / "specimen.schema.json"
     assert committed.read_text(encoding="utf-8") == schema_text(specimen_schema())
 

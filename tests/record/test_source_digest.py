@@ -17,7 +17,7 @@ def test_the_digest_is_that_of_a_listing_by_sha256sum(tmp_path: Path) -> None:
     code = {"a.py": b"1", "b/page.html.jinja": b"2", "b.py": b"3"}
     other = {
         "b/__pycache__/a.py": b"4",
-        "lab/files/x.svg": b"5",
+        "examples/x.svg": b"5",
         "manual/example/y.py": b"6",
         "read.md": b"7",
     }

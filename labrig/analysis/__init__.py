@@ -31,9 +31,8 @@ What is decided here:
   run as it was, and not with the what-if before it.
 - **Truth** of a simulated world is compared at the very end and used for nothing else.
 
-The result does not depend on the number of worker processes. An analysis that measures pictures is a generator: it asks
-for a `PictureWork` and continues with the answers. So one run, or several of different lengths, keep every core busy
-until the end.
+The result does not depend on the number of worker processes. Of one run, they measure its pictures; of several, each
+takes whole runs.
 
 `engine` does tasks of any kind in other processes: pictures, hinges, or the insertions of a campaign. A lost worker
 costs only time, and a failed task is a value among the others. `cluster`, which alone imports dask, has workers on

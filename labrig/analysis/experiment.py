@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
 from labrig.analysis.engine import DEFAULT_WORKERS
-from labrig.analysis.pictures import Analysis, Progress
+from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings, Result, Stamp
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.vision.mask import Mask
@@ -22,7 +22,7 @@ class AnalysisRequest:
     mask : Mask or None
         Pixels that are not the needle.
     workers : int
-        Processes that an analysis may use by itself; one that asks for pictures needs none.
+        Processes that an analysis may use.
     progress : callable or None
         Called with how much is done, and how much there is.
     """
@@ -33,8 +33,8 @@ class AnalysisRequest:
     progress: Progress | None = None
 
 
-Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings | Analysis[Findings]]
-"""(run, protocol, request) -> findings; a generator if its pictures can be measured one by one, in any process."""
+Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings]
+"""(run, protocol, request) -> findings."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
 """Make the result of a run."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from labrig.analysis.calibration import load_mask_of_run
 from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
-from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measure_pictures
+from labrig.analysis.pictures import Progress
 from labrig.analysis.result import AnyResult, LeftOutTrials, Stamp, load_result, write_result
 from labrig.errors import AnswerIsNoError, InputError, RecordError
 from labrig.plugins import require_devices_installed
@@ -19,16 +18,6 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.digest import hash_file
 from labrig.record.reader import Run
 from labrig.vision.mask import Mask
-
-
-@dataclass(frozen=True)
-class AnalysisSettings:
-    """How a run is analysed; the members are parameters of `analyze_run`."""
-
-    overrides: Sequence[str]
-    created: datetime
-    provenance: Mapping[str, Any]
-    mask: Mask | None = None
 
 
 def analyze_run(
@@ -72,40 +61,26 @@ def analyze_run(
     DiskError, MachineError
         When the result cannot be written, or worker processes die of the same picture.
     """
-    settings = AnalysisSettings(overrides, created, provenance, mask)
-    analysis = start_analysis(run, experiment, settings, workers, progress)
-    return finish_analysis(analysis, lambda work: measure_pictures(work, workers, progress))
-
-
-def start_analysis(
-    run: Run,
-    experiment: MeasuredExperiment,
-    settings: AnalysisSettings,
-    workers: int,
-    progress: Progress | None,
-) -> Analysis[AnyResult]:
-    """Return the analysis of a run as a generator that asks for pictures to be measured; see `analyze_run`."""
     if run.withdraws is not None:
         raise InputError(
             f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
             f"labrig reanalyze {run.path.parent / run.withdraws}",
         )
     require_devices_installed(str(run.path), run.plugin_packages)
-    protocol = _resolve_protocol(run, experiment, settings.overrides)
+    protocol = _resolve_protocol(run, experiment, overrides)
     stamp = Stamp(
         parent=_find_parent(run, experiment),
-        created=settings.created.isoformat(timespec="seconds"),
-        overrides=tuple(settings.overrides),
+        created=created.isoformat(timespec="seconds"),
+        overrides=tuple(overrides),
         inputs=_hash_inputs(run),
-        provenance=dict(settings.provenance),
+        provenance=dict(provenance),
         damage={problem.where: problem.message for problem in run.damage},
         left_out=LeftOutTrials.of(run.decisions),
     )
-    mask = load_mask_of_run(run) if settings.mask is None else settings.mask
+    mask = load_mask_of_run(run) if mask is None else mask
     request = AnalysisRequest(stamp, mask, workers, progress)
     with name_damage(run):
-        found = experiment.analyze(run, protocol, request)
-        findings = (yield from found) if isinstance(found, Generator) else found
+        findings = experiment.analyze(run, protocol, request)
     # The folder is made last, so that an analysis that fails leaves nothing behind.
     result = write_result(run.new_result_dir(), findings)
     run.seal_result(result.path, result.content.created)

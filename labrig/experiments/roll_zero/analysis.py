@@ -8,7 +8,7 @@ from pathlib import Path
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins, lateral_offset_mm
-from labrig.analysis.pictures import Analysis, PictureWork
+from labrig.analysis.pictures import measure_pictures
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
@@ -25,7 +25,7 @@ from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
 
 
-def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Analysis[Findings]:
+def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Findings:
     """Measure the lateral deflection of each insertion, and fit the cosine of the roll to it.
 
     Raises
@@ -41,7 +41,9 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     plane = load_plane_map(run)
     origins = _find_hole_origins(run, plane, protocol.sheath)
     sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
-    measured = (yield PictureWork(places, plane, settings, request.mask)).measured
+    measured, _ = measure_pictures(
+        places, plane, settings, request.mask, workers=request.workers, progress=request.progress
+    )
     seen = [
         (roll_rad, lateral_offset_mm(measurement.tip_mm, _find_last_origin(line.frame, origins)))
         for line, measurement in zip(pictures, measured, strict=True)

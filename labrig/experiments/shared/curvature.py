@@ -9,7 +9,7 @@ from pathlib import Path
 from labrig.analysis.calibration import list_not_in_interval, load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import ReadFrame, find_origins
-from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
+from labrig.analysis.pictures import Measured, Unreadable, measure_pictures
 from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import check_sentinel
 from labrig.durable import write_atomically
@@ -74,14 +74,14 @@ class CurvatureOrder:
         )
 
 
-def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Analysis[Findings]:
+def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Findings:
     """Return the output of `measure_curvature` as it is."""
-    return Findings(*(yield from measure_curvature(run, order, request)))
+    return Findings(*measure_curvature(run, order, request))
 
 
 def measure_curvature(
     run: Run, order: CurvatureOrder, request: AnalysisRequest
-) -> Analysis[tuple[CurvatureResult, Callable[[Path], None]]]:
+) -> tuple[CurvatureResult, Callable[[Path], None]]:
     """Measure the pictures, group them, and compare them with the truth if it is recorded.
 
     The intervals of the groups and of single pictures include the uncertainty of the bevel's roll.
@@ -107,8 +107,15 @@ def measure_curvature(
         partial(check_sentinel, order.sentinel, read, lines, plane),
     )
     named = None if mask is None else mask.with_names(_list_sources(pictures))
-    seen = yield PictureWork(places, plane, settings, named, others)
-    measured, (origins, sentinel) = seen.measured, seen.others
+    measured, (origins, sentinel) = measure_pictures(
+        places,
+        plane,
+        settings,
+        named,
+        workers=request.workers,
+        progress=request.progress,
+        meanwhile=others,
+    )
     bare = [
         describe_picture(picture.line, picture.trial, measurement)
         for picture, measurement in zip(pictures, measured, strict=True)

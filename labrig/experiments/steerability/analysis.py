@@ -1,7 +1,6 @@
 """Radii of curvature in every picture of a sweep, gel by gel."""
 
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.pictures import Analysis
 from labrig.analysis.result import AnalysisResult, Findings
 from labrig.experiments.shared.curvature import CurvatureOrder, measure_curvature
 from labrig.experiments.shared.curvature_result import CurvatureResult
@@ -14,9 +13,9 @@ from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.reader import Run
 
 
-def analyze(run: Run, protocol: SteerabilityProtocol, request: AnalysisRequest) -> Analysis[Findings]:
+def analyze(run: Run, protocol: SteerabilityProtocol, request: AnalysisRequest) -> Findings:
     """Measure every picture, as `measure_curvature` does, and map the tracks in each specimen."""
-    content, save = yield from measure_curvature(run, make_order(protocol), request)
+    content, save = measure_curvature(run, make_order(protocol), request)
     maps = map_specimens(
         protocol.gels,
         trace_sweep(run, protocol, content),

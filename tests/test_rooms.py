@@ -35,7 +35,7 @@ DOCUMENTED = {
     "record": {"open_run"},
     "report": {"run_tables"},
     "steering": {"estimate_tip_poses", "plan_path"},
-    "vision": {"calibrate_intrinsics"},
+    "vision": {"calibrate_intrinsics", "fit_circle", "load_intrinsics", "load_plane"},
 }
 
 

@@ -38,14 +38,14 @@ app.command(
 
 @app.command(
     "intrinsics",
-    help="Find intrinsics and distortion from photographs of a chessboard, ChArUco board or AprilGrid.",
+    help="Find intrinsics and distortion from photographs of a chessboard or a ChArUco board.",
 )
 def intrinsics(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs of the board.")],
     board: Annotated[
-        str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6; tags of an AprilGrid.")
+        str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6.")
     ],
-    square_mm: Annotated[float, typer.Option(help="Side of a square, or of a tag of an AprilGrid.")],
+    square_mm: Annotated[float, typer.Option(help="Side of a square.")],
     charuco: Annotated[
         str | None,
         typer.Option(
@@ -55,13 +55,6 @@ def intrinsics(
     marker_mm: Annotated[
         float | None, typer.Option(help="Side of a ChArUco board's marker.", show_default=False)
     ] = None,
-    tag_spacing: Annotated[
-        float | None,
-        typer.Option(
-            help="Gap between the tags of an AprilGrid over their side, tagSpacing of Kalibr.",
-            show_default=False,
-        ),
-    ] = None,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
@@ -69,7 +62,7 @@ def intrinsics(
     """Exit with 1 when the calibration is refused. A picture of residuals and coverage is drawn beside --out."""
     from labrig.report.lens_figure import write_lens_figure
     from labrig.vision.calibration_file import save_intrinsics
-    from labrig.vision.zhang import calibrate_from_pictures
+    from labrig.vision.calibrate_lens import calibrate_from_pictures
 
     if out is not None:
         if out.suffix == ".png":
@@ -79,10 +72,10 @@ def intrinsics(
         require_writable(out, force)
         require_writable(out.with_suffix(".png"), force)
     columns, rows = _read_board_size(board)
-    search = _describe_board(square_mm, charuco, marker_mm, tag_spacing)
+    markers = _describe_markers(square_mm, charuco, marker_mm)
     pictures, unread = _read_views(images)
     try:
-        found = calibrate_from_pictures(pictures, columns, rows, square_mm, search=search)
+        found = calibrate_from_pictures(pictures, columns, rows, square_mm, charuco=markers)
     except CalibrationRefusedError as refusal:
         return report_refusal(refusal, _NO_INTRINSICS, as_json)
     found = replace(found, views=(*found.views, *unread))
@@ -90,8 +83,6 @@ def intrinsics(
         save_intrinsics(out, found, collect_calibration_provenance(images))
         write_lens_figure(out.with_suffix(".png"), found)
     show(found.to_json(), as_json, _print_intrinsics)
-    if found.board_warp is not None and not as_json:
-        print_line(found.board_warp.sentence())
     report_output(out, found.accepted, force)
     return 0 if found.accepted else 1
 
@@ -160,16 +151,14 @@ def _read_board_size(board: str) -> tuple[int, int]:
     if columns.isdecimal() and rows.isdecimal() and int(columns) >= 3 and int(rows) >= 3:
         return int(columns), int(rows)
     raise InputError(
-        f"--board is {board!r}, and has to name inner corners, or tags of an AprilGrid, at least 3x3",
+        f"--board is {board!r}, and has to name inner corners, at least 3x3",
         "for example --board 9x6",
     )
 
 
-def _describe_board(
-    square_mm: float, charuco: str | None, marker_mm: float | None, tag_spacing: float | None
-) -> Any:
-    """Return how to search for the board. Raises `InputError` for sizes that do not go together."""
-    from labrig.vision.boards import AprilGrid, BoardSearch, Charuco
+def _describe_markers(square_mm: float, charuco: str | None, marker_mm: float | None) -> Any:
+    """Return what makes the board a ChArUco board, or None. Raises `InputError` for what does not go together."""
+    from labrig.vision.boards import Charuco
 
     if not square_mm > 0:
         raise InputError(
@@ -179,10 +168,7 @@ def _describe_board(
         raise InputError(
             "--charuco and --marker-mm belong together", "for example --charuco DICT_5X5_100 --marker-mm 12"
         )
-    return BoardSearch(
-        charuco=None if charuco is None or marker_mm is None else Charuco(charuco, marker_mm / square_mm),
-        april=None if tag_spacing is None else AprilGrid(tag_spacing),
-    )
+    return None if charuco is None or marker_mm is None else Charuco(charuco, marker_mm / square_mm)
 
 
 def _read_views(images: list[Path]) -> tuple[list[tuple[str, Any]], list[Any]]:
@@ -228,6 +214,9 @@ def _print_intrinsics(document: dict[str, Any]) -> None:
         f"residual {document['rms_px']:.3f} px rms"
         + ("" if held_out is None else f", held out {held_out:.3f} px rms")
     )
+    for told in ("effect", "board_warp"):
+        if document[told] is not None:
+            print_line(document[told]["sentence"])
     for view in document["views"]:
         state = f"{view['rms_px']:.3f} px" if view["used"] else f"left out: {view['reason']}"
         print_line(f"  {view['image']}  {state}")

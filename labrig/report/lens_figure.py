@@ -15,7 +15,7 @@ from labrig.durable import write_atomically
 from labrig.report.figures import SETTINGS
 from labrig.report.palette import mark
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.lens_evidence import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
+from labrig.vision.lens_judgement import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
 
 _DOTS_PER_INCH = 130
 _LEVELS_PX = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)

@@ -4,6 +4,8 @@ Everything here is a pure function of pictures and numbers; only pictures, masks
 from or written to disk. A live run and a later reanalysis call the same functions.
 """
 
-from labrig.vision.zhang import calibrate_intrinsics
+from labrig.vision.calibrate_lens import calibrate_intrinsics
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.circle import fit_circle
 
-__all__ = ["calibrate_intrinsics"]
+__all__ = ["calibrate_intrinsics", "fit_circle", "load_intrinsics", "load_plane"]

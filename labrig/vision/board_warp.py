@@ -4,9 +4,10 @@ A printed board on a plate is bent by tenths of a millimetre. A fit that takes i
 instead: of twelve views of a board 200 mm long, a warp of 0.3 mm puts it off by eight stated standard deviations. So
 the height of the board is a parabola along its rows plus one along its columns, as in mrcal, and both are fitted with
 the camera. A view may show a part of the board at an unknown place, because a shifted parabola differs from the first
-one by a tilt alone. Where a part may also be turned by 90 degrees, the two parabolas are taken to be equal. A twist
-of the board is not in the model, nor in mrcal's: one of 0.3 mm makes the error of fx 4.4 times larger. The scatter
-between views shows it (`view_scatter`): the stated deviation is 1.13 of the actual error over 200 sets of twelve views.
+one by a tilt alone. A board as wide as high may also be seen turned by 90 degrees, so its two parabolas are taken to
+be equal. A twist of the board is not in the model, nor in mrcal's: one of 0.3 mm makes the error of fx 4.4 times
+larger. The scatter between views shows it (`lens_fit`): the stated deviation is 1.13 of the actual error over 200 sets
+of twelve views.
 
 Before the views are seen, each height is zero within 1.5 mm per metre of the board's diagonal, one standard deviation.
 Where the views cannot tell it, it stays there, and this deviation is in the uncertainty of the lens.
@@ -69,28 +70,26 @@ class WarpModel:
         Middle of all corners, and half the length of the largest view along rows and columns.
     prior_mm : float
         Standard deviation of a height before the views are seen.
-    turned : bool
-        Whether views may show the board turned by 90 degrees, so that both parabolas are taken to be equal.
     """
 
     middle_mm: _FloatArray
     half_mm: _FloatArray
     prior_mm: float
-    turned: bool
 
     @classmethod
-    def of_boards(cls, boards_mm: Sequence[_FloatArray], *, turned: bool) -> "WarpModel":
+    def of_boards(cls, boards_mm: Sequence[_FloatArray]) -> "WarpModel":
         """Return the model for a board of which each view shows some corners (N, 2)."""
         corners = np.vstack(boards_mm)
         middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         half = 0.5 * np.max([np.ptp(board, axis=0) for board in boards_mm], axis=0)
         prior = 2.0 * _PRIOR_PER_DIAGONAL * float(np.hypot(*half))
-        return cls(middle, np.full(2, half.max()) if turned else half, prior, turned)
+        return cls(middle, half, prior)
 
     def shapes(self, board_mm: _FloatArray) -> _FloatArray:
         """Return the heights (N, W) [mm] of corners (N, 2) along z, for one prior deviation of each parabola."""
         parabolas = self.prior_mm * (1.0 - ((board_mm - self.middle_mm) / self.half_mm) ** 2)
-        return np.asarray(parabolas.sum(axis=1, keepdims=True) if self.turned else parabolas)
+        may_turn = np.isclose(self.half_mm[0], self.half_mm[1])
+        return np.asarray(parabolas.sum(axis=1, keepdims=True) if may_turn else parabolas)
 
     def describe(self, warp: _FloatArray, sigma: _FloatArray, *, away: bool) -> BoardWarp:
         """Return the fitted warp [prior deviations] in mm; `away` if z of the board points away from the camera."""

@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, TypeAdapter, ValidationError
 
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
-from labrig.vision.board_warp import BoardWarp
 from labrig.vision.camera_in_use import CAMERA, CameraInUse
-from labrig.vision.intrinsics import Intrinsics, SigmaSource, ViewResidual
+from labrig.vision.intrinsics import LENS, Intrinsics
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
 from labrig.vision.refraction import Gel, GelMeasurement
 from labrig.vision.scale_check import PlaneScale, ScaleComparison, compare_scales
@@ -30,7 +29,6 @@ _SCHEMA_VERSION = 1
 _MADE_BY = {_INTRINSICS: "`labrig calibrate intrinsics`", _PLANE: "`labrig calibrate plane`"}
 
 _Row = tuple[float, float, float]
-_TenNumbers = tuple[float, float, float, float, float, float, float, float, float, float]
 _NinthsRow = tuple[float | None, float | None, float | None]
 
 
@@ -40,32 +38,9 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class _IntrinsicsDocument(_Section):
-    accepted: bool
-    reasons: tuple[str, ...]
-    image_size: tuple[PositiveInt, PositiveInt]
-    fx: PositiveFloat
-    fy: PositiveFloat
-    cx: float
-    cy: float
-    sigma: dict[str, float | None]
-    distortion: tuple[float, float, float, float, float]
-    rms_px: float
-    holdout_rms_px: float | None
-    views: tuple[ViewResidual, ...]
-    skew: float = 0.0
-    covariance: tuple[_TenNumbers, ...] | None = Field(None, min_length=10, max_length=10)
-    projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
-    coverage: float | None = None
-    different_views: int | None = None
-    tilt_spread_deg: float | None = None
-    board_warp: BoardWarp | None = None
-    sigma_from: SigmaSource = "corners"
-
-
 class _VariationPart(_Section):
     homography: tuple[_Row, _Row, _Row]
-    lens: _TenNumbers | None
+    lens: tuple[float, ...] | None
     group: VariationGroup | None = None
     gel: Gel | None = None
 
@@ -100,7 +75,8 @@ class _PlaneDocument(_Section):
     variations: tuple[_VariationPart, ...] = ()
 
 
-_Document = TypeVar("_Document", _IntrinsicsDocument, _PlaneDocument)
+_PLANE_DOCUMENT = TypeAdapter(_PlaneDocument)
+_Document = TypeVar("_Document")
 
 
 def save_intrinsics(path: Path, intrinsics: Intrinsics, provenance: Mapping[str, Any]) -> None:
@@ -122,8 +98,7 @@ def load_intrinsics(path: Path) -> Intrinsics:
     FileFormatError
         If the file is missing, not JSON, of another kind, newer than this program, or lacks a value.
     """
-    found = _load(path, _INTRINSICS, _IntrinsicsDocument)
-    return Intrinsics(**{**found.model_dump(), "views": found.views, "board_warp": found.board_warp})
+    return _load(path, _INTRINSICS, LENS)
 
 
 def save_plane(path: Path, plane: PlaneMap, provenance: Mapping[str, Any]) -> None:
@@ -148,7 +123,7 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     InputError
         If the lens calibration with which the map was made is not `intrinsics`.
     """
-    found = _load(path, _PLANE, _PlaneDocument)
+    found = _load(path, _PLANE, _PLANE_DOCUMENT)
     given = None if intrinsics is None else intrinsics.fingerprint()
     if found.intrinsics_sha256 != given:
         raise InputError(
@@ -178,7 +153,7 @@ def load_plane_scale(path: Path) -> PlaneScale:
     FileFormatError
         As `load_plane`.
     """
-    found = _load(path, _PLANE, _PlaneDocument)
+    found = _load(path, _PLANE, _PLANE_DOCUMENT)
     return PlaneScale(
         path.name,
         read_creation_time(path),
@@ -235,7 +210,7 @@ def to_json_text(document: Mapping[str, Any]) -> str:
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
+def _load(path: Path, kind: str, documents: TypeAdapter[_Document]) -> _Document:
     content = _read(path)
     try:
         document = parse_json(content, finite=False)
@@ -248,7 +223,7 @@ def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
         raise FileFormatError((Problem(str(path), f"is not JSON: {error}", _remake_hint(kind)),)) from error
     _check_kind(path, kind, document)
     try:
-        return model.model_validate_json(content)
+        return documents.validate_json(content)
     except ValidationError as error:
         problems = tuple(
             Problem(f"{path} {'.'.join(map(str, fault['loc']))}", fault["msg"], _remake_hint(kind))

@@ -1,28 +1,28 @@
-"""The lens of a camera: a pinhole with radial and tangential distortion, and the uncertainty of its parameters.
-
-The model is Brown's with five coefficients in OpenCV's order (k1, k2, p1, p2, k3), and a skew of the pixel axes that
-is zero except in Zhang's own model.
-"""
+"""The lens of a camera: a pinhole with Brown's distortion, five coefficients in OpenCV's order, and its uncertainty."""
 
 import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, TypeAdapter
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.vision.board_warp import BoardWarp
 
 _FloatArray = NDArray[np.float64]
 SigmaSource = Literal["corners", "views"]
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+"""The order of `Intrinsics.parameters` and of its covariance."""
 
-# Newton steps to undo the distortion; an invertible lens takes four or five.
-_MAX_NEWTON_STEPS = 30
-# Distance between a pixel and itself after undistortion and distortion [focal lengths].
-_UNDISTORTION_TOLERANCE = 1e-11
+# OpenCV undoes the distortion by iteration: until a pixel moves by less, or so many steps.
+_UNDISTORTION = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
+# Largest distance between a pixel and itself after undistortion and distortion [px].
+_UNDISTORTION_TOLERANCE_PX = 1e-7
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class ViewResidual:
     used : bool
         Whether its corners entered the fit.
     reason : str or None
-        Why it was not used, or what is unusual about it.
+        Why it was not used.
     corners_px, errors_px : tuple of (float, float)
         Its corners and their reprojection errors, for drawings; not kept in files.
     """
@@ -47,8 +47,33 @@ class ViewResidual:
     rms_px: float | None
     used: bool
     reason: str | None = None
-    corners_px: tuple[tuple[float, float], ...] = ()
-    errors_px: tuple[tuple[float, float], ...] = ()
+    corners_px: Annotated[tuple[tuple[float, float], ...], Field(exclude=True)] = ()
+    errors_px: Annotated[tuple[tuple[float, float], ...], Field(exclude=True)] = ()
+
+
+@dataclass(frozen=True)
+class LensEffect:
+    """What the uncertainty of a lens does to what is measured with it: standard deviations as shares.
+
+    Attributes
+    ----------
+    length, radius : float
+        Of lengths and radii in the working area, rms, through a plane map that is made with this lens.
+    distance : float
+        Of the distance from the camera to the plane.
+    """
+
+    length: float
+    radius: float
+    distance: float
+
+    def sentence(self) -> str:
+        """Return the effect in words."""
+        length, radius, distance = (100.0 * share for share in (self.length, self.radius, self.distance))
+        return (
+            f"The calibration makes lengths in the plane uncertain by {length:.3f} %, radii by {radius:.3f} %, and the "
+            f"distance from the camera to the plane by {distance:.2f} % (1 sigma)."
+        )
 
 
 @dataclass(frozen=True)
@@ -64,8 +89,8 @@ class Intrinsics:
     distortion : 5 floats
         k1, k2, p1, p2, k3.
     sigma : dict
-        Standard deviations of fx, fy, cx, cy [px] and k1, k2, p1, p2, k3, or of the parameters of Zhang's model; None
-        for a parameter that the views do not determine.
+        Standard deviations of fx, fy, cx, cy [px] and k1, k2, p1, p2, k3; None for a parameter that the views do not
+        determine.
     rms_px : float
         Reprojection error of the fitted corners. It says nothing about the error of the focal length.
     holdout_rms_px : float or None
@@ -75,28 +100,30 @@ class Intrinsics:
         Whether measurements may rely on it.
     reasons : tuple of str
         Why not, each with what to photograph next.
-    skew : float
-        Of the pixel axes: shift of u [px] per focal length in v.
     covariance : tuple of rows or None
-        Of fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew, ten by ten.
+        Of the parameters in the order of `PARAMETERS`, nine by nine.
     projection_sigma_px : tuple of rows of floats or None
         Standard deviation of the pixel of a direction over the picture, row by row from corner to corner; see
-        `labrig.vision.projection`.
+        `labrig.vision.lens_judgement`.
+    effect : LensEffect or None
+        What the covariance does to lengths, radii and the plane's distance.
     coverage : float or None
         Share of the picture inside the convex hull of all corners.
     different_views : int or None
     tilt_spread_deg : float or None
         Largest angle between two boards.
     board_warp : BoardWarp or None
-        How far the board is from flat; None where it was taken for flat, as in calibrations of earlier versions.
+        How far the board is from flat.
     sigma_from : "corners" or "views"
-        What the standard deviations rest on: the noise of corners that err independently, as in calibrations of earlier
-        versions, or the scatter between views, where that is significantly larger.
+        What the standard deviations rest on: the noise of corners that err independently, or the scatter between views,
+        where that is significantly larger.
     """
 
-    image_size: tuple[int, int]
-    fx: float
-    fy: float
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, allow_inf_nan=False)
+
+    image_size: tuple[PositiveInt, PositiveInt]
+    fx: PositiveFloat
+    fy: PositiveFloat
     cx: float
     cy: float
     distortion: tuple[float, float, float, float, float]
@@ -106,9 +133,9 @@ class Intrinsics:
     views: tuple[ViewResidual, ...]
     accepted: bool
     reasons: tuple[str, ...]
-    skew: float = 0.0
     covariance: tuple[tuple[float, ...], ...] | None = None
     projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
+    effect: LensEffect | None = None
     coverage: float | None = None
     different_views: int | None = None
     tilt_spread_deg: float | None = None
@@ -117,26 +144,25 @@ class Intrinsics:
 
     def camera_matrix(self) -> _FloatArray:
         """Return the matrix (3, 3) from directions to ideal pixels."""
-        return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def directions(self, px: ArrayLike) -> _FloatArray:
         """Return the unit vectors (N, 3), z away from the camera, that appear at pixels (N, 2)."""
-        flat = self.to_directions(self.undistort_px(px))
-        rays = np.column_stack((flat, np.ones(len(flat))))
+        rays = self._rays(self.undistort_px(px))
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     def with_parameters(self, values: Sequence[float]) -> "Intrinsics":
-        """Return the lens with other values of fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew."""
-        fx, fy, cx, cy, k1, k2, p1, p2, k3, skew = map(float, values)
-        return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3), skew=skew)
+        """Return the lens with other values of its parameters, in the order of `PARAMETERS`."""
+        fx, fy, cx, cy, k1, k2, p1, p2, k3 = map(float, values[: len(PARAMETERS)])
+        return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
 
     def parameters(self) -> tuple[float, ...]:
-        """Return fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew, in the order of `covariance`."""
-        return (self.fx, self.fy, self.cx, self.cy, *self.distortion, self.skew)
+        """Return the parameters, in the order of `PARAMETERS`."""
+        return (self.fx, self.fy, self.cx, self.cy, *self.distortion)
 
     def distort_px(self, px: ArrayLike) -> _FloatArray:
         """Return where the lens puts ideal pixels (N, 2)."""
-        return self.to_px(_distort(self.to_directions(px), self.distortion)[0])
+        return self.project(self._rays(_check_px(px)))[0]
 
     def undistort_px(self, px: ArrayLike) -> _FloatArray:
         """Return the ideal pixels (N, 2) of pixels (N, 2) in a picture.
@@ -147,15 +173,31 @@ class Intrinsics:
             If the model cannot be inverted at a pixel: it lies outside the region that the boards covered,
             where the fitted distortion folds over.
         """
-        wanted = self.to_directions(px)
-        found, off = _undistort(wanted, self.distortion)
-        if off.size and not off.max() <= _UNDISTORTION_TOLERANCE:
-            worst = self.to_px(wanted)[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
+        wanted = _check_px(px)
+        if not len(wanted):
+            return wanted
+        matrix = self.camera_matrix()
+        ideal = _undistort(wanted[:, None], matrix, np.array(self.distortion), np.eye(3), matrix)
+        found = np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
+        off = np.linalg.norm(self.distort_px(found) - wanted, axis=1)
+        if not off.max() <= _UNDISTORTION_TOLERANCE_PX:
+            worst = wanted[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
             raise MeasurementRefusedError(
                 f"the lens model has no inverse at pixel ({worst[0]:.1f}, {worst[1]:.1f})",
                 "photograph the board in that part of the picture and calibrate again",
             )
-        return self.to_px(found)
+        return found
+
+    def project(self, rays: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+        """Return where the lens shows points (N, 3) before it, (N, 2) [px], and the derivatives (2 N, 15).
+
+        The derivatives are with respect to turn and shift of the points, and the parameters.
+        """
+        if not len(rays):
+            return np.empty((0, 2)), np.empty((0, 15))
+        none = np.zeros(3)
+        px, slopes = cv2.projectPoints(rays, none, none, self.camera_matrix(), np.array(self.distortion))
+        return np.asarray(px, np.float64).reshape(-1, 2), np.asarray(slopes, np.float64)[:, :15]
 
     def sigma_sentence(self) -> str:
         """Return what the standard deviations rest on."""
@@ -165,111 +207,61 @@ class Intrinsics:
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of size, matrix and distortion, by which a plane map identifies its lens."""
-        numbers = [*self.image_size, self.fx, self.fy, self.cx, self.cy, *self.distortion]
-        numbers += [self.skew] if self.skew else []
+        numbers = [*self.image_size, *self.parameters()]
         return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
 
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig calibrate intrinsics --json` prints; unknown values are None."""
-        return {
-            "accepted": self.accepted,
-            "reasons": list(self.reasons),
-            "image_size": list(self.image_size),
-            "fx": self.fx,
-            "fy": self.fy,
-            "cx": self.cx,
-            "cy": self.cy,
-            "sigma": dict(self.sigma),
-            "sigma_from": self.sigma_from,
-            "sigma_sentence": self.sigma_sentence(),
-            "distortion": list(self.distortion),
-            "rms_px": self.rms_px,
-            "holdout_rms_px": self.holdout_rms_px,
-            "skew": self.skew,
-            "covariance": _rows(self.covariance),
-            "projection_sigma_px": _rows(self.projection_sigma_px),
-            "coverage": self.coverage,
-            "different_views": self.different_views,
-            "tilt_spread_deg": self.tilt_spread_deg,
-            "board_warp": self.board_warp
-            and {**vars(self.board_warp), "sentence": self.board_warp.sentence()},
-            "views": [
-                {"image": view.image, "rms_px": view.rms_px, "used": view.used, "reason": view.reason}
-                for view in self.views
-            ],
-        }
+        document: dict[str, Any] = LENS.dump_python(self, mode="json")
+        document["sigma_sentence"] = self.sigma_sentence()
+        for part, told in (("board_warp", self.board_warp), ("effect", self.effect)):
+            if told is not None:
+                document[part]["sentence"] = told.sentence()
+        return document
 
-    def to_directions(self, px: ArrayLike) -> _FloatArray:
-        """Return the directions (N, 2), x and y at distance 1, of ideal pixels (N, 2)."""
-        array = np.asarray(px, dtype=np.float64)
-        if array.ndim != 2 or array.shape[1] != 2:
-            raise InputError(
-                f"pixels have shape {array.shape}, not (N, 2)", "one row per point, columns u, v"
-            )
-        flat = (array - (self.cx, self.cy)) / (self.fx, self.fy)
-        flat[:, 0] -= self.skew / self.fx * flat[:, 1]
-        return np.asarray(flat)
-
-    def to_px(self, directions: _FloatArray) -> _FloatArray:
-        """Return the ideal pixels (N, 2) of directions (N, 2)."""
-        px = directions * (self.fx, self.fy) + (self.cx, self.cy)
-        px[:, 0] += self.skew * directions[:, 1]
-        return np.asarray(px)
+    def _rays(self, ideal_px: _FloatArray) -> _FloatArray:
+        """Return the directions (N, 3), at distance 1, of ideal pixels (N, 2)."""
+        flat = (ideal_px - (self.cx, self.cy)) / (self.fx, self.fy)
+        return np.column_stack((flat, np.ones(len(flat))))
 
 
-def _rows(table: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | None:
-    return None if table is None else [list(row) for row in table]
+LENS = TypeAdapter(Intrinsics)
+"""What reads and writes a lens as JSON."""
 
 
 def undistort_by_each(lenses: Sequence[Intrinsics], px: _FloatArray) -> _FloatArray:
-    """Return the ideal pixels (K, N, 2) of pixels (N, 2) by K lenses, at once. Raises as `Intrinsics.undistort_px`."""
-    wanted = np.concatenate([lens.to_directions(px) for lens in lenses])
-    coefficients = np.repeat([lens.distortion for lens in lenses], len(px), axis=0).T
-    found, off = _undistort(wanted, tuple(coefficients))
-    if off.size and not off.max() <= _UNDISTORTION_TOLERANCE:
-        return np.stack([lens.undistort_px(px) for lens in lenses])
-    return np.stack(
-        [lens.to_px(part) for lens, part in zip(lenses, np.split(found, len(lenses)), strict=True)]
-    )
+    """Return the ideal pixels (K, N, 2) of pixels (N, 2) by K lenses. Raises as `Intrinsics.undistort_px`."""
+    return np.stack([lens.undistort_px(px) for lens in lenses])
 
 
-def _distort(
-    points: _FloatArray, distortion: Sequence[float | _FloatArray]
-) -> tuple[_FloatArray, _FloatArray]:
-    """Return distorted directions (N, 2) and their Jacobians (N, 2, 2) with respect to the ideal directions."""
-    k1, k2, p1, p2, k3 = distortion
-    x, y = points[:, 0], points[:, 1]
-    s = x * x + y * y
-    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-    slope = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
-    moved = np.column_stack(
-        (
-            x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x),
-            y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
-    )
-    jacobian = np.empty((len(points), 2, 2))
-    jacobian[:, 0, 0] = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-    jacobian[:, 1, 1] = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-    jacobian[:, 0, 1] = jacobian[:, 1, 0] = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-    return moved, jacobian
+def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
+    """Return the lens moved by one standard deviation along each principal axis of its covariance.
+
+    The variance of a quantity due to the lens is the sum of its squared changes over these lenses.
+    """
+    if lens.covariance is None:
+        return []
+    base = np.array(lens.parameters())
+    return [lens.with_parameters(base + move) for move in root_of(np.array(lens.covariance)).T if move.any()]
+
+
+def root_of(covariance: _FloatArray) -> _FloatArray:
+    """Return a matrix whose columns are one standard deviation along each principal axis of a covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _undistort(
-    wanted: _FloatArray, distortion: Sequence[float | _FloatArray]
-) -> tuple[_FloatArray, _FloatArray]:
-    """Return ideal directions (N, 2) and the distances (N,) of their distorted images from `wanted`."""
-    found = wanted.copy()
-    for _ in range(_MAX_NEWTON_STEPS):
-        moved, jacobian = _distort(found, distortion)
-        missing = wanted - moved
-        determinant = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] ** 2
-        unfolded = determinant > 0.0
-        off = np.where(unfolded, np.hypot(missing[:, 0], missing[:, 1]), np.inf)
-        if not (np.isfinite(off) & (off > 0.1 * _UNDISTORTION_TOLERANCE)).any():
-            break
-        step_x = jacobian[:, 1, 1] * missing[:, 0] - jacobian[:, 0, 1] * missing[:, 1]
-        step_y = jacobian[:, 0, 0] * missing[:, 1] - jacobian[:, 0, 1] * missing[:, 0]
-        step = np.column_stack((step_x, step_y)) / np.where(unfolded, determinant, 1.0)[:, None]
-        found = np.where(unfolded[:, None], found + step, found)
-    return found, off
+    px: _FloatArray, matrix: _FloatArray, distortion: _FloatArray, turn: _FloatArray, onto: _FloatArray
+) -> Any:
+    """Call OpenCV's undistortion with criteria; version 4 has them in a function of its own."""
+    if hasattr(cv2, "undistortPointsIter"):
+        return cv2.undistortPointsIter(px, matrix, distortion, turn, onto, _UNDISTORTION)
+    return cv2.undistortPoints(px, matrix, distortion, R=turn, P=onto, criteria=_UNDISTORTION)  # type: ignore[call-overload]
+
+
+def _check_px(px: ArrayLike) -> _FloatArray:
+    array = np.asarray(px, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise InputError(f"pixels have shape {array.shape}, not (N, 2)", "one row per point, columns u, v")
+    return array

@@ -76,7 +76,7 @@ class Variation:
     ----------
     homography : ndarray (3, 3)
     lens : tuple of float or None
-        The lens's ten parameters; None for the map's own lens.
+        The lens's parameters; None for the map's own lens.
     group : "lens", "plane" or "surface"
         What is uncertain: the lens; the paper's crossings and its bend; or the gel and the walls before the needle.
     gel : Gel or None

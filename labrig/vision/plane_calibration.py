@@ -16,7 +16,7 @@ from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefuse
 from labrig.vision.bend_variations import find_bent_homographies, raise_paper
 from labrig.vision.gel_measurement import SeenThrough, measure_gel
 from labrig.vision.graph_paper import Crossings, find_crossings
-from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.intrinsics import Intrinsics, vary_lens
 from labrig.vision.picture import Picture, require_size, size_of
 from labrig.vision.pitch_check import judge_pitch
 from labrig.vision.plane import (
@@ -30,7 +30,6 @@ from labrig.vision.plane import (
     undistort,
 )
 from labrig.vision.plane_fit import PlaneFit, fit_plane
-from labrig.vision.projection import vary_lens
 from labrig.vision.refraction import Gel
 from labrig.vision.rounding import round_down, round_up
 from labrig.vision.sheet_bend import find_bend

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.vision.boards import board_points_mm
+from labrig.vision.calibrate_lens import calibrate_intrinsics
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
-from labrig.vision.zhang import calibrate_intrinsics
 from tests.benchmarks.table import print_rows
 from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 

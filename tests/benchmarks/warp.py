@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
+from labrig.vision.calibrate_lens import calibrate_intrinsics
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.zhang import calibrate_intrinsics
 from tests.benchmarks.table import print_rows
 from tests.vision.warped_boards import (
     FloatArray,

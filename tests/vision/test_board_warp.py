@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labrig.vision.board_warp import BoardWarp
-from labrig.vision.zhang import calibrate_intrinsics
+from labrig.vision.calibrate_lens import calibrate_intrinsics
 from tests.vision.warped_boards import SimulatedBoard, SimulatedCamera, draw_views, parabolas
 
 CAMERA = SimulatedCamera()
@@ -77,7 +77,7 @@ def test_a_board_that_may_be_turned_has_one_warp():
     views = views_of(square, 8, 3)
     turned = square.points_mm[:, ::-1] * (1.0, -1.0)
     boards = [turned if index % 2 else square.points_mm for index in range(8)]
-    warp = calibrate_intrinsics(boards, views, CAMERA.size, turned=True).board_warp
+    warp = calibrate_intrinsics(boards, views, CAMERA.size).board_warp
     assert warp.row_mm == warp.column_mm == pytest.approx(0.3, abs=0.05)
 
 
@@ -88,13 +88,6 @@ def test_a_warp_that_the_views_do_not_tell_is_left_at_zero():
     assert warp.sigma_row_mm == pytest.approx(warp.prior_mm, rel=0.2)
     assert "hardly tell the warp" in warp.sentence()
     assert f"within {warp.prior_mm:.3f} mm" in warp.sentence()
-
-
-def test_an_untold_warp_widens_the_interval_of_the_focal_length():
-    """Two views hardly tell the warp, and fx is far less certain than for a board known to be flat."""
-    views = views_of(FLAT, 2, 5, tilt_deg=20.0)
-    flat = calibrate(views, model="zhang").sigma["fx"]
-    assert calibrate(views).sigma["fx"] > 2.0 * flat
 
 
 def test_the_sentence_states_both_heights_with_their_sigmas():
@@ -166,7 +159,7 @@ def test_good_views_are_kept_where_the_others_hardly_tell_the_lens():
 
 
 def test_views_whose_focal_lengths_scatter_are_refused():
-    """If the focus is different in every view, no group of them is the camera, and the scatter is stated."""
+    """If the focus is different in every view, no group of them is the camera."""
     longer = (-0.03, -0.02, -0.012, -0.006, 0.0, 0.007, 0.013, 0.021, 0.03)
     views = [
         views_of(
@@ -176,4 +169,4 @@ def test_views_whose_focal_lengths_scatter_are_refused():
     ]
     found = calibrate(views)
     assert not found.accepted
-    assert "two cameras" in found.reasons[0] or any("scatter" in why for why in found.reasons)
+    assert any("contradict" in why for why in found.reasons)

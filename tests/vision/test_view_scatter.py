@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labrig.vision.calibrate_lens import calibrate_intrinsics
 from labrig.vision.calibration_file import load_intrinsics, save_intrinsics
-from labrig.vision.zhang import calibrate_intrinsics
 from tests.vision.warped_boards import SimulatedBoard, SimulatedCamera, draw_views, parabolas
 
 CAMERA = SimulatedCamera()
@@ -57,9 +57,8 @@ def test_independent_corners_keep_their_sigma():
 
 
 def test_a_file_keeps_what_sigma_rests_on(tmp_path, scattered):
-    """A calibration is read as it was written; one of an earlier version rests on the corners' noise."""
+    """A calibration is read as it was written."""
     path = tmp_path / "intrinsics.json"
-    save_intrinsics(path, replace(scattered[1], accepted=True), {})
-    assert load_intrinsics(path).sigma_from == "views"
-    path.write_text(path.read_text().replace('"sigma_from": "views"', '"earlier": true'))
-    assert load_intrinsics(path).sigma_from == "corners"
+    save_intrinsics(path, scattered[1], {})
+    kept = [replace(view, corners_px=(), errors_px=()) for view in scattered[1].views]
+    assert load_intrinsics(path) == replace(scattered[1], views=tuple(kept))

@@ -22,6 +22,7 @@ from labrig.experiments.camera_calibration.protocol import CameraCalibrationProt
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
 from labrig.vision.boards import find_board
+from labrig.vision.calibrate_lens import calibrate_from_pictures
 from labrig.vision.calibration_file import compare_with_last, save_intrinsics, save_plane
 from labrig.vision.camera_in_use import CAMERA, CameraInUse
 from labrig.vision.intrinsics import Intrinsics
@@ -29,7 +30,6 @@ from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.scale_check import ScaleComparison, refuse_other_scale
-from labrig.vision.zhang import calibrate_from_pictures
 
 Named = tuple[str, Picture]
 _CONFIRMATION = "confirm it: labrig reanalyze {run} --set plane.camera_moved=true"

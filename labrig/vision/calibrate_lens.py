@@ -1,8 +1,7 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
-Corners come from `boards`, camera and covariance from `bundle`, the board's warp from `board_warp`. This file checks
-the views, has the bad ones left out (`view_selection`) and the covariance compared with the scatter between views
-(`view_scatter`), and has the result judged (`lens_evidence`).
+Corners come from `boards`, camera and covariance from `lens_fit`, the board's warp from `board_warp`. Bad views are
+left out by `lens_views`, the result is judged by `lens_judgement`.
 """
 
 from collections import Counter
@@ -15,24 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.board_warp import BoardWarp, WarpModel
-from labrig.vision.boards import BoardSearch, check_board, find_board
-from labrig.vision.bundle import Fit, LensModel, ObservedView, project
+from labrig.vision.boards import Charuco, board_points_mm, find_board
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.lens_evidence import judge_lens
-from labrig.vision.mixed_settings import OtherSetting, describe_change
+from labrig.vision.lens_fit import Fit, ObservedView, widen_by_views
+from labrig.vision.lens_judgement import judge_lens
+from labrig.vision.lens_views import BadView, Selection, measure_rms_px, select_views
 from labrig.vision.picture import Picture, size_of
-from labrig.vision.rounding import round_up
-from labrig.vision.view_scatter import widen_by_views
-from labrig.vision.view_selection import BadView, Selection, measure_rms_px, select_views
 
 _FloatArray = NDArray[np.float64]
 
-_STEADY_VIEWS = "photograph the board on a stiff plate, held still and sharp, with one setting of the camera"
 _LEAST_CORNERS = 6
 # Of more bad views than this share of all, the rest is no evidence.
 _LARGEST_BAD_SHARE = 1.0 / 3.0
-# Focal lengths of single views may scatter this much more than their sigmas allow; 0.5 to 1.8 times in good sets.
-_LARGEST_SCATTER = 3.0
 
 
 def calibrate_from_pictures(
@@ -41,8 +34,7 @@ def calibrate_from_pictures(
     rows: int,
     square_mm: float,
     *,
-    search: BoardSearch | None = None,
-    model: LensModel = "brown",
+    charuco: Charuco | None = None,
 ) -> Intrinsics:
     """Calibrate from named photographs of a board.
 
@@ -52,12 +44,11 @@ def calibrate_from_pictures(
     ----------
     pictures : sequence of (str, ndarray)
     columns, rows : int
-        Inner corners, not squares; tags of an AprilGrid.
+        Inner corners, not squares.
     square_mm : float
-        Side of a square; of a tag of an AprilGrid.
-    search : BoardSearch, optional
-        Kind of board, and how to search for it; without it, a whole chessboard.
-    model : "brown" or "zhang"
+        Side of a square.
+    charuco : Charuco, optional
+        Without it, the board is a plain chessboard.
 
     Raises
     ------
@@ -67,8 +58,7 @@ def calibrate_from_pictures(
         If no picture shows the board.
     """
     size = _find_common_size(pictures)
-    search = search or BoardSearch()
-    check_board(columns, rows, square_mm, search)
+    board = board_points_mm(columns, rows, square_mm)
     names, boards, pixels, missed = [], [], [], {}
     for index, (name, image) in enumerate(pictures):
         other = _describe_other_size(image, size)
@@ -76,21 +66,19 @@ def calibrate_from_pictures(
             missed[index] = ViewResidual(name, None, used=False, reason=other)
             continue
         try:
-            seen = find_board(image, columns, rows, search)
+            seen = find_board(image, columns, rows, charuco)
             names.append(name)
-            boards.append(seen.cells * float(square_mm))
+            boards.append(board[seen.corners])
             pixels.append(seen.pixels)
         except MeasurementRefusedError as refusal:
             missed[index] = ViewResidual(name, None, used=False, reason=f"{refusal.message}: {refusal.hint}")
     if not names:
         raise CalibrationRefusedError(
-            f"no {search.name_board(columns, rows)} was found in any of {len(pictures)} pictures: "
+            f"no board of {columns} x {rows} inner corners was found in any of {len(pictures)} pictures: "
             "show the whole board, flat and sharp, with its white margin",
-            "count inner corners, not squares" if search.april is None else "count tags, not corners",
+            "count inner corners, not squares",
         )
-    # The tags of an AprilGrid tell how it is turned.
-    turned = search.april is None and (search.partial or columns == rows)
-    found = calibrate_intrinsics(boards, pixels, size, names, model=model, turned=turned)
+    found = calibrate_intrinsics(boards, pixels, size, names)
     rest = iter(found.views)
     views = tuple(missed[index] if index in missed else next(rest) for index in range(len(pictures)))
     return replace(found, views=views)
@@ -119,9 +107,6 @@ def calibrate_intrinsics(
     pixels: Sequence[ArrayLike],
     image_size: tuple[int, int],
     names: Sequence[str] | None = None,
-    *,
-    model: LensModel = "brown",
-    turned: bool = False,
 ) -> Intrinsics:
     """Calibrate a camera from corners of a flat board seen in several poses.
 
@@ -135,11 +120,6 @@ def calibrate_intrinsics(
         Width and height [px].
     names : sequence of str, optional
         Names of the views; without them, "view 0", "view 1", ...
-    model : "brown" or "zhang"
-        OpenCV's five coefficients of distortion and a board that may be warped, or Zhang's two with a skew of the
-        pixel axes and a flat board, as he published it.
-    turned : bool
-        Whether the board's points of some views may be turned by 90 degrees against those of others.
 
     Returns
     -------
@@ -154,25 +134,17 @@ def calibrate_intrinsics(
     CalibrationRefusedError
         If no camera explains the views at all.
     """
-    views = _check_views(board_points_mm, pixels, image_size, names)
-    warp = (
-        None
-        if model == "zhang"
-        else WarpModel.of_boards([view.board[:, :2] for view in views], turned=turned)
-    )
-    if warp is not None:
-        views = [replace(view, warp_shapes=warp.shapes(view.board[:, :2])) for view in views]
-    selection = select_views(views, image_size, model)
+    flat = _check_views(board_points_mm, pixels, image_size, names)
+    warp = WarpModel.of_boards([view.board[:, :2] for view in flat])
+    views = [replace(view, warp_shapes=warp.shapes(view.board[:, :2])) for view in flat]
+    selection = select_views(views, image_size)
     chosen = [views[index] for index in selection.kept]
-    fit, by_views = widen_by_views(selection.fit, chosen)
+    fit = widen_by_views(selection.fit, chosen)
     predicted = selection.predicted_px
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
     found = judge_lens(chosen, fit, holdout, image_size, _describe_views(views, selection))
-    if by_views:
-        found = replace(found, sigma_from="views")
-    if warp is not None:
-        found = replace(found, board_warp=_describe_warp(warp, fit))
-    return _judge_views(found, selection)
+    reasons = (*_judge_views(views, selection), *found.reasons)
+    return replace(found, board_warp=_describe_warp(warp, fit), accepted=not reasons, reasons=reasons)
 
 
 def _describe_warp(warp: WarpModel, fit: Fit) -> BoardWarp:
@@ -184,23 +156,16 @@ def _describe_warp(warp: WarpModel, fit: Fit) -> BoardWarp:
     return warp.describe(fit.warp, fit.warp_sigma, away=away)
 
 
-def _judge_views(found: Intrinsics, selection: Selection) -> Intrinsics:
-    """Refuse a lens of views that contradict one another."""
-    if selection.other is not None:
-        # Numbers fitted to two settings describe neither.
-        return replace(found, accepted=False, reasons=(selection.other.reason,))
-    reasons = list(found.reasons)
-    bad, seen = len(selection.bad), len(selection.bad) + len(selection.kept)
-    if bad > _LARGEST_BAD_SHARE * seen:
-        reasons.append(
-            f"{bad} of {seen} views contradict the others and were left out, at most a third may be: {_STEADY_VIEWS}"
-        )
-    if selection.scatter > _LARGEST_SCATTER:
-        reasons.append(
-            f"the focal lengths of single views scatter {round_up(selection.scatter, 1)} times more than their "
-            f"corners allow, the limit is {_LARGEST_SCATTER:g}: {_STEADY_VIEWS}"
-        )
-    return replace(found, accepted=not reasons, reasons=tuple(reasons))
+def _judge_views(views: Sequence[ObservedView], selection: Selection) -> list[str]:
+    """Return why views that contradict one another give no lens."""
+    if len(selection.bad) <= _LARGEST_BAD_SHARE * len(views):
+        return []
+    names = ", ".join(views[index].name for index in sorted(selection.bad))
+    reason = (
+        f"{len(selection.bad)} of {len(views)} views contradict the others and were left out, at most a third may be "
+        f"({names}): photograph the board on a stiff plate, held still and sharp, with one camera, zoom and focus fixed"
+    )
+    return [reason]
 
 
 def _check_views(
@@ -247,7 +212,7 @@ def _describe_views(views: Sequence[ObservedView], selection: Selection) -> tupl
     """Return what each view contributed, in the order of the views."""
     described = {index: _describe_bad(views[index], bad) for index, bad in selection.bad.items()}
     for index, pose in zip(selection.kept, selection.fit.poses, strict=True):
-        described[index] = _describe_kept(views[index], selection.fit, pose, selection.other)
+        described[index] = _describe_kept(views[index], selection.fit, pose)
     return tuple(described[index] for index in range(len(views)))
 
 
@@ -255,20 +220,13 @@ def _describe_bad(view: ObservedView, bad: BadView) -> ViewResidual:
     return ViewResidual(view.name, bad.rms_px, used=False, reason=bad.reason, corners_px=_pairs(view.pixels))
 
 
-def _describe_kept(
-    view: ObservedView, fit: Fit, pose: _FloatArray, other: OtherSetting | None
-) -> ViewResidual:
-    reason = None
-    if other is not None and view.name in other.others:
-        reason = f"of another camera setting: its focal length is {describe_change(other.longer)}"
-    errors = project(fit, pose, view) - view.pixels
+def _describe_kept(view: ObservedView, fit: Fit, pose: _FloatArray) -> ViewResidual:
     return ViewResidual(
         view.name,
         measure_rms_px(fit, pose, view),
         used=True,
-        reason=reason,
         corners_px=_pairs(view.pixels),
-        errors_px=_pairs(errors),
+        errors_px=_pairs(fit.errors_px(view, pose)),
     )
 
 

@@ -42,9 +42,7 @@ app.command(
 )
 def intrinsics(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs of the board.")],
-    board: Annotated[
-        str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6.")
-    ],
+    board: Annotated[str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6.")],
     square_mm: Annotated[float, typer.Option(help="Side of a square.")],
     charuco: Annotated[
         str | None,

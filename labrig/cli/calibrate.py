@@ -59,8 +59,8 @@ def intrinsics(
 ) -> int:
     """Exit with 1 when the calibration is refused. A picture of residuals and coverage is drawn beside --out."""
     from labrig.report.lens_figure import write_lens_figure
-    from labrig.vision.calibration_file import save_intrinsics
     from labrig.vision.calibrate_lens import calibrate_from_pictures
+    from labrig.vision.calibration_file import save_intrinsics
 
     if out is not None:
         if out.suffix == ".png":

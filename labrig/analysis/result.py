@@ -4,7 +4,6 @@
 that pages are drawn without measuring again. The CSV files hold the tables of the JSON for spreadsheets.
 """
 
-import csv
 import io
 import math
 import shutil
@@ -17,6 +16,7 @@ from types import NoneType, UnionType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, Union, get_args, get_origin
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
@@ -354,25 +354,10 @@ def load_centre_lines(folder: Path) -> CentreLines:
     if not file.exists():
         return NO_LINES
     try:
-        with zipfile.ZipFile(io.BytesIO(read_file(file, MAX_RESULT_BYTES))) as archive:
-            return _unpack({name: _read_array(archive, name) for name in _ARRAYS})
-    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        with np.load(io.BytesIO(read_file(file, MAX_RESULT_BYTES)), allow_pickle=False) as arrays:
+            return _unpack(arrays)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordError(f"{file} cannot be read: {error}", _AGAIN) from error
-
-
-def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """Return an array of numbers, whose size is known before memory is taken for it; else as `zipfile` raises."""
-    info = archive.getinfo(f"{name}.npy")
-    if info.file_size > MAX_RESULT_BYTES:
-        raise ValueError(f"{name} has {info.file_size} bytes, at most {MAX_RESULT_BYTES} are read")
-    data = io.BytesIO(archive.read(info))
-    if np.lib.format.read_magic(data) != (1, 0):
-        raise ValueError(f"{name} is of another version of NumPy's format")
-    shape, by_column, dtype = np.lib.format.read_array_header_1_0(data)
-    content = data.read()
-    if dtype.kind not in "if" or math.prod(shape) * dtype.itemsize != len(content):
-        raise ValueError(f"{name} is no array of numbers, or of another size than it states")
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if by_column else "C")
 
 
 def describe_error(error: OSError | ValidationError) -> str:
@@ -382,9 +367,6 @@ def describe_error(error: OSError | ValidationError) -> str:
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
     return f"{place}: {first['msg']}" if place else first["msg"]
-
-
-_ARRAYS = ("frames", "starts", "windows", "mm", "px")
 
 
 def _pack(lines: CentreLines) -> bytes:
@@ -408,36 +390,14 @@ def _pack(lines: CentreLines) -> bytes:
 
 
 def _unpack(arrays: Mapping[str, NDArray[Any]]) -> CentreLines:
-    _require_fitting(arrays)
-    frames = [int(frame) for frame in arrays["frames"]]
-    inner = arrays["starts"][1:-1]
-    mm = np.split(arrays["mm"].astype(np.float64), inner) if frames else []
-    px = np.split(arrays["px"].astype(np.float64), inner) if frames else []
-    windows = [(int(first), int(last)) for first, last in arrays["windows"]]
+    frames, inner = arrays["frames"].tolist(), arrays["starts"][1:-1]
+    mm, px = (np.split(arrays[name].astype(np.float64), inner) if frames else [] for name in ("mm", "px"))
+    windows = [(first, last) for first, last in arrays["windows"].tolist()]
     return CentreLines(
         dict(zip(frames, mm, strict=True)),
         dict(zip(frames, px, strict=True)),
         dict(zip(frames, windows, strict=True)),
     )
-
-
-def _require_fitting(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse arrays that are not of one set of lines. Raises `ValueError`."""
-    lines, points = arrays["frames"].size, arrays["mm"].size // 2
-    shapes = {
-        "frames": (lines,),
-        "starts": (lines + 1,),
-        "windows": (lines, 2),
-        "mm": (points, 2),
-        "px": (points, 2),
-    }
-    for name, shape in shapes.items():
-        array, kind = arrays[name], "f" if name in {"mm", "px"} else "i"
-        if array.shape != shape or array.dtype.kind != kind or not np.isfinite(array).all():
-            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, expected {shape}, all finite")
-    starts = arrays["starts"]
-    if starts[0] != 0 or starts[-1] != points or (np.diff(starts) < 0).any():
-        raise ValueError("starts does not divide the points")
 
 
 # A pair of numbers becomes two columns.
@@ -481,12 +441,11 @@ def _find_unit(column: str) -> str | None:
 
 def _encode_csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:
     """Return a table as CSV with units in the names of the columns; unknown values are empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([column for pair in columns.values() for column in pair])
-    for row in table.rows:
-        writer.writerow([cell for name in columns for cell in _format_cells(name, getattr(row, name))])
-    return text.getvalue().encode("utf-8")
+    rows = [
+        [cell for name in columns for cell in _format_cells(name, getattr(row, name))] for row in table.rows
+    ]
+    names = [column for pair in columns.values() for column in pair]
+    return pd.DataFrame(rows, columns=names, dtype=object).to_csv(index=False, lineterminator="\n").encode()
 
 
 def _format_cells(name: str, value: object) -> Sequence[object]:

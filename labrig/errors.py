@@ -275,7 +275,17 @@ class SecondMasterError(WireError):
 
 
 class DriveError(WireError):
-    """A drive does not do what it should."""
+    """A drive does not do what it should.
+
+    Parameters
+    ----------
+    axis : str
+        Its axis; empty if the error is not of one alone.
+    """
+
+    def __init__(self, message: str, hint: str = "", *, fault: Fault | None = None, axis: str = "") -> None:
+        super().__init__(message, hint, fault=fault)
+        self.axis = axis
 
 
 class DriveFaultError(DriveError):

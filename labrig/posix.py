@@ -7,6 +7,7 @@ import ctypes
 import fcntl
 import hashlib
 import os
+import platform
 import select
 import signal
 import socket
@@ -43,6 +44,10 @@ _CHUNK_BYTES = 65536
 _LONGEST_LINE = 65536
 _MOST_READS = 16
 """Limits for a line: a sender of single bytes, or of an endless line, delays nobody."""
+
+_HAS_FILE_LOCKS = sys.platform.startswith("linux")
+_WHOLE_FILE = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
+"""A lock of a whole file as struct flock: type, from where, start, length, process."""
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, account and group of a peer, as SO_PEERCRED gives them."""
@@ -207,14 +212,29 @@ def is_in_background(stream: TextIO) -> bool:
 
 
 def lock(descriptor: int, *, wait: bool) -> None:
-    """Lock an open file for this process.
+    """Lock an open file for this process; the kernel frees it with the last copy of its descriptor.
 
     Parameters
     ----------
     wait : bool
         Wait for a process that holds the lock. Without it, such a process is an `OSError`.
     """
-    fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if _HAS_FILE_LOCKS:
+        fcntl.fcntl(descriptor, fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK, _WHOLE_FILE)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_locked(descriptor: int) -> bool:
+    """Return whether another open file holds the lock of this one; on Linux nothing is locked to find that out."""
+    if _HAS_FILE_LOCKS:
+        found = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, _WHOLE_FILE)
+        return int.from_bytes(found[:2], sys.byteorder) != fcntl.F_UNLCK
+    try:
+        lock(descriptor, wait=False)
+    except OSError:
+        return True
+    return False
 
 
 @dataclass(frozen=True)
@@ -246,21 +266,32 @@ def claim_name(name: str) -> NameClaim | None:
     return NameClaim(end)
 
 
-def find_claimant(name: str) -> str:
-    """Return which process of which account has a name; empty if none has it."""
+def find_claimant(name: str) -> int | None:
+    """Return which process has a name, 0 if that cannot be told; None if none has it."""
     if not sys.platform.startswith("linux"):
-        return ""
+        return None
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as caller:
         caller.settimeout(0.0)
         try:
             caller.connect(_abstract_address(name))
-        except BlockingIOError:
-            return "another process"
+        except BlockingIOError:  # so many have looked that no more are let in
+            return 0
         except OSError:
-            return ""
+            return None
         credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    process, account, _ = _CREDENTIALS.unpack(credentials)
-    return f"process {process} of account {account}"
+    process, _, _ = _CREDENTIALS.unpack(credentials)
+    return int(process)
+
+
+def ask_to_end(process: int, host: str) -> bool:
+    """Send SIGTERM to a process of a computer; return whether it was sent."""
+    if host != platform.node() or process in {0, os.getpid()}:
+        return False
+    try:
+        os.kill(process, signal.SIGTERM)
+    except OSError:
+        return False
+    return True
 
 
 def _abstract_address(name: str) -> bytes:

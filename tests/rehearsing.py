@@ -11,17 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.small_camera import CALIBRATED_SMALL_CAMERA
+
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 240.0
 REHEARSED = {
     "rig.clock": "real",
     "rig.can.heartbeat.timeout_ms": 10000,
-    "rig.camera.width_px": 352,
-    "rig.camera.height_px": 224,
-    "rig.world.lens": "{width_px: 352, height_px: 224, fx_px: 493, fy_px: 494, cx_px: 178, cy_px: 110, "
-    "distance_mm: 63, origin_px: [123, 112]}",
-    "rig.calibration.intrinsics": str(ROOT / "tests/records/camera-calibration/analysis/001/intrinsics.json"),
-    "rig.calibration.plane": str(ROOT / "tests/records/camera-calibration/analysis/001/plane.json"),
+    **{f"rig.{key}": value for key, value in (line.split("=", 1) for line in CALIBRATED_SMALL_CAMERA)},
 }
 """A small camera with the calibration of the kept records. The drives wait longer than by default for a labrig on a
 machine that is busy with something else."""

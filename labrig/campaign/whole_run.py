@@ -11,8 +11,9 @@ from labrig.analysis.outcome import TaskOutcome
 from labrig.analysis.result import AnyResult, list_quantities
 from labrig.analysis.run import analyze_run
 from labrig.devices.clocks import SystemClock
+from labrig.devices.opening import Opening
 from labrig.devices.operator import NO_OFFER, Offer, OperatorRequest
-from labrig.devices.rig import Opening, open_rig
+from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import AnswerIsNoError, BugError, FileFormatError, TargetMissedError
 from labrig.protocol.sections import ExperimentProtocol

@@ -11,7 +11,8 @@ from labrig.cli.output import print_checks
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.axis_description import AXES
 from labrig.devices.homing import HOME_ORDER
-from labrig.devices.rig import Opening, Rig
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import load_rig
 from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
 from labrig.runner.commissioning import (

@@ -30,13 +30,15 @@ def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     return print_checks([asdict(result) for result in results], as_json)
 
 
-@app.command("stop", help="Stop every axis of the rig now, through the labrig that uses it or over the bus.")
+@app.command(
+    "stop",
+    help="Stop every axis of the rig now: end the labrig that uses it, and stop each drive over the bus.",
+)
 def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
-    """Ask the labrig that uses the rig; if it does not answer within a second, stop every node of the rig file."""
-    from labrig.devices.rig_file import load_rig
-    from labrig.devices.stop import stop_rig
+    """End the labrig that uses the rig, then stop every node over the bus; the file need not say more than those."""
+    from labrig.devices.stop import read_stop_target, stop_rig
 
-    report = stop_rig(load_rig(find_rig_file(rig)))
+    report = stop_rig(read_stop_target(find_rig_file(rig)))
     if as_json:
         print_json({"by": report.by, "done": list(report.done)})
     for line in report.done:

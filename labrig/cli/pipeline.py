@@ -18,7 +18,8 @@ from labrig.cli.signals import Interruption
 from labrig.cli.sources import Sources
 from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
-from labrig.devices.rig import Opening, Rig
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import require_free_bytes
 from labrig.errors import (

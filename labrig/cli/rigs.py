@@ -10,7 +10,8 @@ from labrig.cli.output import say
 from labrig.cli.pausing import UNPAUSED, Attention
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
-from labrig.devices.rig import Opening, Rig, open_rig
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
 from labrig.experiments.registry import find_experiment

@@ -13,7 +13,8 @@ from labrig.cli.progress import progress
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.needle_state import NeedleState
-from labrig.devices.rig import Opening, Rig
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError, MachineError
 from labrig.input_file import read_file

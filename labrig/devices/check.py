@@ -18,8 +18,8 @@ from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.control import find_owner
 from labrig.devices.drive import find_drive_kind
+from labrig.devices.exclusive import find_owner
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
@@ -55,8 +55,8 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         CheckResult(key, CheckStatus.FAIL, problem.message, problem.hint)
         for key, problem in section_problems(rig)
     ]
-    owner = find_owner(rig)
-    if owner:
+    owner = find_owner(rig.can, rig.state_path)
+    if owner is not None:
         value = f"in use by {owner}: bus, drives and camera are not looked at"
         solution = f"wait until it has ended, or: labrig devices stop {rig.option}"
         results.append(CheckResult("rig", CheckStatus.WARN, value, solution))

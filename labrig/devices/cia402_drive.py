@@ -165,6 +165,7 @@ class Cia402Drive(Generic[Section]):
         still_time_s: float = LONGEST_STILL_TIME_S,
     ) -> None:
         self.name = f"drive of axis {axis} (node {node_id})"
+        self.axis = axis
         self.node_id = node_id
         self.section = section
         self._clock = clock
@@ -268,6 +269,7 @@ class Cia402Drive(Generic[Section]):
             f"{self.name} did not answer within {self._link.answer_timeout_s:g} s, asked {1 + RETRIES} times "
             f"({what})",
             _CHECK_POWER,
+            axis=self.axis,
         )
 
     def counts(self) -> dict[str, int]:
@@ -906,6 +908,7 @@ class Cia402Drive(Generic[Section]):
                 f"{self._silence_s:g} s at the latest",
                 _CHECK_POWER,
                 fault=HEARTBEAT_LOST,
+                axis=self.axis,
             )
 
     def refuse_unless_enabled(self, statusword: int) -> None:

@@ -369,8 +369,12 @@ def open_drive(link: CanLink, section: AxisDescription, axis: str, clock: Clock)
 
 def raise_together(failures: Sequence[MachineError]) -> None:
     """Raise the first failure with the messages of all; do nothing without failures."""
-    if failures:
-        raise failures[0].reword("; ".join(failure.message for failure in failures))
+    if not failures:
+        return
+    together = failures[0].reword("; ".join(failure.message for failure in failures))
+    if len(failures) > 1 and isinstance(together, DriveError):
+        together.axis = ""
+    raise together
 
 
 def require_all(checks: Iterable[Callable[[], object]]) -> None:

@@ -8,7 +8,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import Camera, CameraContext, PictureSource, close_source, find_camera_kind
 from labrig.devices.clocks import SystemClock
-from labrig.devices.control import acquire_rig
+from labrig.devices.exclusive import acquire_rig
 from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription

@@ -17,6 +17,12 @@ from threading import get_ident
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
+from labrig.errors import HEARTBEAT_LOST, InterruptedRunError, MachineError, SafetyStopError, fault_of
+
+Ended = InterruptedRunError | MachineError
+"""Whatever ends what a rig does."""
+
+_STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
 
 _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6
@@ -88,16 +94,14 @@ class HeartbeatClock:
         return self._clock.utc()
 
     def sleep(self, duration_s: float) -> None:
-        """Let rig time pass, and send heartbeats meanwhile."""
+        """Let rig time pass, and send heartbeats meanwhile, as `attend` does; the first one too."""
         steps = max(1, math.ceil(duration_s / self._period_s - _EARLY_S))
         for _ in range(steps):
             self._clock.sleep(duration_s / steps)
-            if not self._has_lost_drives:
-                self.note_supervision()
-            self._send_if_due(self.now_s())
+            self._send_if_supervised()
 
     def beat(self) -> None:
-        """Send a heartbeat if one is due and the bus carries frames; only a supervisor calls it. Raises `BusError`."""
+        """Send a heartbeat if one is due: nothing is wrong. Only a supervisor calls it. Raises `BusError`."""
         self.note_supervision()
         self._send_if_due(self._supervised_s)
 
@@ -106,21 +110,21 @@ class HeartbeatClock:
 
         Raises `BusError`.
         """
-        now_s = self.now_s()
-        if (
-            not self._has_lost_drives
-            and self._last_s >= 0
-            and now_s - self._supervised_s <= LONGEST_EXCHANGE_S
-        ):
-            self._send_if_due(now_s)
+        if self._last_s >= 0:
+            self._send_if_supervised()
 
     def note_supervision(self) -> None:
         """Note that somebody supervises now: a long exchange with drives may follow."""
         self._supervised_s, self._has_lost_drives = self.now_s(), False
 
     def note_loss(self) -> None:
-        """Note that a drive is lost: the exchange by which it and the others are stopped does not keep it moving."""
+        """Note that a drive is lost: what stops it and the others does not keep it moving by beats."""
         self._has_lost_drives = True
+
+    def _send_if_supervised(self) -> None:
+        now_s = self.now_s()
+        if not self._has_lost_drives and now_s - self._supervised_s <= LONGEST_EXCHANGE_S:
+            self._send_if_due(now_s)
 
     def _send_if_due(self, now_s: float) -> None:
         if now_s - self._last_s < self._period_s - _EARLY_S or self._is_silent or not self._link.carries:
@@ -133,9 +137,26 @@ class HeartbeatClock:
         self._last_s, self._suspended_s = now_s, self.suspended_s()
         self._link.send(self._can_id, _OPERATIONAL)
 
-    def was_suspended(self) -> bool:
-        """Tell whether the computer has been suspended since the last heartbeat, for longer than the drives bear."""
-        return self._last_s >= 0 and self.suspended_s() - self._suspended_s > self._timeout_s
+    def require_awake(self) -> None:
+        """Raise `SafetyStopError` once the computer has been suspended for longer than the drives bear."""
+        if self._last_s >= 0 and self.suspended_s() - self._suspended_s > self._timeout_s:
+            raise SafetyStopError(_tell_suspension(self.find_gap()), _STAY_AWAKE)
+
+    def explain(self, error: Ended) -> Ended:
+        """Blame what a gap in labrig's own heartbeat has caused on what held labrig up, not on wiring or drives."""
+        fault, gap = fault_of(error), self.find_gap()
+        if fault is None or not gap.duration_s:
+            return error
+        if gap.suspended_s > self._timeout_s:
+            return error.reword(f"{_tell_suspension(gap)}: {error.message}", _STAY_AWAKE)
+        if fault.code != HEARTBEAT_LOST.code:
+            return error
+        return error.reword(
+            f"labrig itself stood still for {gap.duration_s:.1f} s, so the drives stopped by themselves: "
+            f"{error.message}",
+            "find out what held labrig up: Ctrl+Z, a debugger, a suspended computer, a disk that hangs; then start "
+            "again",
+        )
 
     def find_gap(self) -> Gap:
         """Return the gap in labrig's own heartbeat, now or just before, if the drives stop at that.
@@ -158,3 +179,7 @@ class HeartbeatClock:
     def silence(self) -> None:
         """Send no more heartbeats, so that every drive stops by itself: the last resort if stopping may have failed."""
         self._is_silent = True
+
+
+def _tell_suspension(gap: Gap) -> str:
+    return f"the computer was suspended for {gap.suspended_s:.0f} s, so the drives stopped by themselves"

@@ -3,8 +3,13 @@
 What is not known is said to be unknown.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+
+from labrig.clock import Clock
+from labrig.devices.axis import Axis
+from labrig.devices.needle_state import NeedleState
+from labrig.errors import DriveRestartedError, DriveSilentError, MachineError
 
 _JUST_NOW_S = 0.1
 """A position that is no older is told without its age [s]."""
@@ -93,3 +98,69 @@ class NeedleLocation:
             "in_tissue": self.in_tissue,
             "axes": [asdict(axis) for axis in self.axes],
         }
+
+
+class NeedleFinder:
+    """Tells where the needle is.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        The open axes.
+    needle : NeedleState
+        Whether it is in tissue, and which axes have their reference.
+    clock : Clock
+        Rig time.
+    positions : mapping of str to tuple of float
+        Axis -> when it was read last [s], and where it was [mm or rad]; it may change.
+    """
+
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        needle: NeedleState,
+        clock: Clock,
+        positions: Mapping[str, tuple[float, float]],
+    ) -> None:
+        self._axes = axes
+        self._needle = needle
+        self._clock = clock
+        self._positions = positions
+
+    def find(self, unknown_motion: str, *, ask: bool) -> NeedleLocation:
+        """Return where the needle is.
+
+        Parameters
+        ----------
+        unknown_motion : str
+            Why it is not known whether the axes stand still; empty if each was seen to stand.
+        ask : bool
+            Whether the drives are asked, those in fault too. Without it, and for a drive that does not answer or has
+            lost its position, the last reading counts.
+        """
+        state = self._needle.state
+        located = tuple(self._locate(axis) if ask else self._place_last(axis) for axis in self._axes)
+        return NeedleLocation(unknown_motion, state.needle_in_tissue, state.doubt, located)
+
+    def _locate(self, axis: Axis) -> AxisLocation:
+        try:
+            axis.drive.check()
+        except (DriveRestartedError, DriveSilentError) as error:
+            return self._place_last(axis, error.message)
+        except MachineError:
+            pass  # a drive in fault still answers
+        try:
+            return self._place(axis, (self._clock.now_s(), axis.drive.position()))
+        except MachineError as error:
+            return self._place_last(axis, error.message)
+
+    def _place_last(self, axis: Axis, why_old: str = "") -> AxisLocation:
+        return self._place(axis, self._positions.get(axis.name, (None, None)), why_old)
+
+    def _place(
+        self, axis: Axis, read: tuple[float, float] | tuple[None, None], why_old: str = ""
+    ) -> AxisLocation:
+        read_s, position = read
+        age_s = None if read_s is None else self._clock.now_s() - read_s
+        referenced = axis.name in self._needle.state.referenced
+        return AxisLocation(axis.name, axis.unit, position, age_s, referenced, why_old)

@@ -1,19 +1,65 @@
-"""Stops a rig from outside, without knowing what it is doing."""
+"""Stops a rig from outside, without knowing what it is doing.
 
-from contextlib import closing
+It needs nothing but the bus and the node ids of the rig file: whatever else is missing or wrong in the file keeps
+nothing from being stopped.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import ValidationError
 
 from labrig.clock import Clock
+from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.bus import CanLink, open_can
-from labrig.devices.can_description import ONLY_SIMULATED
+from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.clocks import SystemClock
-from labrig.devices.control import Reply, ask_to_stop, find_owner
-from labrig.devices.drive import open_drive, wait_for_all
-from labrig.devices.rig_file import RigDescription
-from labrig.errors import BusError, MachineError, SafetyStopError
+from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind, open_drive, wait_for_all
+from labrig.devices.exclusive import find_owner
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.errors import BusError, FileFormatError, InputError, MachineError, SafetyStopError
+from labrig.posix import ask_to_end
+from labrig.protocol.yaml_tree import load_tree
+from labrig.record.lock import LockOwner
 
 _STOP_TIME_S = 3.0
 _NMT_STOP_ALL = bytes([0x02, 0x00])
+
+LET_GO_WITHIN_S = 5.0
+"""How long a labrig that was asked to end may hold the rig [s]. One that supervises stops the axes at once; the drives
+of one that hangs have stopped by themselves by then."""
+
+_LOOK_S = 0.05
+
+
+@dataclass(frozen=True)
+class StopTarget:
+    """What of a rig file is needed to stop the rig.
+
+    Parameters
+    ----------
+    name : str
+        Name of the rig.
+    can : CanDescription
+        Its bus.
+    sections : mapping of str to AxisDescription
+        Section of each axis; where that of the file cannot be used, an example with its node id.
+    state_path : Path or None
+        State file of the rig, beside which its lock is.
+    """
+
+    name: str
+    can: CanDescription
+    sections: Mapping[str, AxisDescription]
+    state_path: Path | None
+
+    @classmethod
+    def of(cls, rig: RigDescription) -> Self:
+        """Return what is needed to stop the rig of a file that is as it should be."""
+        return cls(rig.name, rig.can, dict(rig.axes.items()), rig.state_path)
 
 
 @dataclass(frozen=True)
@@ -23,8 +69,8 @@ class StopReport:
     Parameters
     ----------
     by : str
-        `run` if the labrig that uses the rig stopped it, `bus` if this one did over the bus, `none` if a
-        simulated rig has no drives that can be reached.
+        `bus` if it was stopped over the bus; of a simulated rig, whose drives cannot be reached, `run` if the labrig
+        that used it has ended, and `none` if it was asked to or there is none.
     done : tuple of str
         What was done, one sentence for each step.
     """
@@ -33,12 +79,54 @@ class StopReport:
     done: tuple[str, ...]
 
 
-def stop_rig(rig: RigDescription) -> StopReport:
-    """Ask the labrig that uses the rig to stop it; if it does not answer, stop every drive over the bus.
+def read_stop_target(path: Path) -> StopTarget:
+    """Read bus, nodes and state file from a rig file, whatever else is wrong with it.
 
-    Over the bus, every drive gets a quick stop and is watched until it stands still; then NMT stop goes to all. This
-    needs only bus and node ids, so an incomplete rig file suffices. Every drive is told to stop before any is waited
-    for.
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or does not say which bus the drives are on.
+    """
+    try:
+        return StopTarget.of(load_rig(path))
+    except FileFormatError as error:
+        try:
+            return _read_needed(path)
+        except (FileFormatError, ValidationError):
+            hint = f"press the emergency stop: {path} does not say which bus to stop"
+            raise error.reword(error.message, hint) from error
+
+
+def _read_needed(path: Path) -> StopTarget:
+    tree: Any = load_tree(path).values
+    values = tree if isinstance(tree, dict) else {}
+    can = CanDescription.model_validate(values.get("can"))
+    axes, state_file = values.get("axes"), values.get("state_file")
+    sections = axes if isinstance(axes, dict) else {}
+    usable = {name: _make_section(sections.get(name)) for name in AXES}
+    return StopTarget(
+        str(values.get("name", path.stem)),
+        can,
+        {name: section for name, section in usable.items() if section is not None},
+        path.parent / state_file if isinstance(state_file, str) else None,
+    )
+
+
+def _make_section(values: object) -> AxisDescription | None:
+    """Return a section by which a drive can be reached; None if its node is not known."""
+    if not isinstance(values, dict):
+        return None
+    with suppress(InputError):
+        kind = find_drive_kind(str(values.get("driver", DEFAULT_DRIVER)))
+        node_id = values.get("node_id")
+        if kind.example is not None and isinstance(node_id, int):
+            section: AxisDescription = kind.example_section(node_id)
+            return section
+    return None
+
+
+def stop_rig(target: StopTarget, clock: Clock | None = None) -> StopReport:
+    """Ask the labrig that uses a rig to end (SIGTERM), then stop every drive over the bus.
 
     Raises
     ------
@@ -47,46 +135,55 @@ def stop_rig(rig: RigDescription) -> StopReport:
     SafetyStopError
         When a drive may still move; names each such drive and what was done.
     """
-    reply = ask_to_stop(rig)
-    if reply is not None and reply.failures == ():
-        return StopReport("run", (f"asked {reply.owner} to stop", "it has seen every axis stand still"))
-    before = _explain_no_stop(rig, reply)
-    if rig.can.interface == ONLY_SIMULATED:
-        before = before if rig.state_path is not None else ()
+    clock = clock or SystemClock()
+    owner = find_owner(target.can, target.state_path)
+    asked, has_ended = ("no labrig has the rig", False) if owner is None else _end(owner, target, clock)
+    if target.can.interface == ONLY_SIMULATED:
+        if owner is not None:
+            return StopReport("run" if has_ended else "none", (asked,))
         where = "its drives are simulated inside the labrig that runs them, Ctrl+C there stops them"
-        return StopReport("none", (*before, f"{rig.name} has nothing to stop from here: {where}"))
-    clock = SystemClock()
+        return StopReport("none", (f"{target.name} has nothing to stop from here: {where}",))
     try:
-        link = open_can(rig.can, clock)
+        link = open_can(target.can, clock)
     except BusError as error:
-        message = f"{'; '.join(before)}; {error.message}"
+        message = f"{asked}; {error.message}"
         raise error.reword(message, f"press the emergency stop; then: {error.hint}") from error
     with closing(link):
-        return StopReport("bus", (*before, *stop_drives(rig, link, clock)))
+        return StopReport("bus", (asked, *stop_drives(target, link, clock)))
 
 
-def _explain_no_stop(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
-    """Return why the labrig that uses the rig did not stop it."""
-    if reply is None:
-        owner = find_owner(rig)
-        return (f"{owner} has the rig and does not listen",) if owner else ("no labrig has the rig",)
-    if reply.failures is None:
-        return (f"{reply.owner or 'the labrig that has the rig'} did not answer",)
-    return (f"{reply.owner} could not stop it: {'; '.join(reply.failures)}",)
+def _end(owner: LockOwner, target: StopTarget, clock: Clock) -> tuple[str, bool]:
+    """Ask the labrig that uses a rig to end; return what came of it, and whether it has let go of the rig."""
+    if not ask_to_end(owner.pid, owner.host):
+        return f"{owner} has the rig and cannot be asked to end from here", False
+    deadline_s = clock.now_s() + LET_GO_WITHIN_S
+    while find_owner(target.can, target.state_path) == owner:
+        if clock.now_s() > deadline_s:
+            return f"asked {owner} to end, and it has not let go of the rig", False
+        clock.sleep(_LOOK_S)
+    return f"asked {owner} to end, and it has let go of the rig", True
 
 
-def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, ...]:
-    """Stop all drives over an open bus, as `stop_rig` does; return a sentence for each step."""
-    drives = [open_drive(link, axis, name, clock) for name, axis in rig.axes.items()]
-    done = [f"opened {rig.can.interface} {rig.can.channel} directly".replace("  ", " ")]
-    failures = []
-    for drive in drives:
-        drive.post_stop(quick=True)
-    for drive in drives:
-        try:
-            drive.stop(quick=True)
-        except MachineError as error:
-            failures.append(error.message)
+def stop_drives(target: StopTarget, link: CanLink, clock: Clock) -> tuple[str, ...]:
+    """Stop all drives over an open bus; return a sentence for each step.
+
+    Every drive is told to stop before any answer is awaited. Each gets a quick stop and is watched until it stands
+    still; then NMT stop goes to all. Raises as `stop_rig`.
+    """
+    drives = [open_drive(link, section, name, clock) for name, section in target.sections.items()]
+    done = [f"opened {target.can.interface} {target.can.channel} directly".replace("  ", " ")]
+    missing = [name for name in AXES if name not in target.sections]
+    failures = [f"the node of axis {name} is not known" for name in missing]
+
+    def try_each(action: Callable[[Any], None]) -> None:
+        for drive in drives:
+            try:
+                action(drive)
+            except MachineError as error:
+                failures.append(error.message)
+
+    try_each(lambda drive: drive.post_stop(quick=True))
+    try_each(lambda drive: drive.stop(quick=True))
     moving = wait_for_all({drive.name: drive.wait_until_still(_STOP_TIME_S) for drive in drives}, clock)
     done += [f"{drive.name} stands still" for drive in drives if drive.name not in moving]
     failures += moving.values()

@@ -17,7 +17,7 @@ from typing import Self
 from labrig.durable import disk_errors, write_fully
 from labrig.errors import LockedError
 from labrig.input_file import parse_json, read_file
-from labrig.posix import NO_LINKS, lock
+from labrig.posix import NO_LINKS, is_locked, lock
 
 _BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
 
@@ -120,12 +120,11 @@ def read_lock_owner(path: Path) -> LockOwner | None:
     except OSError:
         return None
     try:
-        lock(descriptor, wait=False)
-    except OSError:
+        if not is_locked(descriptor):
+            return None
         return _parse_owner(_read_text(path)) or LockOwner("another labrig", 0, platform.node())
     finally:
         os.close(descriptor)
-    return None
 
 
 def _write_owner(descriptor: int, owner: LockOwner) -> None:

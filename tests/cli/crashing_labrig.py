@@ -6,8 +6,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from labrig.devices.opening import Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
-from labrig.devices.rig import Opening, open_rig
+from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol

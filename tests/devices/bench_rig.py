@@ -12,8 +12,9 @@ from labrig.devices.camera_settings import Setting
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
-from labrig.devices.rig import Interrupted, Rig
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.supervisor import Interrupted
 from labrig.devices.worker import WorkerThread
 from tests.devices.rigs import BENCH, Person, Signal
 

@@ -14,11 +14,13 @@ from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.hardware import Hardware
+from labrig.devices.opening import WHOLE, Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.hardware import SimulatedHardware
+from tests.small_camera import CALIBRATED_SMALL_CAMERA
 
 CALIBRATION = Path(__file__).parents[2] / "calibration"
 SIMULATED = CALIBRATION / "rig-simulated.yaml"
@@ -30,7 +32,13 @@ FAST_WORLD = ("world.bubbles_per_specimen=0", "world.noise_sd=0")
 
 @cache
 def simulated_rig(*overrides: str) -> RigDescription:
-    """Return the simulated rig, with a world that is quick to draw."""
+    """Return the simulated rig, with a small camera and a world that is quick to draw."""
+    return load_rig(SIMULATED, (*FAST_WORLD, *CALIBRATED_SMALL_CAMERA, *overrides))
+
+
+@cache
+def large_rig(*overrides: str) -> RigDescription:
+    """Return the simulated rig with the camera of its file, 1280x720, for tests of what is measured."""
     return load_rig(SIMULATED, (*FAST_WORLD, *overrides))
 
 
@@ -139,7 +147,7 @@ class OpenedRig:
 
 @contextmanager
 def opened_rig(
-    description: RigDescription | None = None, person: Person | None = None
+    description: RigDescription | None = None, person: Person | None = None, opening: Opening = WHOLE
 ) -> Iterator[OpenedRig]:
     """Open a simulated rig over a hardware of which the test keeps hold; it is not closed by this."""
     description = description or simulated_rig()
@@ -155,6 +163,7 @@ def opened_rig(
         source=source,
         person=hardware.accompany(person),
         interrupted=signal,
+        opening=opening,
     )
     yield OpenedRig(rig, hardware, signal, person)
     link.close()

@@ -19,13 +19,13 @@ from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET
 from labrig.errors import CameraError
 from labrig.simulation.world import World
 from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls
-from tests.devices.rigs import BENCH, simulated_rig
+from tests.devices.rigs import BENCH, large_rig
 
-CAMERA = simulated_rig().camera
+CAMERA = large_rig().camera
 
 
 def _world(*ignores: str) -> World:
-    world = simulated_rig().world
+    world = large_rig().world
     assert world is not None
     return World(world.model_copy(update={"ignores": ignores}), seed=1)
 

@@ -20,7 +20,7 @@ from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.bus import InProcessBus, attach
-from labrig.devices.stop import stop_drives, stop_rig
+from labrig.devices.stop import StopTarget, read_stop_target, stop_drives, stop_rig
 from labrig.errors import BusError, SafetyStopError
 from labrig.vision.calibration_file import save_intrinsics, save_plane
 from labrig.vision.intrinsics import Intrinsics
@@ -32,10 +32,13 @@ from tests.devices.rigs import (
     Person,
     Signal,
     epos2_axis,
+    large_rig,
     one_drive,
     opened_rig,
     simulated_rig,
 )
+
+TARGET = StopTarget.of(large_rig())
 
 
 def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
@@ -44,13 +47,13 @@ def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
 
 def _axis_results(opened: OpenedRig, axis: AxisDescription) -> list[CheckResult]:
     assert isinstance(axis, Epos2Axis)
-    heartbeat = simulated_rig().can.heartbeat
+    heartbeat = large_rig().can.heartbeat
     return list(check_axis(opened.hardware.open_link(), axis, "linear", opened.hardware.clock, heartbeat))
 
 
 def test_the_simulated_rig_is_in_order() -> None:
     """Bus, drives, encoders, limits, camera and state pass; the run itself sets references."""
-    results = _by_name(check_rig(simulated_rig()))
+    results = _by_name(check_rig(large_rig()))
     for name in (
         "bus",
         "drive insertion",
@@ -66,7 +69,7 @@ def test_the_simulated_rig_is_in_order() -> None:
 def test_other_software_of_a_drive_is_warned_of() -> None:
     """The check names the version, and those whose objects labrig knows."""
     with one_drive(software_version=0x2126) as one:
-        heartbeat = simulated_rig().can.heartbeat
+        heartbeat = large_rig().can.heartbeat
         link = attach(one.wire, one.clock, ANSWER_TIMEOUT_S)
         found = next(check_axis(link, one.driver.section, "insertion", one.clock, heartbeat))
         assert found.status is CheckStatus.WARN
@@ -89,14 +92,14 @@ def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
 
 def test_a_camera_that_ignores_a_setting_fails_the_check() -> None:
     """The row names the setting."""
-    results = _by_name(check_rig(simulated_rig("world.ignores=[exposure_us]")))
+    results = _by_name(check_rig(large_rig("world.ignores=[exposure_us]")))
     assert results["camera"].status is CheckStatus.FAIL
     assert "exposure_us" in results["camera"].value
 
 
 def test_a_simulated_rig_with_unknown_entries_fails_the_check() -> None:
     """It cannot be simulated, and the missing entry is named."""
-    results = _by_name(check_rig(simulated_rig("axes.linear.lead_mm=null")))
+    results = _by_name(check_rig(large_rig("axes.linear.lead_mm=null")))
     assert results["axes.linear.lead_mm"].status is CheckStatus.FAIL
     assert results["rig"].status is CheckStatus.FAIL
 
@@ -105,7 +108,7 @@ def test_a_wrong_encoder_fails_the_check() -> None:
     """A resolution that differs from the rig file fails; an unknown one is reported by the drive."""
     with opened_rig() as opened:
         for pulses, status in ((512, CheckStatus.FAIL), (None, CheckStatus.WARN), (500, CheckStatus.PASS)):
-            axis = simulated_rig().axes.linear.model_copy(update={"encoder_pulses_per_turn": pulses})
+            axis = large_rig().axes.linear.model_copy(update={"encoder_pulses_per_turn": pulses})
             results = _by_name(_axis_results(opened, axis))
             assert results["encoder linear"].status is status
             assert "500 pulses" in results["encoder linear"].value
@@ -115,7 +118,7 @@ def test_a_faulted_drive_fails_the_check() -> None:
     """The fault is named, and the check resets nothing."""
     with opened_rig() as opened:
         opened.drives["linear"].fail(0x4210)
-        axis = simulated_rig().axes.linear
+        axis = large_rig().axes.linear
         results = _axis_results(opened, axis)
         failed = [result for result in results if result.status is CheckStatus.FAIL]
         assert "over-temperature" in failed[0].value
@@ -131,7 +134,7 @@ def test_hints_with_commands_name_the_rig_file() -> None:
 
 def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
     """The state of the rig is part of the check, with a remedy."""
-    description = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    description = large_rig("state_file=state.json").placed_in(tmp_path)
     new = _by_name(check_rig(description))["rig state"]
     assert new.status is CheckStatus.WARN
     assert "labrig devices jog and home" in new.solution
@@ -161,7 +164,7 @@ def test_a_calibration_is_checked_against_the_camera(
 ) -> None:
     """One for another picture size, or a refused one, fails; a missing plane map says how to make it."""
     save_intrinsics(tmp_path / "simulated-intrinsics.json", lens, {})
-    results = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))
+    results = _by_name(check_rig(large_rig().placed_in(tmp_path)))
     assert results["calibration intrinsics"].status is status
     assert words in results["calibration intrinsics"].value
     assert "protocols/calibration.yaml" in results["calibration plane"].solution
@@ -187,7 +190,7 @@ def test_another_focus_or_format_voids_a_calibration(
 ) -> None:
     """The setting is named with its value then and now; what changes brightness alone is a warning."""
     save_intrinsics(tmp_path / "simulated-intrinsics.json", _lens(1280), {"camera": {"settings": made_with}})
-    rig = simulated_rig().placed_in(tmp_path)
+    rig = large_rig().placed_in(tmp_path)
     rig = rig.model_copy(update={"camera": rig.camera.model_copy(update=changes)}).placed_in(tmp_path)
     results = _by_name(list(check_calibration(rig, datetime.now(UTC))))
     assert results["calibration intrinsics"].status is status
@@ -212,7 +215,7 @@ def test_a_camera_that_reports_another_focus_fails_the_check(tmp_path: Path) -> 
     save_intrinsics(
         tmp_path / "simulated-intrinsics.json", _lens(1280), {"camera": {"settings": {"focus": 12}}}
     )
-    result = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))["camera"]
+    result = _by_name(check_rig(large_rig().placed_in(tmp_path)))["camera"]
     assert (result.status, result.value) == (
         CheckStatus.FAIL,
         "simulated-intrinsics.json was made with camera.focus 12, it is 0 now",
@@ -221,7 +224,7 @@ def test_a_camera_that_reports_another_focus_fails_the_check(tmp_path: Path) -> 
 
 def test_a_telecentric_lens_needs_no_intrinsics(tmp_path: Path) -> None:
     """A rig whose plane map is that of a telecentric lens names no intrinsics, and none are missed."""
-    rig = simulated_rig().placed_in(tmp_path)
+    rig = large_rig().placed_in(tmp_path)
     named = rig.calibration.model_copy(update={"intrinsics": None, "plane": Path("plane.json")})
     rig = rig.model_copy(update={"calibration": named}).placed_in(tmp_path)
     scale = PlaneMap.from_scale(10.0, (320.0, 200.0), "right", (1280, 720))
@@ -236,7 +239,7 @@ def test_a_telecentric_lens_needs_no_intrinsics(tmp_path: Path) -> None:
 def test_a_damaged_calibration_fails_the_check(tmp_path: Path) -> None:
     """A damaged file is a FAIL with the reason, not an exception."""
     (tmp_path / "simulated-intrinsics.json").write_text("{}", encoding="utf-8")
-    result = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))["calibration intrinsics"]
+    result = _by_name(check_rig(large_rig().placed_in(tmp_path)))["calibration intrinsics"]
     assert result.status is CheckStatus.FAIL
     assert result.solution
 
@@ -250,7 +253,7 @@ def test_stopping_from_outside_stops_every_drive() -> None:
         opened.rig.linear.start_move(100.0, 5.0)
         opened.rig.wait(1.0)
         link = opened.hardware.open_link()
-        done = stop_drives(simulated_rig(), link, opened.hardware.clock)
+        done = stop_drives(TARGET, link, opened.hardware.clock)
         assert sum("stands still" in line for line in done) == 3
         assert done[-1] == "sent NMT stop to all nodes"
         requests = [data for _, can_id, data, way in link.network.take_frames() if way == "T" and can_id]
@@ -264,7 +267,7 @@ def test_drives_that_were_stopped_before_are_known_to_stand_still() -> None:
     """A node in NMT STOPPED answers no SDO: it is woken and read."""
     with opened_rig() as opened:
         for _ in range(2):
-            done = stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
+            done = stop_drives(TARGET, opened.hardware.open_link(), opened.hardware.clock)
             assert sum("stands still" in line for line in done) == 3
 
 
@@ -272,7 +275,7 @@ def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
     """A node in NMT STOPPED answers no SDO; opening the rig starts it again, and nothing moves."""
     with opened_rig() as opened:
         link = opened.hardware.open_link()
-        stop_drives(simulated_rig(), link, opened.hardware.clock)
+        stop_drives(TARGET, link, opened.hardware.clock)
         link.close()
         opened.hardware.clock.sleep(1.0)
         opened.rig.connect()
@@ -289,7 +292,7 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
         opened.rig.wait(1.0)
         opened.drives["insertion"].unplug()
         with pytest.raises(SafetyStopError, match=r"axis insertion \(node 1\) did not answer.*sent NMT stop"):
-            stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
+            stop_drives(TARGET, opened.hardware.open_link(), opened.hardware.clock)
         statusword = opened.drives["linear"]._statusword()
         # Meanwhile the rig did not beat, so that the drive has also stopped by itself.
         assert decode_state(statusword) in {DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT}
@@ -297,7 +300,7 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
 
 def test_stopping_a_simulated_rig_says_that_there_is_nothing_to_stop() -> None:
     """It has no bus to open; its drives end with the labrig that runs them."""
-    report = stop_rig(simulated_rig())
+    report = stop_rig(TARGET)
     assert report.by == "none"
     assert len(report.done) == 1
     assert "has nothing to stop from here" in report.done[0]
@@ -321,7 +324,7 @@ def test_the_hint_is_about_the_interface_that_was_named(interface: str, hint: st
 def test_stopping_a_bench_without_a_bus_is_an_error() -> None:
     """It must not look as if the drives had been stopped."""
     with pytest.raises(BusError, match="socketcan can0 cannot be opened") as refusal:
-        stop_rig(load_rig(BENCH))
+        stop_rig(read_stop_target(BENCH))
     assert refusal.value.hint.startswith("press the emergency stop")
 
 
@@ -369,7 +372,7 @@ def test_a_frame_reaches_everybody_but_its_sender() -> None:
 
 def test_the_fingerprint_of_the_settings_is_checked() -> None:
     """Ours and none since power-on pass; that of other settings is a warning."""
-    axis = simulated_rig().axes.linear
+    axis = large_rig().axes.linear
     with opened_rig() as opened:
         fresh = _by_name(_axis_results(opened, axis))["configuration linear"]
         assert (fresh.status, "since power on" in fresh.value) == (CheckStatus.PASS, True)
@@ -386,7 +389,7 @@ def test_the_fingerprint_of_the_settings_is_checked() -> None:
 def test_a_drive_accepted_by_its_hardware_version_is_a_warning() -> None:
     """Nobody has tried its type with labrig: the check says so, and the rig is usable."""
     axis = epos2_axis(hardware_version=0x6552)
-    heartbeat = simulated_rig().can.heartbeat
+    heartbeat = large_rig().can.heartbeat
     with one_drive(hardware_version=0x6552) as bench:
         link = attach(bench.wire, bench.clock, ANSWER_TIMEOUT_S)
         drive = _by_name(list(check_axis(link, axis, "insertion", bench.clock, heartbeat)))["drive insertion"]
@@ -401,7 +404,7 @@ def test_limits_in_the_drive_are_compared() -> None:
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
-        axis = simulated_rig().axes.linear
+        axis = large_rig().axes.linear
         assert "also in the drive" in _by_name(_axis_results(opened, axis))["limits linear"].value
         other = axis.model_copy(update={"limits": (-1.0, 7.0)})
         result = _by_name(_axis_results(opened, other))["limits linear"]
@@ -410,7 +413,7 @@ def test_limits_in_the_drive_are_compared() -> None:
 
 def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
     """Its user is named; its bus is not opened."""
-    description = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    description = large_rig("state_file=state.json").placed_in(tmp_path)
     with open_rig(description, seed=1, person=Person(), interrupted=Signal(), doing="labrig run x.yaml"):
         results = _by_name(check_rig(description))
     assert results["rig"].status is CheckStatus.WARN
@@ -464,7 +467,7 @@ def test_currents_and_inputs_are_checked() -> None:
     )
     limits = ("axes.rotation.max_current_ma=800", "axes.linear.max_current_ma=12000")
     open_door = "faults=[{fault: input, axis: linear, source: general-A}]"
-    results = _by_name(check_rig(simulated_rig(*channels, *limits, open_door)))
+    results = _by_name(check_rig(large_rig(*channels, *limits, open_door)))
     assert results["current insertion"].status is CheckStatus.WARN
     assert (
         "limit 10000 mA, the drive's own; not guarded against a stall" in results["current insertion"].value

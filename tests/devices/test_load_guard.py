@@ -8,7 +8,8 @@ import pytest
 from labrig.devices.epos2 import objects as od
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_state import NeedleState
-from labrig.devices.rig import Opening, Rig
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig
 from labrig.errors import DriveError, ForceGuardError
 from tests.devices.rigs import OpenedRig, Person, opened_rig, simulated_rig
 

@@ -19,7 +19,7 @@ from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
 from labrig.simulation.description import DesignDescription
 from tests.devices.bench_rig import bench_description
-from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulated_rig
+from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, large_rig, rig_text
 
 BUS = {"interface": "socketcan", "channel": "can0"}
 
@@ -137,7 +137,7 @@ def test_a_bus_too_slow_to_look_after_the_drives_is_refused(bitrate: int, took_m
 
 def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:
     """A rig without a calibration names files that its record cannot contain."""
-    rig = simulated_rig().placed_in(tmp_path)
+    rig = large_rig().placed_in(tmp_path)
     assert rig.calibration_paths() == {
         "intrinsics.json": tmp_path / "simulated-intrinsics.json",
         "plane.json": tmp_path / "simulated-plane.json",
@@ -150,9 +150,9 @@ def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:
 
 def test_moves_can_be_checked_without_a_rig() -> None:
     """`labrig check` refuses what the open rig would, and checks limits without a lead."""
-    check_axis_move(simulated_rig(), "insertion", 40.0, 1.0)
+    check_axis_move(large_rig(), "insertion", 40.0, 1.0)
     with pytest.raises(LimitError, match="axis linear"):
-        check_axis_move(simulated_rig(), "linear", 151.0, 1.0)
+        check_axis_move(large_rig(), "linear", 151.0, 1.0)
     check_axis_move(load_rig(BENCH), "insertion", 40.0, 1.0)
     with pytest.raises(LimitError, match="axis insertion"):
         check_axis_move(load_rig(BENCH), "insertion", 61.0, 1.0)
@@ -161,7 +161,7 @@ def test_moves_can_be_checked_without_a_rig() -> None:
 def test_a_speed_between_two_rpm_is_refused_with_both() -> None:
     """The hint has the two possible speeds."""
     with pytest.raises(LimitError) as refusal:
-        check_axis_move(simulated_rig(), "insertion", 1.0, 1.5 / 120)
+        check_axis_move(large_rig(), "insertion", 1.0, 1.5 / 120)
     assert "0.008333 or 0.01667 mm/s" in refusal.value.hint
 
 
@@ -186,7 +186,7 @@ def _designed_needle(diameter_mm: float = 1.4) -> Needle:
 
 def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
     """Diameter, links and radius tolerance come from the design; its files stay in place."""
-    plain = simulated_rig()
+    plain = large_rig()
     rig = plain.with_needle(_designed_needle())
     assert rig.world is not None
     needle = rig.world.needle
@@ -197,10 +197,10 @@ def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
 
 def test_a_world_changes_only_for_a_design() -> None:
     """Not for a needle of numbers, not if the rig file has its own design, not on a bench."""
-    plain = simulated_rig()
+    plain = large_rig()
     needle = _designed_needle()
     assert plain.with_needle(needle.model_copy(update={"design": None})) is plain
-    own = simulated_rig("world.needle.design={radius_low_mm: 20, radius_high_mm: 21}")
+    own = large_rig("world.needle.design={radius_low_mm: 20, radius_high_mm: 21}")
     assert own.with_needle(needle) is own
     bench = load_rig(BENCH)
     assert bench.with_needle(needle) is bench
@@ -209,4 +209,4 @@ def test_a_world_changes_only_for_a_design() -> None:
 def test_a_needle_wider_than_the_simulated_sheath_is_refused() -> None:
     """The error has both diameters."""
     with pytest.raises(FileFormatError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
-        simulated_rig().with_needle(_designed_needle(2.2))
+        large_rig().with_needle(_designed_needle(2.2))

@@ -23,6 +23,7 @@ from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_location import NeedleLocation
+from labrig.devices.opening import WHOLE, Opening
 from labrig.devices.operator import (
     NO_OFFER,
     Answer,
@@ -32,7 +33,7 @@ from labrig.devices.operator import (
     PlaceSpecimen,
     ShiftToHole,
 )
-from labrig.devices.rig import WHOLE, Opening, Rig
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.canopen_node import NmtState

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
+from labrig.devices.opening import Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
-from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -20,7 +20,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.experiment import RunPlan
 from labrig.runner.session import Session
-from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, large_rig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 EXAMPLES = sorted(path.stem for path in PROTOCOLS.glob("*.yaml") if not path.stem.startswith("campaign-"))
@@ -86,11 +86,17 @@ class RunBench:
 
 
 @contextmanager
-def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[RunBench]:
+def bench(
+    tmp_path: Path,
+    protocol: ExperimentProtocol,
+    overrides: Sequence[str] = (),
+    *,
+    describe: Callable[..., RigDescription] = simulated_rig,
+) -> Iterator[RunBench]:
     """Open a simulated rig and a record, as a run has them before power is switched on."""
-    description = simulated_rig(*overrides)
-    with opened_rig(description) as opened:
-        opened.rig._opening = Opening(max_current_ma=protocol.current_limits_ma)
+    opening = Opening(max_current_ma=protocol.current_limits_ma)
+    description = describe(*overrides)
+    with opened_rig(description, opening=opening) as opened:
         opened.rig.verify()
         recorder = Recorder.create(
             tmp_path,
@@ -106,6 +112,10 @@ def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str]
             description.calibration_files(),
         )
         yield RunBench(opened, recorder, Told())
+
+
+large_bench = partial(bench, describe=large_rig)
+"""The same with pictures of 1280x720, for tests of what is measured."""
 
 
 def plan_of(protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:

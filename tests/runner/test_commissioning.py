@@ -10,8 +10,9 @@ import pytest
 from labrig.devices.check import check_rig
 from labrig.devices.epos2 import objects as od
 from labrig.devices.motion_log import read_last_motion
+from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
-from labrig.devices.rig import Opening, Rig, open_rig
+from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import (
     DiskError,

@@ -7,20 +7,18 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.steerability.procedure import list_trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
-from tests.devices.rigs import BENCH, simulated_rig
+from tests.devices.rigs import BENCH, large_rig
 from tests.runner.sessions import PROTOCOLS, bench, find_problems, plan_of, sweep
 
 
 def test_the_example_protocol_suits_the_simulated_rig() -> None:
     """The example sweep has no problem on the simulated rig."""
-    assert (
-        find_problems(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS), simulated_rig()) == ()
-    )
+    assert find_problems(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS), large_rig()) == ()
 
 
 def test_a_move_beyond_a_limit_is_named_with_both_numbers() -> None:
     """A sheath depth beyond the linear axis is a problem at its key, with value and limit."""
-    problems = find_problems(sweep("sheath.depth_mm=400"), simulated_rig())
+    problems = find_problems(sweep("sheath.depth_mm=400"), large_rig())
     assert [problem.where for problem in problems] == ["sheath.depth_mm"]
     assert "400" in problems[0].message
     assert "150" in problems[0].message
@@ -43,7 +41,7 @@ def test_a_calibration_for_another_picture_size_cannot_run() -> None:
         "world.lens.width_px=640",
         "world.lens.height_px=480",
     )
-    messages = " ".join(problem.message for problem in find_problems(sweep(), simulated_rig(*size)))
+    messages = " ".join(problem.message for problem in find_problems(sweep(), large_rig(*size)))
     assert "1280x720" in messages
     assert "640x480" in messages
 
@@ -52,7 +50,7 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
     """The estimates of rig time and pictures are within a few percent of those of the run."""
     protocol = sweep()
     assert isinstance(protocol, SteerabilityProtocol)
-    plan = plan_of(protocol, simulated_rig())
+    plan = plan_of(protocol, large_rig())
     with bench(tmp_path, protocol) as rig:
         opened_s = rig.opened.rig.clock.now_s()  # an estimate leaves out what opening the drives takes
         _, run = rig.conduct(protocol)
@@ -71,8 +69,8 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
 def test_a_current_above_that_of_the_rig_file_is_named_with_both() -> None:
     """A protocol can only ask for less; a rig file without a limit takes any."""
     protocol = sweep("max_current_ma={insertion: 900, linear: 300}")
-    rig = simulated_rig("axes.insertion.max_current_ma=800", "axes.linear.max_current_ma=800")
+    rig = large_rig("axes.insertion.max_current_ma=800", "axes.linear.max_current_ma=800")
     problems = find_problems(protocol, rig)
     assert [problem.where for problem in problems] == ["max_current_ma.insertion"]
     assert problems[0].message == "900 mA is above the limit of the rig file, 800 mA"
-    assert find_problems(protocol, simulated_rig()) == ()
+    assert find_problems(protocol, large_rig()) == ()

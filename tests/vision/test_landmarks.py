@@ -8,13 +8,13 @@ from labrig.simulation.world import World
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.landmarks import find_landmarks
 from labrig.vision.plane import PlaneMap
-from tests.devices.rigs import CALIBRATION, simulated_rig
+from tests.devices.rigs import CALIBRATION, large_rig
 
 
 @pytest.fixture
 def world() -> World:
     """A simulated bench, without noise."""
-    described = simulated_rig().world
+    described = large_rig().world
     assert described is not None
     return World(described, seed=1)
 

@@ -11,7 +11,7 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from tests.devices.rigs import simulated_rig
+from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, find_problems, plan_of
 
 SIMULATED = Path(__file__).parents[3] / "calibration" / "rig-simulated.yaml"
@@ -24,8 +24,8 @@ def insertion(*overrides: str) -> ExperimentProtocol:
 
 def test_the_example_suits_the_simulated_rig() -> None:
     """The example protocol has no problem, and a path leads to its target."""
-    assert find_problems(insertion(), simulated_rig()) == ()
-    assert plan_of(insertion(), simulated_rig()).refusal is None
+    assert find_problems(insertion(), large_rig()) == ()
+    assert plan_of(insertion(), large_rig()).refusal is None
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_the_example_suits_the_simulated_rig() -> None:
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused(override: str, message: str) -> None:
     """A target out of tissue or view is refused with its value and the limit."""
-    problems = find_problems(insertion(override), simulated_rig())
+    problems = find_problems(insertion(override), large_rig())
     assert any(message in problem.message for problem in problems)
 
 
@@ -64,7 +64,7 @@ def test_an_obstacle_out_of_view_is_refused() -> None:
     """An obstacle in the tissue but outside the camera's view is refused."""
     (problem,) = find_problems(
         insertion("specimen.width_mm=200", "obstacles=[{position_mm: [0, -70, 60], radius_mm: 5}]"),
-        simulated_rig(),
+        large_rig(),
     )
     assert problem.where == "obstacles.0"
     assert "outside of the camera's view" in problem.message
@@ -73,12 +73,12 @@ def test_an_obstacle_out_of_view_is_refused() -> None:
 def test_an_obstacle_that_reaches_into_the_tissue_is_taken() -> None:
     """An obstacle is accepted if any part of it lies in the tissue."""
     edge = insertion("obstacles=[{position_mm: [0, -44, 60], radius_mm: 12}]")
-    assert find_problems(edge, simulated_rig()) == ()
+    assert find_problems(edge, large_rig()) == ()
 
 
 def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
     """A certified roll zero of this needle in the rig's state suffices; that of another needle does not."""
-    rig = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    rig = large_rig("state_file=state.json").placed_in(tmp_path)
     protocol = insertion("roll_zero=null")
     assert isinstance(protocol, InsertionProtocol)
     for needle_id, refused in ((protocol.needle.needle_id, 0), ("another", 1)):
@@ -90,7 +90,7 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
 
 def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> None:
     """If the run finds the roll zero without the torsion, a warning names the needle whose torsion is known."""
-    rig = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    rig = large_rig("state_file=state.json").placed_in(tmp_path)
     torsion = Torsion(0.01, 0.002, 0.02, "run-1")
     for needle_id, told in (("N1", 0), ("another", 1)):
         certified = RollZero(needle_id, 0.1, 0.01, "run-1", torsion)
@@ -102,7 +102,7 @@ def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> N
 
 def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
     """On a rig that is not simulated a lag or a wandering of exactly 0 is refused, unless the torsion is measured."""
-    bench = simulated_rig().model_copy(update={"kind": "bench"})
+    bench = large_rig().model_copy(update={"kind": "bench"})
     never = insertion("out_of_plane.heading_sd_deg_per_root_mm=0")
     where = {problem.where for problem in find_problems(never, bench)}
     assert {"out_of_plane.lag_sd_deg", "out_of_plane.heading_sd_deg_per_root_mm"} <= where
@@ -113,12 +113,12 @@ def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
 
 def test_a_target_named_by_its_pixel_is_aimed_at() -> None:
     """A target may be given by a pixel in view."""
-    assert find_problems(insertion("target={pixel: [1100, 290]}"), simulated_rig()) == ()
+    assert find_problems(insertion("target={pixel: [1100, 290]}"), large_rig()) == ()
 
 
 def test_a_target_without_a_path_is_told_by_the_check() -> None:
     """The check reports the planner's reason at the target's key."""
-    refusal = plan_of(insertion("target.position_mm=[0,25,12]"), simulated_rig()).refusal
+    refusal = plan_of(insertion("target.position_mm=[0,25,12]"), large_rig()).refusal
     assert refusal is not None
     assert refusal.where == "target"
     assert "turning circles" in refusal.message
@@ -126,7 +126,7 @@ def test_a_target_without_a_path_is_told_by_the_check() -> None:
 
 def test_a_rig_without_a_template_is_refused_with_the_command_that_makes_one() -> None:
     """A rig without a template is refused with the command that makes one."""
-    problems = find_problems(insertion(), simulated_rig("calibration.template=null"))
+    problems = find_problems(insertion(), large_rig("calibration.template=null"))
     assert [problem.where for problem in problems] == ["calibration.template"]
     assert "labrig calibrate template" in problems[0].hint
 
@@ -160,12 +160,12 @@ def test_values_that_mean_nothing_are_refused_at_their_key(override: str) -> Non
 
 def test_a_tolerance_that_one_camera_cannot_certify_is_told_beforehand() -> None:
     """A warning names tolerance, sources, and what would help against the largest; it is no problem."""
-    plan = plan_of(insertion("out_of_plane.lag_sd_deg=5"), simulated_rig())
+    plan = plan_of(insertion("out_of_plane.lag_sd_deg=5"), large_rig())
     assert (plan.problems, plan.refusal) == ((), None)
     (warning,) = plan.warnings
     assert warning.where == "target.tolerance_mm"
     assert "2 mm is below what one camera can certify" in warning.message
     assert "by the lag of the bevel" in warning.message
     assert "out_of_plane.lag_sd_deg" in warning.hint
-    assert plan_of(insertion(), simulated_rig()).warnings == ()
-    assert plan_of(insertion("out_of_plane=null"), simulated_rig()).warnings == ()
+    assert plan_of(insertion(), large_rig()).warnings == ()
+    assert plan_of(insertion("out_of_plane=null"), large_rig()).warnings == ()

@@ -30,7 +30,7 @@ from labrig.steering.problem import Obstacle
 from labrig.vision.plane import PlaneMap
 from tests.analysis.insertions import analyse
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.devices.rigs import simulated_rig
+from tests.devices.rigs import large_rig
 from tests.experiments.insertion.test_procedure import (
     EVEN,
     FROM_THE_BEGINNING,
@@ -42,7 +42,7 @@ from tests.experiments.insertion.test_procedure import (
 )
 from tests.pages import write_page
 from tests.rerun_files import read_view
-from tests.runner.sessions import PROTOCOLS, Told, Watched, bench, find_problems
+from tests.runner.sessions import PROTOCOLS, Told, Watched, find_problems, large_bench
 
 BOUND = ("target.marker_id=7", "markers={side_mm: 6}")
 NEAR = ("target.position_mm=[0,-3,25]", "insertion.frame_every_mm=2")
@@ -60,7 +60,7 @@ def world(marker: str = MARKER) -> str:
 def record_followed() -> Run:
     """Conduct an insertion to a target that is pushed by 3 mm, followed by its marker."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *BOUND])
-    with bench(Path(mkdtemp(prefix="labrig-markers-")), protocol, (*EVEN, world(), PUSHED)) as opened:
+    with large_bench(Path(mkdtemp(prefix="labrig-markers-")), protocol, (*EVEN, world(), PUSHED)) as opened:
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
     return run
@@ -214,7 +214,7 @@ def test_markers_that_cannot_be_told_are_named_before_a_run() -> None:
 
 def _find_problems(*overrides: str) -> tuple[Problem, ...]:
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *overrides])
-    return find_problems(protocol, simulated_rig())
+    return find_problems(protocol, large_rig())
 
 
 @pytest.mark.parametrize(

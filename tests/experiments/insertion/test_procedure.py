@@ -35,8 +35,8 @@ from labrig.runner.pausing import NoRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Progress, Session
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.devices.rigs import simulated_rig
-from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench
+from tests.devices.rigs import large_rig
+from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, large_bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
 FROM_THE_BEGINNING = (
@@ -66,7 +66,7 @@ def open_certified_rig(
     tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()
 ) -> Iterator[RunBench]:
     """Open a rig with a mounted needle, referenced axes and a certified roll zero."""
-    with bench(tmp_path, protocol, overrides) as opened:
+    with large_bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
         opened.opened.hardware.world.mount_needle("N1")
         rig.enable()
@@ -156,7 +156,7 @@ def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived:
     axis. The end of one of several parts it passes; the next reading of the states tells so, and an exposure follows.
     """
     _, run = arrived
-    protocol, rig = load_run_protocol(run), simulated_rig()
+    protocol, rig = load_run_protocol(run), large_rig()
     assert isinstance(protocol, InsertionProtocol)
     every_mm = protocol.insertion.frame_every_mm
     period_s = 1 / rig.recording.state_rate_hz + 1 / rig.camera.rate_hz
@@ -271,7 +271,7 @@ def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) ->
 def test_without_a_roll_zero_an_insertion_is_refused(tmp_path: Path) -> None:
     """Without a roll zero nothing moves, and the hint names the command that finds one."""
     protocol = insertion()
-    with bench(tmp_path, protocol) as opened:
+    with large_bench(tmp_path, protocol) as opened:
         outcome, run = opened.conduct(protocol)
     assert isinstance(outcome.error, TargetMissedError)
     assert outcome.reason == "no_roll_zero"
@@ -290,7 +290,7 @@ def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -
     """A needle clamped at 40 degrees has a roll zero of -40 degrees and reaches its target."""
     steps = "{specimen: {name: plain, gelatin_percent: 13}, rolls: 4}"
     protocol = insertion(f"roll_zero={steps}")
-    with bench(tmp_path, protocol, (*EVEN, "world.needle.clamp_roll_deg=40")) as opened:
+    with large_bench(tmp_path, protocol, (*EVEN, "world.needle.clamp_roll_deg=40")) as opened:
         outcome, run = opened.conduct(protocol)
         known = opened.opened.rig.state.roll_zero
     assert outcome.exit_status == "success"
@@ -396,7 +396,7 @@ def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_ident
     )
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *asked])
     world = (*EVEN, "world.target_mark_mm=[-3,25]", "world.obstacle_marks_mm=[[6, 18, 1.5]]")
-    with bench(tmp_path, protocol, world) as opened:
+    with large_bench(tmp_path, protocol, world) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
@@ -466,7 +466,7 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     """The axes stop at the next step, nothing is withdrawn, the needle goes on, and the replay is identical."""
     asks = AsksInTissue(4)
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, FROM_THE_BEGINNING)
-    with bench(tmp_path, protocol, EVEN) as opened:
+    with large_bench(tmp_path, protocol, EVEN) as opened:
         rig = opened.opened.rig
         session = Session(rig, opened.recorder, Told(), Dialogue(asks))
         outcome = conduct(find_experiment("insertion"), protocol, session)
@@ -495,7 +495,7 @@ def test_a_condition_on_the_target_error_stops_the_run_when_the_needle_is_out(tm
     protocol = load_protocol(
         PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *conditions]
     )
-    with bench(tmp_path, protocol, EVEN) as opened:
+    with large_bench(tmp_path, protocol, EVEN) as opened:
         outcome, run = opened.conduct(protocol)
         assert opened.opened.rig.state.needle_in_tissue is False
     assert (outcome.exit_status, type(outcome.error)) == ("aborted", ConditionMetError)

@@ -22,7 +22,7 @@ from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
 from tests.experiments.insertion.test_markers import BOUND, PUSHED, world
 from tests.experiments.insertion.test_procedure import EVEN, FROM_THE_BEGINNING
-from tests.runner.sessions import PROTOCOLS, Told, Watched, bench
+from tests.runner.sessions import PROTOCOLS, Told, Watched, large_bench
 
 
 def test_what_remains_follows_from_what_was_made_and_decided() -> None:
@@ -47,7 +47,7 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
         PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, (*FROM_THE_BEGINNING, *BOUND, "repetitions=2")
     )
     laid = (*EVEN, world(), PUSHED)
-    with bench(tmp_path, protocol, laid) as at:
+    with large_bench(tmp_path, protocol, laid) as at:
 
         def then(doing: str) -> None:
             if doing.startswith("inserted 1") and open_run(at.recorder.path).trials.shape[0] == 2:
@@ -56,7 +56,7 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
         outcome = conduct(experiment, protocol, Session(at.opened.rig, at.recorder, Told(then)))
     assert outcome.exit_status == "aborted"
     run = open_run(at.recorder.path)
-    with bench(tmp_path / "again", protocol, laid) as again:
+    with large_bench(tmp_path / "again", protocol, laid) as again:
         recorder = Recorder.reopen(run.path, "test")
         devices = open_run(again.recorder.path).manifest["devices"]
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)

@@ -26,14 +26,14 @@ def protocol(*settings: str) -> ExperimentProtocol:
 
 
 @cache
-def simulated_rig(*settings: str) -> RigDescription:
+def large_rig(*settings: str) -> RigDescription:
     """Return the simulated rig with settings."""
     return load_rig(ROOT / "calibration" / "rig-simulated.yaml", list(settings))
 
 
 def simulate(*settings: str, seed: int = 1, world: tuple[str, ...] = ()) -> TaskOutcome:
     """Return what comes of a virtual insertion."""
-    return find_experiment("insertion").simulate(protocol(*settings), simulated_rig(*world), seed)
+    return find_experiment("insertion").simulate(protocol(*settings), large_rig(*world), seed)
 
 
 def test_a_seed_gives_the_same_insertion_again_and_another_seed_another() -> None:

@@ -13,7 +13,7 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from tests.report.conftest import make_page
-from tests.runner.sessions import PROTOCOLS, bench
+from tests.runner.sessions import PROTOCOLS, large_bench
 
 LAG_DEG, PER_MM_DEG = 2.0, 0.1
 DEPTHS_MM = (20.0, 40.0)
@@ -35,7 +35,7 @@ def roll_zero(*overrides: str) -> ExperimentProtocol:
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[RollZero | None, Run]:
     """What the rig's state keeps of a needle with a known lag, and the run that measured it."""
     protocol = roll_zero()
-    with bench(tmp_path_factory.mktemp("torsion"), protocol, TWISTED) as opened:
+    with large_bench(tmp_path_factory.mktemp("torsion"), protocol, TWISTED) as opened:
         outcome, run = opened.conduct(protocol)
         assert (outcome.exit_status, outcome.error) == ("success", None)
         return opened.opened.rig.needle.recall_roll_zero("N1"), run

@@ -1,0 +1,197 @@
+"""What of a rig is opened, and how its drives are made ready for power; nothing moves, and power stays off.
+
+What is decided here
+--------------------
+- Every drive is tried, and the failures of all of them are told together.
+- A fault is reset only where the opening allows it and a person has confirmed that its cause is gone. Drives that
+  report the same error have one cause: there is one question for them.
+- A current limit that labrig sets is remembered in the rig's state first: a labrig that is killed leaves it behind, and
+  the next one gives the drive its own again.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from labrig.devices.axis import Axis
+from labrig.devices.axis_description import AXES
+from labrig.devices.drive import Identity, raise_together
+from labrig.devices.needle_state import NeedleState
+from labrig.devices.operator import ConfirmFaultReset
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import DriveError, DriveFaultError, MachineError
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Which parts of a rig are opened, and how.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        The axes; the others need not be connected, nor complete in the rig file.
+    camera : bool
+        Whether the camera is opened too.
+    max_current_ma : mapping of str to int
+        Axis -> limit of its output current while it is open, besides that of the rig file [mA].
+    reset_faults : bool
+        Whether the operator may confirm the reset of a fault; otherwise a drive in fault is refused.
+    hold_inputs : bool
+        Whether limits of inputs hold. A withdrawal goes as the person at the rig confirms: an open door or a force
+        must not keep the needle in the tissue.
+    power : bool
+        Whether power is switched on at once; a run does so when it has its record.
+    """
+
+    axes: tuple[str, ...] = AXES
+    camera: bool = True
+    max_current_ma: Mapping[str, int] = field(default_factory=dict)
+    reset_faults: bool = False
+    hold_inputs: bool = True
+    power: bool = True
+
+    def limit_ma(self, axis: Axis) -> int | None:
+        """Return the limit of an axis' output current while it is open [mA]; None keeps the drive's own."""
+        limits_ma = (axis.description.max_current_ma, self.max_current_ma.get(axis.name))
+        return min((limit_ma for limit_ma in limits_ma if limit_ma is not None), default=None)
+
+
+WHOLE = Opening()
+"""The whole rig, as a run has it."""
+
+
+def prepare_drives(
+    axes: Sequence[Axis],
+    description: RigDescription,
+    opening: Opening,
+    needle: NeedleState,
+    confirms: Callable[[ConfirmFaultReset], bool],
+) -> dict[str, Identity]:
+    """Verify and configure every drive, and return what each is, by its axis.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        The axes.
+    description : RigDescription
+        The rig file.
+    opening : Opening
+        How they are opened.
+    needle : NeedleState
+        The state of the rig: references, and current limits that a labrig that was killed has left.
+    confirms : callable
+        Tells whether the operator confirms the reset of a fault.
+
+    Raises
+    ------
+    DriveError
+        With the failures of all drives, not only the first.
+    BusError
+    """
+    left_ma = needle.state.current_limits
+    identities: dict[str, Identity] = {}
+
+    def identify(axis: Axis) -> None:
+        identities[axis.name] = axis.drive.identify()
+
+    def configure(axis: Axis) -> None:
+        limit_ma = opening.limit_ma(axis)
+        own_ma = _restore_current_limit(axis, left_ma)
+        if limit_ma is not None and own_ma is not None and limit_ma < own_ma:
+            needle.note_current_limit(axis.name, own_ma, limit_ma)
+        axis.drive.configure(description.can.heartbeat, limit_ma)
+
+    def find_faults(axis: Axis) -> None:
+        faults.update((axis, fault) for fault in axis.drive.faults()[:1])
+
+    faults: dict[Axis, DriveFaultError] = {}
+    raise_together([*_try_all(axes, identify), *_find_shared_cob_ids(axes)])
+    raise_together(
+        [*_try_all(axes, find_faults), *_reset_faults(faults, description, opening, needle, confirms)]
+    )
+    raise_together([*_try_all(axes, configure), *_find_shared_cob_ids(axes)])
+    _find_references(axes, needle)
+    return identities
+
+
+def _try_all(axes: Sequence[Axis], step: Callable[[Axis], None]) -> list[MachineError]:
+    """Do something with every axis, and return the failures."""
+    failures: list[MachineError] = []
+    for axis in axes:
+        try:
+            step(axis)
+        except MachineError as error:
+            failures.append(error)
+    return failures
+
+
+def _reset_faults(
+    faults: Mapping[Axis, DriveFaultError],
+    description: RigDescription,
+    opening: Opening,
+    needle: NeedleState,
+    confirms: Callable[[ConfirmFaultReset], bool],
+) -> list[MachineError]:
+    """Reset the faults that may be reset, one question for each cause; return an error for each that stays."""
+    stay: list[MachineError] = []
+    causes: dict[int, list[tuple[Axis, DriveFaultError]]] = {}
+    for axis, fault in faults.items():
+        causes.setdefault(fault.code, []).append((axis, fault))
+    for struck in causes.values():
+        first, told = struck[0][1], "; ".join(fault.message for _, fault in struck)
+        if not opening.reset_faults:
+            named = f" --axis {struck[0][0].name}" if len(struck) == 1 else ""
+            command = "withdraw" if needle.state.needle_in_tissue else f"home{named}"
+            way_out = f"labrig devices {command} {description.option} resets it once you confirm"
+            stay.append(first.reword(told, f"{first.hint}; {way_out}"))
+        elif confirms(ConfirmFaultReset(told, first.remedy)):
+            stay += _try_all([axis for axis, _ in struck], lambda axis: axis.drive.reset_fault())
+        else:
+            stay.append(first.reword(f"{told}; the operator did not confirm its reset"))
+    return stay
+
+
+def _restore_current_limit(axis: Axis, left_ma: Mapping[str, tuple[int, int]]) -> int | None:
+    """Return a drive's own current limit [mA]; write it again if a labrig that was killed has left another one."""
+    found_ma = axis.drive.current_limit_ma()
+    own_ma, set_ma = left_ma.get(axis.name, (None, None))
+    if own_ma is None or found_ma != set_ma:
+        return found_ma
+    axis.drive.set_current_limit(own_ma)
+    return own_ma
+
+
+def _find_shared_cob_ids(axes: Sequence[Axis]) -> list[MachineError]:
+    """Return an error for each COB-ID of process data that two drives would both send or both obey.
+
+    A drive that does not answer is left out: it has failed already, or the next step finds it silent.
+    """
+    owners: dict[tuple[int, int], str] = {}
+    failures: list[MachineError] = []
+    for axis in axes:
+        try:
+            both_ways = axis.drive.cob_ids()
+        except MachineError:
+            continue
+        for way, cob_ids in enumerate(both_ways):
+            for cob_id in sorted(cob_ids):
+                other = owners.setdefault((way, cob_id), axis.name)
+                if other != axis.name:
+                    failures.append(_shared_cob_id_error(cob_id, other, axis.name))
+    return failures
+
+
+def _shared_cob_id_error(cob_id: int, first: str, second: str) -> MachineError:
+    return DriveError(
+        f"the drives of {first} and {second} share the COB-ID 0x{cob_id:03X}",
+        "restore the default PDO COB-IDs of each drive with the program of its manufacturer and save them; then, with "
+        "no needle in tissue, power it off and on",
+    )
+
+
+def _find_references(axes: Sequence[Axis], needle: NeedleState) -> None:
+    """Accept an axis as referenced if both the state file and its drive say so."""
+    for axis in axes:
+        axis.referenced = axis.name in needle.state.referenced and axis.drive.is_referenced()
+        if axis.referenced:
+            axis.drive.set_limits(axis.limits)
+    needle.forget_references(axis.name for axis in axes if not axis.referenced)

@@ -1,0 +1,279 @@
+"""Only one labrig uses a rig, and another one can stop it."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from labrig.devices.check import check_rig
+from labrig.devices.exclusive import acquire_rig, find_owner, name_bus
+from labrig.devices.needle_state import NeedleState
+from labrig.devices.rig import open_rig
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.stop import StopTarget, read_stop_target, stop_rig
+from labrig.errors import FileFormatError, LockedError, OutputExistsError
+from labrig.record.lock import FileLock, LockOwner, read_lock_owner
+from tests.devices.rigs import BENCH, Person, Signal, rig_text, simulated_rig
+
+
+def _make_rig(tmp_path: Path) -> RigDescription:
+    return simulated_rig("state_file=state.json").placed_in(tmp_path)
+
+
+def _owner_of(rig: RigDescription) -> LockOwner | None:
+    return find_owner(rig.can, rig.state_path)
+
+
+def test_only_one_labrig_uses_a_rig_at_a_time(tmp_path: Path) -> None:
+    """A second one is refused with the name of the first; the rig is free when that ends."""
+    rig = _make_rig(tmp_path)
+    with open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run a.yaml"):
+        with (
+            pytest.raises(LockedError, match=r"in use by labrig run a.yaml \(process \d+ on ") as refused,
+            open_rig(rig, seed=1, person=Person(), interrupted=Signal()),
+        ):
+            pass
+        assert "labrig devices stop" in refused.value.hint
+        assert _owner_of(rig) == LockOwner("labrig run a.yaml", os.getpid(), os.uname().nodename)
+    assert _owner_of(rig) is None
+    with open_rig(rig, seed=1, person=Person(), interrupted=Signal()):
+        pass
+
+
+def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
+    """A process that was killed with the rig open does not keep others out."""
+    code = (
+        "import os,sys;from pathlib import Path;from labrig.record.lock import FileLock\n"
+        f"FileLock(Path({str(tmp_path / 'state.json.lock')!r})).acquire('labrig run dead.yaml');os._exit(9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
+    assert _owner_of(_make_rig(tmp_path)) is None
+    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()):
+        pass
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a probe takes the lock")
+def test_looking_for_the_owner_refuses_nobody(tmp_path: Path) -> None:
+    """While others look all the time, a free lock is taken each time it is tried."""
+    path, ended = tmp_path / "lock", False
+
+    def look() -> None:
+        while not ended:
+            read_lock_owner(path)
+
+    looking = Thread(target=look)
+    looking.start()
+    try:
+        for _ in range(2000):
+            with FileLock(path).acquire("labrig run"):
+                pass
+    finally:
+        ended = True
+        looking.join()
+
+
+@pytest.mark.parametrize(
+    ("changes", "same"),
+    [
+        (("state_file=other.json",), True),
+        (("can.options.receive_own_messages=false",), True),
+        (("axes.insertion.node_id=11",), True),
+        (("can.channel=can1",), False),
+    ],
+)
+def test_a_bus_is_known_by_its_channel(changes: tuple[str, ...], same: bool) -> None:
+    """Neither state file, options nor nodes make another bus of it; a simulated one is none."""
+    assert (name_bus(load_rig(BENCH).can) == name_bus(load_rig(BENCH, changes).can)) is same
+    assert name_bus(simulated_rig().can) == ""
+
+
+def test_a_link_to_a_serial_port_is_the_same_bus(tmp_path: Path) -> None:
+    """An adapter by its id and by its number is one bus."""
+    (tmp_path / "ttyACM0").touch()
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    found = [
+        name_bus(load_rig(BENCH, ["can.interface=slcan", f"can.channel={tmp_path / name}"]).can)
+        for name in ("ttyACM0", "by-id")
+    ]
+    assert found[0] == found[1]
+
+
+_HOLD = """
+import os, sys
+from pathlib import Path
+from labrig.devices.exclusive import acquire_rig
+from labrig.devices.rig_file import load_rig
+rig = load_rig(Path(sys.argv[1]), sys.argv[3:]).placed_in(Path(sys.argv[2]))
+if os.getuid() == 0:
+    os.chown(sys.argv[2], 65534, 65534)
+    os.setuid(65534)
+with acquire_rig(rig, "labrig run other.yaml"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def _held(file: Path, folder: Path, *overrides: str, code: str = _HOLD) -> Iterator[subprocess.Popen[str]]:
+    """Let another process hold a rig until the block ends."""
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(file), str(folder), *overrides],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        yield other
+        assert other.stdin is not None
+        other.stdin.close()
+        other.wait()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has names among all accounts")
+def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
+    """A labrig of another account keeps the bus to itself until it has ended."""
+    rig = load_rig(BENCH).placed_in(tmp_path)
+    with tempfile.TemporaryDirectory() as theirs:
+        with _held(BENCH, Path(theirs), "state_file=other.json") as other:
+            owner = _owner_of(rig)
+            assert owner is not None
+            assert owner.pid == other.pid
+            with (
+                pytest.raises(LockedError, match=rf"in use by another labrig .*\(process {other.pid}"),
+                acquire_rig(rig, "labrig run mine.yaml"),
+            ):
+                pass
+        with acquire_rig(rig, "labrig run mine.yaml"):
+            pass
+
+
+_MOVE = """
+import os, sys
+from pathlib import Path
+from labrig.cli.signals import note_signals
+from labrig.devices.rig import open_rig
+from labrig.devices.rig_file import load_rig
+from labrig.errors import InterruptedRunError
+from tests.devices.rigs import Person, SIMULATED
+rig = load_rig(SIMULATED, sys.argv[3:]).placed_in(Path(sys.argv[2]))
+with note_signals() as signals, open_rig(
+    rig, seed=1, person=Person(), interrupted=signals, doing="labrig run b.yaml"
+) as opened:
+    opened.needle.mark_out()
+    opened.reference_axes()
+    opened.insertion.start_move(100.0, 1.0)
+    print("held", flush=True)
+    try:
+        while True:
+            opened.wait(0.1)
+    except InterruptedRunError as error:
+        before = opened.insertion.drive.position()
+        opened.clock.sleep(0.5)
+        assert opened.insertion.drive.position() == before < 100.0
+        print(error.message, flush=True)
+"""
+
+
+def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path) -> None:
+    """The labrig that moves it gets SIGTERM, stops every axis, ends, and lets go of the rig."""
+    with _held(Path(), tmp_path, "clock=real", "state_file=state.json", code=_MOVE) as moving:
+        report = stop_rig(StopTarget.of(_make_rig(tmp_path)))
+        assert report.by == "run"
+        owner = LockOwner("labrig run b.yaml", moving.pid, os.uname().nodename)
+        assert report.done == (f"asked {owner} to end, and it has let go of the rig",)
+        assert moving.stdout is not None
+        assert moving.stdout.read() == "interrupted by SIGTERM\n"
+    assert moving.returncode == 0
+
+
+class _Quick:
+    """A clock of which a second passes at each reading."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+
+    def now_s(self) -> float:
+        """Return the time [s]."""
+        self._now_s += 1.0
+        return self._now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Return at once."""
+
+
+def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
+    """One that hangs keeps the rig; the report says so, and what cannot be asked is not waited for."""
+    code = _HOLD.replace("import os, sys", "import os, signal, sys\nsignal.signal(15, signal.SIG_IGN)")
+    code = code.replace("if os.getuid() == 0:", "if False:")
+    target = StopTarget.of(_make_rig(tmp_path))
+    with _held(BENCH.with_name("rig-simulated.yaml"), tmp_path, "state_file=state.json", code=code):
+        report = stop_rig(target, _Quick())  # type: ignore[arg-type]
+        assert report.by == "none"
+        assert "and it has not let go of the rig" in report.done[0]
+    with acquire_rig(_make_rig(tmp_path), "labrig run here.yaml"):
+        assert "cannot be asked to end from here" in stop_rig(target).done[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("calibration:\n", "calibrations:\n"),
+        ("    max_following_error: 0.5\n", "    max_following_error: 0.5\n    homing: null\n"),
+        ("    gear_ratio: 4\n", "    gear_ratio: four\n"),
+        ("world:\n", "planet:\n"),
+    ],
+)
+def test_a_rig_is_stopped_by_a_file_with_other_faults(tmp_path: Path, old: str, new: str) -> None:
+    """Bus and nodes are enough."""
+    path = tmp_path / "rig.yaml"
+    path.write_text(rig_text({old: new}), encoding="utf-8")
+    with pytest.raises(FileFormatError):
+        load_rig(path)
+    target = read_stop_target(path)
+    assert target.can == simulated_rig().can
+    assert {name: section.nodes for name, section in target.sections.items()} == {
+        "insertion": (1,),
+        "rotation": (2,),
+        "linear": (3,),
+    }
+
+
+@pytest.mark.parametrize("text", ["can: {interface: 7}\n", "axes: {}\n", "}\n", "- 1\n"])
+def test_a_file_without_a_bus_says_to_press_the_emergency_stop(tmp_path: Path, text: str) -> None:
+    """Nothing can be stopped with it."""
+    (tmp_path / "rig.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(FileFormatError) as refused:
+        read_stop_target(tmp_path / "rig.yaml")
+    assert refused.value.hint.startswith("press the emergency stop")
+
+
+@pytest.mark.parametrize("content", ["Notes of today.\n", '{"kind": "labrig-plane"}', "{"])
+def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, content: str) -> None:
+    """A rig whose state_file names notes is not opened, devices check fails, and the notes are as they were."""
+    (tmp_path / "state.json").write_text(content)
+    with (
+        pytest.raises(OutputExistsError, match=r"state\.json is named as the state file") as refused,
+        open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()),
+    ):
+        pass
+    assert "state_file:" in refused.value.hint
+    assert (tmp_path / "state.json").read_text() == content
+    found = {result.check: result for result in check_rig(_make_rig(tmp_path))}
+    assert found["rig state"].status == "FAIL"
+
+
+@pytest.mark.parametrize("content", ["", '{"kind": "labrig-rig-state", "schema_version": 1'])
+def test_an_empty_or_torn_state_file_is_replaced(tmp_path: Path, content: str) -> None:
+    """A file that labrig wrote, or an empty one, is replaced by the first change."""
+    (tmp_path / "state.json").write_text(content)
+    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()) as opened:
+        assert opened.state.needle_in_tissue is None
+        opened.needle.mark_out()
+    assert NeedleState(tmp_path / "state.json").state.needle_in_tissue is False

@@ -24,10 +24,10 @@ What is decided here
 - Every position that is read is judged against the move that was started, and axes that nobody reads are read while
   the rig waits or asks; targets are read back in turn. This stands above `Drive`, and so does the watch on the bus for
   another master.
-- Motor current and inputs come with every state. A stall is judged from current and following error (`stall`), and an
-  input by its limits (`input_channel`). What is watched, how often, and what comes of it stands in `supervisor`. The lower one of the
-  limits of rig file, protocol and command bounds a current; the drive has its own again when the rig is closed, or
-  opened after a labrig that was killed.
+- What is watched, how often, and what comes of it stands in `supervisor`. Motor current and inputs come with every
+  state: a stall is judged from current and following error (`stall`), an input by its limits (`input_channel`).
+- The lower one of the limits of rig file, protocol and command bounds a current (`opening`); the drive has its own
+  again when the rig is closed, or opened after a labrig that was killed.
 - One labrig uses a rig at a time, by a lock on its state and one on its bus, which holds among all accounts;
   `labrig devices stop` sends it SIGTERM, and stops every drive over the bus afterwards in any case.
 - Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera (`uvc/`,

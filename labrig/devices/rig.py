@@ -52,6 +52,7 @@ from labrig.errors import (
     DriveSilentError,
     InputError,
     InterruptedRunError,
+    LabrigError,
     LimitError,
     MachineError,
     SafetyStopError,
@@ -744,14 +745,17 @@ def open_rig(
 
 
 def _close_on_exit(rig: Rig) -> Callable[[object, BaseException | None, object], None]:
-    """Return an exit callback that closes a rig; an error already being raised keeps priority."""
+    """Return an exit callback that closes a rig; an error already being raised tells of a failure to close too."""
 
     def close(_kind: object, error: BaseException | None, _traceback: object) -> None:
         try:
             rig.close()
         except SafetyStopError as failure:
-            if error is None:
+            if not isinstance(error, LabrigError):
                 raise
-            error.add_note(failure.message)
+            told = (
+                error.message if failure.message in error.message else f"{error.message}; {failure.message}"
+            )
+            raise error.reword(told, f"{failure.hint}; then: {error.hint}") from error
 
     return close

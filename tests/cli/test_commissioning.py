@@ -309,8 +309,8 @@ def test_only_a_person_can_confirm(labrig: Labrig, at_bench: BenchAt) -> None:
     assert "nobody is there to answer" in done.err
 
 
-def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, tmp_path: Path) -> None:
-    """It stops its axes, reports it, exits with 3 as aborted, and remembers its needle."""
+def test_a_run_of_another_process_is_stopped_by_a_signal(labrig: Labrig, tmp_path: Path) -> None:
+    """It stops its axes, closes its record as aborted, exits with 130, and remembers its needle."""
     for name in ("rig-simulated.yaml", "simulated-intrinsics.json", "simulated-plane.json"):
         shutil.copy(ROOT / "calibration" / name, tmp_path)
     rig = tmp_path / "rig-simulated.yaml"
@@ -324,10 +324,11 @@ def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, 
         document = labrig("devices", "stop", "--rig", rig, "--json").json()
         _, talk = running.communicate(timeout=60)
     assert (refused.exit_code, f"process {running.pid}" in refused.err) == (3, True)
-    assert (document["by"], document["done"][1]) == ("run", "it has seen every axis stand still")
-    assert "labrig run" in document["done"][0]
-    assert running.returncode == 3
-    assert "stopped by labrig devices stop" in talk
+    assert document["by"] == "run"
+    assert "asked labrig run" in document["done"][0]
+    assert "it has let go of the rig" in document["done"][0]
+    assert running.returncode == 130
+    assert "interrupted by SIGTERM" in talk
     assert "nothing is to be taken out" in talk
     (run,) = (path.parent for path in tmp_path.glob("*/manifest.json"))
     assert open_run(run).manifest["exit_status"] == "aborted"

@@ -20,8 +20,7 @@ from labrig.cli.output import (
     say,
 )
 from labrig.cli.signals import note_signals
-from labrig.devices.calibrated_camera import require_calibrated_camera
-from labrig.devices.camera import Camera
+from labrig.devices.camera import Camera, require_calibrated_camera
 from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import write_atomically
@@ -114,7 +113,7 @@ def _search(order: CameraOrder, camera: Camera, image: Picture) -> tuple[Landmar
 def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
     """Return the rig's plane map if the camera is set as it was then. Raises `InputError`."""
     for path in rig.calibration_paths().values():
-        require_calibrated_camera(rig, path, camera.settings.in_use)
+        require_calibrated_camera(rig.camera, path, camera.settings.in_use)
     return load_plane_map(rig)
 
 

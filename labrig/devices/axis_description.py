@@ -23,15 +23,16 @@ _INT32 = 2**31
 class HomingDescription(Model):
     """How an axis gets its reference."""
 
-    method: int = Field(35, description="Homing method. 35: where it stands, on confirmation.")
-    position: float = Field(0.0, description="What the position is once home is found [mm or rad].")
-    offset: Annotated[float, Field(ge=0)] = Field(
-        0.0, description="How far to move off the stop or switch before [mm or rad]."
-    )
-    speed: Positive = Field(1.0, description="Speed of the search [mm/s or rad/s].")
-    timeout_s: Annotated[float, Field(gt=0, le=600)] = Field(
-        60.0, description="When the search is given up [s]."
-    )
+    method: int = 35
+    """Homing method. 35: where it stands, on confirmation."""
+    position: float = 0.0
+    """What the position is once home is found [mm or rad]."""
+    offset: Annotated[float, Field(ge=0)] = 0.0
+    """How far to move off the stop or switch before [mm or rad]."""
+    speed: Positive = 1.0
+    """Speed of the search [mm/s or rad/s]."""
+    timeout_s: Annotated[float, Field(gt=0, le=600)] = 60.0
+    """When the search is given up [s]."""
 
 
 class AxisDescription(Model):
@@ -66,58 +67,45 @@ class AxisDescription(Model):
     count_unit: ClassVar[str] = "counts"
     digital_inputs: ClassVar[Mapping[str, int]] = {}
 
-    driver: str = Field(description="Kind of drive.")
-    unit: Literal["mm", "rad"] = Field(description="mm for an axis that travels, rad for one that turns.")
-    gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
-        description="Turns of the motor a turn of the screw or shaft. null: unknown [-]."
-    )
-    lead_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        description="Travel a turn of the screw; null: unknown, or an axis that turns [mm]."
-    )
-    reversed: bool = Field(
-        default=False, description="Whether the axis goes backwards when the motor's counter goes up."
-    )
-    limits: tuple[float, float] = Field(
-        description="Lowest and highest position that a move may have [mm or rad]."
-    )
-    max_speed: Positive = Field(description="Highest speed that a move may have [mm/s or rad/s].")
-    acceleration: Positive = Field(description="Acceleration and deceleration of moves [mm/s^2 or rad/s^2].")
-    quick_stop_deceleration: Positive = Field(
-        description="Deceleration of a quick stop and after a fault [mm/s^2 or rad/s^2]."
-    )
-    speed_tolerance_fraction: Annotated[float, Field(gt=0, le=0.5)] = Field(
-        0.01,
-        description="The drive takes integer rpm; a move whose speed this changes by more is refused [-].",
-    )
-    position_window: Positive = Field(
-        description="A move is done when the axis stands within this [mm or rad]."
-    )
-    position_window_time_ms: Annotated[int, Field(ge=0, le=10_000)] = Field(
-        20, description="... for this long [ms]."
-    )
-    max_following_error: Positive = Field(
-        description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
-    )
-    max_current_ma: LimitMa | None = Field(
-        None,
-        description="Limit of the drive's output current while labrig has the rig open; not above the drive's own, "
-        "which is restored afterwards. null: the drive's own [mA].",
-    )
-    inputs: Mapping[ChannelName, InputChannel] = Field(
-        default_factory=dict,
-        description="What is wired to inputs of this drive, by a name of its own: needle_force, door, emergency_stop.",
-    )
-    backlash: Annotated[float, Field(ge=0)] = Field(
-        0.0,
-        description="Measured play of screw and gear. Moves downwards go this far beyond their target and come "
-        "back, so that every move ends from the same side [mm or rad].",
-    )
-    homing: HomingDescription = Field(default_factory=HomingDescription, description="How it is referenced.")
-    lag_s: Annotated[float, Field(ge=0, le=30)] = Field(
-        0.0,
-        description="Measured time by which what the axis moves follows later than its drive: a needle winds up while "
-        "it is turned in gel. A turn of the bevel waits for it before the needle goes on [s].",
-    )
+    driver: str
+    """Kind of drive."""
+    unit: Literal["mm", "rad"]
+    """mm for an axis that travels, rad for one that turns."""
+    gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None
+    """Turns of the motor a turn of the screw or shaft. null: unknown [-]."""
+    lead_mm: Annotated[float, Field(gt=0, le=1000)] | None
+    """Travel a turn of the screw; null: unknown, or an axis that turns [mm]."""
+    reversed: bool = False
+    """Whether the axis goes backwards when the motor's counter goes up."""
+    limits: tuple[float, float]
+    """Lowest and highest position that a move may have [mm or rad]."""
+    max_speed: Positive
+    """Highest speed that a move may have [mm/s or rad/s]."""
+    acceleration: Positive
+    """Acceleration and deceleration of moves [mm/s^2 or rad/s^2]."""
+    quick_stop_deceleration: Positive
+    """Deceleration of a quick stop and after a fault [mm/s^2 or rad/s^2]."""
+    speed_tolerance_fraction: Annotated[float, Field(gt=0, le=0.5)] = 0.01
+    """The drive takes integer rpm; a move whose speed this changes by more is refused [-]."""
+    position_window: Positive
+    """A move is done when the axis stands within this [mm or rad]."""
+    position_window_time_ms: Annotated[int, Field(ge=0, le=10_000)] = 20
+    """... for this long [ms]."""
+    max_following_error: Positive
+    """The drive goes to fault when the axis lags further behind its profile [mm or rad]."""
+    max_current_ma: LimitMa | None = None
+    """Limit of the drive's output current while labrig has the rig open; not above the drive's own, which is
+    restored afterwards. null: the drive's own [mA]."""
+    inputs: Mapping[ChannelName, InputChannel] = Field(default_factory=dict)
+    """What is wired to inputs of this drive, by a name of its own: needle_force, door, emergency_stop."""
+    backlash: Annotated[float, Field(ge=0)] = 0.0
+    """Measured play of screw and gear. Moves downwards go this far beyond their target and come back, so that
+    every move ends from the same side [mm or rad]."""
+    homing: HomingDescription = Field(default_factory=HomingDescription)
+    """How it is referenced."""
+    lag_s: Annotated[float, Field(ge=0, le=30)] = 0.0
+    """Measured time by which what the axis moves follows later than its drive: a needle winds up while it is
+    turned in gel. A turn of the bevel waits for it before the needle goes on [s]."""
 
     _folder: Path = PrivateAttr(default=Path())
 

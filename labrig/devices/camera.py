@@ -1,4 +1,4 @@
-"""The camera: negotiates its settings, and checks that pictures are what the rig file promises.
+"""The camera: its section of the rig file, its settings, and whether pictures are what the file promises.
 
 `CameraKind` is what a package declares by an entry point to add a kind of camera.
 """
@@ -8,20 +8,113 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from labrig.clock import Clock
-from labrig.devices.camera_settings import CONTROL_NAMES, CameraDescription, Setting
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.worker import SAME_THREAD, StillBusyError, Worker
-from labrig.errors import CameraError
+from labrig.errors import CameraError, InputError
 from labrig.plugins import CAMERAS, find_plugin
+from labrig.protocol.model import Model
 from labrig.simulation.world import World
+from labrig.vision.calibration_file import read_camera
 
 Picture = npt.NDArray[np.uint8]
+
+RigKind = Literal["simulated", "bench"]
+
+Setting = str | float
+"""Value of a camera setting."""
+
+
+CONTROL_NAMES = ("mains_hz", "exposure_us", "gain", "white_balance_k", "focus")
+"""Settings that a camera may lack, and that are then null, in the order in which a camera takes them."""
+
+
+HELD_BY_CALIBRATION = ("pixel_format", "focus")
+"""Settings that decide where a point falls in the picture, besides its size, which a calibration states itself. The
+others change brightness, colour and rate."""
+
+
+class CameraDescription(Model):
+    """The camera and each of its settings; one that it does not take, or does not read back, is refused."""
+
+    rig_kinds: ClassVar[frozenset[RigKind]] = frozenset({"bench"})
+    """Kinds of rig that may have such a camera."""
+
+    recorded: ClassVar[bool] = False
+    """Whether its pictures were recorded before, so that they do not show what the needle does now."""
+
+    driver: str
+    """Driver of the camera, as an installed package names it."""
+    width_px: Annotated[int, Field(ge=16, le=10_000)]
+    """Width of a picture [px]."""
+    height_px: Annotated[int, Field(ge=16, le=10_000)]
+    """Height of a picture [px]."""
+    rate_hz: Annotated[float, Field(gt=0, le=1000)]
+    """Pictures a second [Hz]."""
+    store: Literal["png", "raw"] = "png"
+    """How pictures are recorded: a PNG each, or all in frames.raw, for a camera too fast for PNG."""
+
+    @property
+    def address(self) -> str:
+        """Where the camera is found, as records and messages show it; empty where there is but one."""
+        return ""
+
+    def settings(self) -> dict[str, Setting]:
+        """Return the settings to be made, in the order in which a camera takes them."""
+        return {"width_px": self.width_px, "height_px": self.height_px, "rate_hz": self.rate_hz}
+
+    def reported(self) -> tuple[str, ...]:
+        """Return the settings that are not made, and that the camera is asked for all the same."""
+        return ()
+
+
+class ControlledCameraDescription(CameraDescription):
+    """A camera whose exposure and image processing are set through controls, as UVC cameras have them."""
+
+    device: Annotated[str, Field(max_length=200)] = ""
+    """Device file, such as /dev/video0."""
+    pixel_format: Annotated[str, Field(min_length=4, max_length=4)]
+    """Four characters: MJPG, YUYV, GREY; simulated cameras have GREY."""
+    exposure_us: Annotated[int, Field(ge=100, le=1_000_000)] | None
+    """Exposure, automatic off; UVC cameras take multiples of 100. null: it cannot be set [us]."""
+    gain: Annotated[int, Field(ge=0, le=100_000)] | None
+    """Gain in the camera's own steps, automatic off. null: the camera has none [-]."""
+    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None
+    """White balance, automatic off. null: the camera has none [K]."""
+    focus: Annotated[int, Field(ge=0, le=100_000)] | None
+    """Focus in the camera's own steps, automatic off. null: the lens is turned by hand [-]."""
+    mains_hz: Literal[0, 50, 60] | None
+    """Mains frequency whose flicker is filtered, 0 for none. null: the camera has no filter [Hz]."""
+
+    @property
+    def address(self) -> str:
+        """The device file."""
+        return self.device
+
+    @property
+    def longest_exposure_s(self) -> float:
+        """The exposure, or the time between two pictures if the exposure is not known [s]."""
+        return 1 / self.rate_hz if self.exposure_us is None else self.exposure_us / 1e6
+
+    def settings(self) -> dict[str, Setting]:
+        """Return the settings to be made, in the order in which a camera takes them."""
+        values = {
+            "pixel_format": self.pixel_format,
+            **super().settings(),
+            **{name: getattr(self, name) for name in CONTROL_NAMES},
+        }
+        return {name: value for name, value in values.items() if value is not None}
+
+    def reported(self) -> tuple[str, ...]:
+        """Return the focus where it is not set: an autofocus would change it unseen."""
+        return ("focus",) if self.focus is None else ()
+
 
 _T = TypeVar("_T")
 Section = TypeVar("Section", bound=CameraDescription)
@@ -33,6 +126,9 @@ _MICROSECOND_S = 1e-6
 
 _PATIENCE_S, _PATIENCE_PICTURES = 3.0, 10
 """A camera hangs that has given no picture for this time and that of so many pictures [s]."""
+
+_LOOK_S = 0.05
+"""Longest time between two calls of `meanwhile` while a picture is still to come [s]."""
 
 _MOVED_MM = 0.5
 """Travel after which a picture must differ from the one before."""
@@ -189,7 +285,7 @@ class Camera:
                 f"expected {width}x{height} uint8",
                 "check width_px, height_px and pixel_format in the rig file",
             )
-        t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s)
+        t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s, meanwhile)
         frame = Frame(image, t_s, self._sequence, exposure.t_bound_s)
         self._sequence += 1
         return frame
@@ -206,7 +302,7 @@ class Camera:
                 )
         raise self._hanging
 
-    def _wait_for(self, exposed_s: float, asked_s: float) -> float:
+    def _wait_for(self, exposed_s: float, asked_s: float, meanwhile: Callable[[], None]) -> float:
         """Wait until the time of an exposure and return it in whole microseconds; refuse one before the call."""
         t_s = round(exposed_s, 6)
         if t_s < asked_s - _MICROSECOND_S:
@@ -214,7 +310,9 @@ class Camera:
                 f"the camera gave a picture of {t_s:.3f} s, older than the command of {asked_s:.3f} s",
                 "check the times of the pictures, or unplug the camera and plug it in again",
             )
-        self._clock.sleep(max(0.0, t_s - self._clock.now_s()))
+        while (left_s := t_s - self._clock.now_s()) > 0:
+            self._clock.sleep(min(left_s, _LOOK_S))
+            meanwhile()
         return t_s
 
     def measure_rate_hz(self, pictures: int) -> float | None:
@@ -375,3 +473,45 @@ def check_rate(measured_hz: float | None, asked_hz: float) -> CheckResult:
     return CheckResult(
         check, CheckStatus.WARN, value, "shorten exposure_us, or use a USB port that no other camera shares"
     )
+
+
+def require_calibrated_camera(camera: CameraDescription, path: Path, in_use: Mapping[str, Setting]) -> None:
+    """Refuse a calibration that was made with another focus or format than the camera has now.
+
+    A setting that only one of both knows, and a calibration that states no settings, cannot be compared. Pictures that
+    were recorded before are those of another camera, whose settings are not known.
+
+    Parameters
+    ----------
+    camera : CameraDescription
+        Section of the camera.
+    path : Path
+        File of the calibration.
+    in_use : Mapping
+        Settings of the rig's camera now.
+
+    Raises
+    ------
+    InputError
+        Names the first setting that differs, its value then and its value now.
+    """
+    made_with = {} if camera.recorded else _read_settings(path)
+    for name in HELD_BY_CALIBRATION:
+        if name in made_with and name in in_use and made_with[name] != in_use[name]:
+            raise InputError(
+                f"{path.name} was made with camera.{name} {made_with[name]}, it is {in_use[name]} now",
+                f"write camera.{name}: {made_with[name]} in the rig file, or calibrate again",
+            )
+
+
+def list_other_changes(path: Path, in_use: Mapping[str, Setting]) -> Iterator[str]:
+    """Yield the settings that have changed since a calibration and do not void it, each with both values."""
+    for name, then in _read_settings(path).items():
+        if name in in_use and in_use[name] != then and name not in HELD_BY_CALIBRATION:
+            yield f"{name} was {then}, is {in_use[name]}"
+
+
+def _read_settings(path: Path) -> Mapping[str, Setting]:
+    """Return the settings with which a calibration was made; nothing if they are unknown."""
+    calibrated = read_camera(path)
+    return {} if calibrated is None else calibrated.settings

@@ -27,12 +27,12 @@ Bitrate = Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000]
 class HeartbeatDescription(Model):
     """Heartbeats: the drives stop when the computer's stops, and the computer stops them when one of theirs does."""
 
-    computer_node_id: NodeId = Field(127, description="Node id under which the computer beats.")
-    period_ms: Annotated[int, Field(ge=10, le=1000)] = Field(100, description="A beat this often [ms].")
-    timeout_ms: Annotated[int, Field(ge=100, le=10_000)] = Field(
-        500,
-        description="Silence after which the drives stop by themselves, and the computer stops them [ms].",
-    )
+    computer_node_id: NodeId = 127
+    """Node id under which the computer beats."""
+    period_ms: Annotated[int, Field(ge=10, le=1000)] = 100
+    """A beat this often [ms]."""
+    timeout_ms: Annotated[int, Field(ge=100, le=10_000)] = 500
+    """Silence after which the drives stop by themselves, and the computer stops them [ms]."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield a timeout that one late beat would trip."""
@@ -47,23 +47,20 @@ class HeartbeatDescription(Model):
 class CanDescription(Model):
     """The CAN bus on which the drives stand."""
 
-    interface: Annotated[str, Field(min_length=1, max_length=40)] = Field(
-        description="Interface of python-can (socketcan, pcan, kvaser, ixxat, slcan, ...); "
-        "simulated stands for a bus inside the process."
-    )
-    channel: Annotated[str, Field(max_length=200)] = Field(
-        "", description="Channel of the interface, such as can0."
-    )
-    bitrate: Bitrate = Field(1_000_000, description="Bit rate; the drives must be set to the same [bit/s].")
-    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = Field(
-        120,
-        description="How long a drive may take to answer before it is asked once more; with the default a silent "
-        "drive is found out, and every axis stopped, within half a second [ms].",
-    )
-    options: dict[str, str | int | float | bool] = Field(
-        default_factory=dict, description="Further arguments of the python-can interface, by name."
-    )
-    heartbeat: HeartbeatDescription = Field(default_factory=HeartbeatDescription, description="Heartbeats.")
+    interface: Annotated[str, Field(min_length=1, max_length=40)]
+    """Interface of python-can (socketcan, pcan, kvaser, ixxat, slcan, ...); simulated stands for a bus inside
+    the process."""
+    channel: Annotated[str, Field(max_length=200)] = ""
+    """Channel of the interface, such as can0."""
+    bitrate: Bitrate = 1_000_000
+    """Bit rate; the drives must be set to the same [bit/s]."""
+    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = 120
+    """How long a drive may take to answer before it is asked once more; with the default a silent drive is
+    found out, and every axis stopped, within half a second [ms]."""
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)
+    """Further arguments of the python-can interface, by name."""
+    heartbeat: HeartbeatDescription = Field(default_factory=HeartbeatDescription)
+    """Heartbeats."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield an interface that python-can does not know."""

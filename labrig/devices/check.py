@@ -12,8 +12,7 @@ import numpy as np
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
-from labrig.devices.calibrated_camera import list_other_changes, require_calibrated_camera
-from labrig.devices.camera import Camera, find_camera_kind
+from labrig.devices.camera import Camera, find_camera_kind, list_other_changes, require_calibrated_camera
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
@@ -121,7 +120,7 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
         )
         yield from find_camera_kind(rig.camera.driver).check(rig.camera, camera)
         for path in rig.calibration_paths().values():
-            require_calibrated_camera(rig, path, camera.settings.reported)
+            require_calibrated_camera(rig.camera, path, camera.settings.reported)
     except LabrigError as error:
         yield failed("camera", error)
 
@@ -229,7 +228,7 @@ def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap, path: Pat
             f"made for {size[0]}x{size[1]} px, the camera gives {camera[0]}x{camera[1]} px",
             "calibrate again at this size",
         )
-    require_calibrated_camera(rig, path, rig.camera.settings())
+    require_calibrated_camera(rig.camera, path, rig.camera.settings())
 
 
 def _check_disk() -> CheckResult:

@@ -40,30 +40,26 @@ _NEEDS_CODE = frozenset({"emergency", "sdo-abort"})
 class FaultDescription(Model):
     """One fault of a simulated rig."""
 
-    fault: FaultName = Field(description="What goes wrong.")
-    axis: Literal["insertion", "rotation", "linear"] | None = Field(
-        None, description="Whose drive has it. null: the fault is one of the bus."
-    )
-    at_s: Annotated[float, Field(ge=0, le=1e6)] = Field(0.0, description="Rig time, at the earliest [s].")
-    once: Literal["any", "idle", "moving", "homing"] = Field(
-        "any", description="Waits further until the axis is doing this."
-    )
-    code: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = Field(
-        None, description="Error code of emergency, or abort code of sdo-abort [-]."
-    )
-    count: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
-        1, description="Frames that are lost, duplicated or late; SDO requests without an answer [-]."
-    )
-    delay_s: Annotated[float, Field(gt=0, le=60)] = Field(0.1, description="How late frames arrive [s].")
-    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] = Field(
-        1000, description="What encoder-resolution sets the drive to [-]."
-    )
-    source: Annotated[str, Field(min_length=1, max_length=40)] | None = Field(
-        None, description="Input of the drive that the fault input sets: analog-1, general-A."
-    )
-    value: float = Field(
-        0.0, description="What it is set to: the voltage of an analog input [mV], 1 or 0 of a digital one."
-    )
+    fault: FaultName
+    """What goes wrong."""
+    axis: Literal["insertion", "rotation", "linear"] | None = None
+    """Whose drive has it. null: the fault is one of the bus."""
+    at_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Rig time, at the earliest [s]."""
+    once: Literal["any", "idle", "moving", "homing"] = "any"
+    """Waits further until the axis is doing this."""
+    code: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = None
+    """Error code of emergency, or abort code of sdo-abort [-]."""
+    count: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    """Frames that are lost, duplicated or late; SDO requests without an answer [-]."""
+    delay_s: Annotated[float, Field(gt=0, le=60)] = 0.1
+    """How late frames arrive [s]."""
+    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] = 1000
+    """What encoder-resolution sets the drive to [-]."""
+    source: Annotated[str, Field(min_length=1, max_length=40)] | None = None
+    """Input of the drive that the fault input sets: analog-1, general-A."""
+    value: float = 0.0
+    """What it is set to: the voltage of an analog input [mV], 1 or 0 of a digital one."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield a fault of a drive without an axis, one of the bus with one, and a missing code or source."""

@@ -21,26 +21,20 @@ ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 class InputChannel(Model):
     """One input of a drive, and what is wired to it."""
 
-    source: Annotated[str, Field(min_length=1, max_length=40)] = Field(
-        description="Input of the drive: analog-1, analog-2, or a digital input by the name that labrig devices check "
-        "lists, such as general-A."
-    )
-    unit: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,15}$")] | None = Field(
-        None, description="Unit of an analog input, as in the names of columns: N, mNm, bar."
-    )
-    units_per_volt: float | None = Field(
-        None, description="Scale of an analog input: unit a volt, negative where the sensor is turned round."
-    )
-    zero_v: float = Field(0.0, description="Voltage of an analog input at which its value is zero [V].")
-    limits: tuple[float, float] | None = Field(
-        None,
-        description="Lowest and highest value of an analog input at which a run goes on [unit]. null: only recorded.",
-    )
-    expected: bool | None = Field(
-        None,
-        description="State of a digital input, true for on, without which a run stops: a closed door, a closed "
-        "emergency-stop chain. null: only recorded.",
-    )
+    source: Annotated[str, Field(min_length=1, max_length=40)]
+    """Input of the drive: analog-1, analog-2, or a digital input by the name that labrig devices check lists,
+    such as general-A."""
+    unit: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,15}$")] | None = None
+    """Unit of an analog input, as in the names of columns: N, mNm, bar."""
+    units_per_volt: float | None = None
+    """Scale of an analog input: unit a volt, negative where the sensor is turned round."""
+    zero_v: float = 0.0
+    """Voltage of an analog input at which its value is zero [V]."""
+    limits: tuple[float, float] | None = None
+    """Lowest and highest value of an analog input at which a run goes on [unit]. null: only recorded."""
+    expected: bool | None = None
+    """State of a digital input, true for on, without which a run stops: a closed door, a closed
+    emergency-stop chain. null: only recorded."""
 
     @property
     def is_analog(self) -> bool:

@@ -5,12 +5,13 @@ something else is never replaced.
 """
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter
 
 from labrig.devices.axis_description import AXES
 from labrig.devices.worker import Do, do_at_once
@@ -22,6 +23,7 @@ from labrig.steering.torsion import LagError, TorsionalLag
 _KIND = "labrig-rig-state"
 _VERSION = 1
 _BEGIN_BYTES = 4096
+_Sd = Annotated[float, Field(ge=0)]
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Torsion:
 
     lag_rad: float
     lag_rad_per_mm: float
-    sd_rad: float
+    sd_rad: _Sd
     run: str
     error: LagError | None = None
 
@@ -71,7 +73,7 @@ class RollZero:
 
     needle_id: str
     zero_rad: float
-    sd_rad: float
+    sd_rad: _Sd
     run: str
     torsion: Torsion | None = None
 
@@ -130,6 +132,8 @@ class RigState:
             )
         return ""
 
+
+_STATE = TypeAdapter(RigState)
 
 NEW = RigState(needle_in_tissue=False)
 """State of a simulated rig, whose drives and world are new."""
@@ -248,73 +252,21 @@ def _load(path: Path) -> RigState:
     if not path.exists():
         return RigState(None, note="this rig has no state file yet")
     try:
-        return _parse(parse_json(read_file(path)))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        return RigState(None, note=f"the rig's state file {path.name} cannot be read ({error})")
+        document = parse_json(read_file(path))
+        if not isinstance(document, dict) or (document.get("kind"), document.get("schema_version")) != (
+            _KIND,
+            _VERSION,
+        ):
+            raise ValueError(f"it is no {_KIND} of version {_VERSION}")
+        return parse_rig_state(document)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        return RigState(None, note=f"the rig's state file {path.name} cannot be read ({reason})")
 
 
-def _parse(document: Any) -> RigState:
-    if (document["kind"], document["schema_version"]) != (_KIND, _VERSION):
-        raise ValueError(f"kind {document['kind']}, version {document['schema_version']}")
-    needle, since, referenced = document["needle_in_tissue"], document["since_run"], document["referenced"]
-    if not (needle is None or isinstance(needle, bool)) or not (since is None or isinstance(since, str)):
-        raise ValueError("needle_in_tissue is neither true, false nor null")
-    if not isinstance(referenced, list):
-        raise TypeError("referenced is no list")
-    roll_zero = parse_roll_zero(document.get("roll_zero"))
-    return RigState(
-        needle,
-        since,
-        tuple(map(str, referenced)),
-        str(document["note"]),
-        roll_zero,
-        parse_current_limits(document.get("current_limits")),
-    )
-
-
-def parse_current_limits(document: object) -> dict[str, tuple[int, int]]:
-    """Return the current limits of a state file or record; those of earlier versions have none."""
-    if document is None:
-        return {}
-    if not isinstance(document, dict):
-        raise TypeError("current_limits is no mapping")
-    return {str(axis): (int(own_ma), int(set_ma)) for axis, (own_ma, set_ma) in document.items()}
-
-
-def parse_roll_zero(document: object) -> RollZero | None:
-    """Return the roll zero of a state file or record; those of earlier versions have none, or none with a torsion."""
-    if document is None:
-        return None
-    if not isinstance(document, dict):
-        raise TypeError("roll_zero is no mapping")
-    zero_rad, sd_rad = float(document["zero_rad"]), float(document["sd_rad"])
-    if not (math.isfinite(zero_rad) and sd_rad >= 0):
-        raise ValueError("roll_zero holds no numbers")
-    torsion = _parse_torsion(document.get("torsion"))
-    return RollZero(str(document["needle_id"]), zero_rad, sd_rad, str(document["run"]), torsion)
-
-
-def _parse_torsion(document: object) -> Torsion | None:
-    if document is None:
-        return None
-    if not isinstance(document, dict):
-        raise TypeError("torsion is no mapping")
-    lag_rad, per_mm, sd_rad = (float(document[key]) for key in ("lag_rad", "lag_rad_per_mm", "sd_rad"))
-    if not (math.isfinite(lag_rad) and math.isfinite(per_mm) and sd_rad >= 0):
-        raise ValueError("torsion holds no numbers")
-    error = document.get("error")
-    return Torsion(
-        lag_rad, per_mm, sd_rad, str(document["run"]), None if error is None else _parse_lag_error(error)
-    )
-
-
-def _parse_lag_error(document: object) -> LagError:
-    if not isinstance(document, dict):
-        raise TypeError("error of the torsion is no mapping")
-    error = LagError(*(float(document[key]) for key in ("best_mm", "best_sd_rad", "per_mm_sd_rad")))
-    if not (math.isfinite(error.best_mm) and error.best_sd_rad >= 0 and error.per_mm_sd_rad >= 0):
-        raise ValueError("error of the torsion holds no numbers")
-    return error
+def parse_rig_state(document: object) -> RigState:
+    """Return the state of a state file or a record. Raises `ValueError`."""
+    return _STATE.validate_json(json.dumps(document), strict=True)
 
 
 def _save(path: Path, state: RigState) -> None:

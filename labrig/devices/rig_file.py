@@ -12,7 +12,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PrivateAttr
 
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.camera_settings import CameraDescription, RigKind
+from labrig.devices.camera import CameraDescription, RigKind
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.drive import DEFAULT_DRIVER
 from labrig.devices.driver_section import DriverSection
@@ -32,9 +32,12 @@ _Axis = Annotated[AxisDescription, DriverSection(DRIVES, AxisDescription, DEFAUL
 class AxesDescription(Model):
     """The three axes of the instrument."""
 
-    insertion: _Axis = Field(description="Screw that pushes the needle out of the sheath.")
-    rotation: _Axis = Field(description="Turns the needle about its axis.")
-    linear: _Axis = Field(description="Linear module that carries the instrument with the sheath.")
+    insertion: _Axis
+    """Screw that pushes the needle out of the sheath."""
+    rotation: _Axis
+    """Turns the needle about its axis."""
+    linear: _Axis
+    """Linear module that carries the instrument with the sheath."""
 
     def items(self) -> tuple[tuple[str, AxisDescription], ...]:
         """Return the axes with their names, in the order in which they are connected."""
@@ -69,69 +72,59 @@ class AxesDescription(Model):
 class CalibrationDescription(Model):
     """Which calibration belongs to this rig."""
 
-    intrinsics: FileName | None = Field(
-        description="File of the lens, beside the rig file. null: not yet calibrated."
-    )
-    plane: FileName | None = Field(
-        description="File of the steering plane, beside the rig file. null: not yet."
-    )
-    template: FileName | None = Field(
-        None,
-        description="Picture of the needle's tip by which insertions find it, beside the rig file, with a JSON of the "
-        "same name; labrig calibrate template makes it. null: not yet.",
-    )
-    mask: FileName | None = Field(
-        None,
-        description="Pixels that are never the needle (a clamp, a reflection), beside the rig file: a picture of the "
-        "camera's size, white there, or polygons as JSON. Every run keeps it. null: none.",
-    )
+    intrinsics: FileName | None
+    """File of the lens, beside the rig file. null: not yet calibrated."""
+    plane: FileName | None
+    """File of the steering plane, beside the rig file. null: not yet."""
+    template: FileName | None = None
+    """Picture of the needle's tip by which insertions find it, beside the rig file, with a JSON of the same
+    name; labrig calibrate template makes it. null: not yet."""
+    mask: FileName | None = None
+    """Pixels that are never the needle (a clamp, a reflection), beside the rig file: a picture of the
+    camera's size, white there, or polygons as JSON. Every run keeps it. null: none."""
 
 
 class RecordingDescription(Model):
     """How a run is recorded."""
 
-    state_rate_hz: Annotated[float, Field(gt=0, le=100)] = Field(
-        10.0, description="States recorded a second while axes move [Hz]."
-    )
-    fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
-        1.0,
-        description="The record is forced to disk this often; a power cut loses at most what came since [s].",
-    )
-    least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = Field(
-        100.0, description="A run ends as failed when its disk has less free space than this [MB]."
-    )
+    state_rate_hz: Annotated[float, Field(gt=0, le=100)] = 10.0
+    """States recorded a second while axes move [Hz]."""
+    fsync_period_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    """The record is forced to disk this often; a power cut loses at most what came since [s]."""
+    least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = 100.0
+    """A run ends as failed when its disk has less free space than this [MB]."""
 
 
 class RigDescription(Model):
     """A rig file of labrig."""
 
-    schema_version: Literal[1] = Field(1, description="Version of this format.")
-    name: Name = Field(description="What the rig is called in records and reports.")
-    kind: RigKind = Field(description="simulated, or bench for real drives and a real camera.")
-    clock: Literal["real"] | None = Field(
-        None,
-        description="real: a simulated rig runs at a bench's pace and asks its questions, to rehearse on it. null: it "
-        "runs as fast as the processor allows and answers by itself. A bench always runs in real time.",
-    )
-    state_file: FileName | None = Field(
-        None,
-        description="Where the rig keeps across runs whether a needle is in tissue, relative to this file. "
-        "null: it is forgotten when labrig ends, as befits a simulated rig, which is new in every run.",
-    )
-    can: CanDescription = Field(description="The CAN bus.")
-    axes: AxesDescription = Field(description="The three axes.")
-    camera: Annotated[CameraDescription, DriverSection(CAMERAS, CameraDescription)] = Field(
-        description="The camera."
-    )
-    calibration: CalibrationDescription = Field(description="Calibration files.")
-    recording: RecordingDescription = Field(default_factory=RecordingDescription, description="The record.")
-    world: WorldDescription | None = Field(
-        None, description="What a simulated rig lives in; none on a bench."
-    )
+    schema_version: Literal[1] = 1
+    """Version of this format."""
+    name: Name
+    """What the rig is called in records and reports."""
+    kind: RigKind
+    """simulated, or bench for real drives and a real camera."""
+    clock: Literal["real"] | None = None
+    """real: a simulated rig runs at a bench's pace and asks its questions, to rehearse on it. null: it runs
+    as fast as the processor allows and answers by itself. A bench always runs in real time."""
+    state_file: FileName | None = None
+    """Where the rig keeps across runs whether a needle is in tissue, relative to this file. null: it is
+    forgotten when labrig ends, as befits a simulated rig, which is new in every run."""
+    can: CanDescription
+    """The CAN bus."""
+    axes: AxesDescription
+    """The three axes."""
+    camera: Annotated[CameraDescription, DriverSection(CAMERAS, CameraDescription)]
+    """The camera."""
+    calibration: CalibrationDescription
+    """Calibration files."""
+    recording: RecordingDescription = Field(default_factory=RecordingDescription)
+    """The record."""
+    world: WorldDescription | None = None
+    """What a simulated rig lives in; none on a bench."""
 
-    faults: tuple[FaultDescription, ...] = Field(
-        (), description="What is to go wrong on a simulated rig, and when; none on a bench."
-    )
+    faults: tuple[FaultDescription, ...] = ()
+    """What is to go wrong on a simulated rig, and when; none on a bench."""
 
     _folder: Path = PrivateAttr(default=Path())
     _file: Path | None = PrivateAttr(default=None)

@@ -1,6 +1,7 @@
 """JSON Schema (draft 2020-12) of a model, as editors and error messages read it."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
@@ -19,6 +20,7 @@ _BOUND_WORDS = {
     "exclusiveMaximum": "below",
     "maximum": "most",
 }
+_SINGLE_BREAK = re.compile(r"(?<!\n)\n(?!\n)")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
@@ -31,11 +33,25 @@ class _Untitled(GenerateJsonSchema):
 
 def model_schema(model: Any, title: str) -> JsonSchema:
     """Return the JSON Schema of `model`, a model class or an annotated union of them, which has no type of its own."""
-    made = TypeAdapter(model).json_schema(schema_generator=_Untitled)
+    made = _join_lines(TypeAdapter(model).json_schema(schema_generator=_Untitled))
     return {
         "$schema": DIALECT,
         "title": title,
         **{key: value for key, value in made.items() if key != "title"},
+    }
+
+
+def _join_lines(node: Any) -> Any:
+    """Return a schema in which each paragraph of a description is one line: they are docstrings of fields."""
+    if isinstance(node, list):
+        return [_join_lines(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    return {
+        key: _SINGLE_BREAK.sub(" ", value)
+        if key == "description" and isinstance(value, str)
+        else _join_lines(value)
+        for key, value in node.items()
     }
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
-from labrig.devices.calibrated_camera import require_calibrated_camera
+from labrig.devices.camera import require_calibrated_camera
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.rig import Rig
@@ -140,7 +140,7 @@ def require_valid_calibration(plan: RunPlan, rig: Rig) -> None:
     """
     if plan.uses_calibration:
         for path in rig.description.calibration_paths().values():
-            require_calibrated_camera(rig.description, path, rig.camera.settings.reported)
+            require_calibrated_camera(rig.description.camera, path, rig.camera.settings.reported)
 
 
 def count_needed_bytes(plan: RunPlan, rig: RigDescription | None, share: float = 1.0) -> int:

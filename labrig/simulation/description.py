@@ -22,13 +22,12 @@ _SAFE_SDS = 6  # a radius this many standard deviations below its mean must stil
 class GelDescription(Model):
     """How tightly the needle steers in a gel: each insertion draws its radius normally distributed."""
 
-    gelatin_percent: Annotated[float, Field(gt=0, le=100)] = Field(
-        description="Mass of gelatin powder over mass of water [%]."
-    )
-    radius_mean_mm: PositiveMm = Field(description="Mean radius of curvature [mm].")
-    radius_sd_mm: NonNegativeMm = Field(
-        description="Standard deviation of the radius between insertions [mm]."
-    )
+    gelatin_percent: Annotated[float, Field(gt=0, le=100)]
+    """Mass of gelatin powder over mass of water [%]."""
+    radius_mean_mm: PositiveMm
+    """Mean radius of curvature [mm]."""
+    radius_sd_mm: NonNegativeMm
+    """Standard deviation of the radius between insertions [mm]."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield a spread so wide that a drawn radius could be zero or less."""
@@ -45,8 +44,10 @@ GELS_DESIGN_RADIUS_MM = 30.0
 class DesignDescription(Model):
     """What a needle was designed for: its hinges let it steer at some radius within the tolerance."""
 
-    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
-    radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
+    radius_low_mm: PositiveMm
+    """Smallest radius within the laser's tolerances [mm]."""
+    radius_high_mm: PositiveMm
+    """Largest radius within the laser's tolerances [mm]."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield an empty interval."""
@@ -58,152 +59,121 @@ class DesignDescription(Model):
 class NeedleDescription(Model):
     """The needle as it is, not as it was designed."""
 
-    diameter_mm: Annotated[float, Field(gt=0, le=2.5)] = Field(1.2, description="Outer diameter [mm].")
-    hinge_closing_mm: PositiveMm = Field(
-        3.0,
-        description="Arc length over which the hinges close: curvature grows linearly from 0 to 1/r [mm].",
-    )
-    backlash_mm: PositiveMm = Field(
-        1.5,
-        description="Insertion after half a turn of the bevel in which the play of the hinges lets the curvature swing "
-        "over to the other side [mm].",
-    )
-    leaves_track_mm: NonNegativeMm = Field(
-        3.0,
-        description="Length along which a needle that was withdrawn, and goes in again with its bevel turned, still "
-        "follows its old cut before it cuts another [mm].",
-    )
-    clamp_roll_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
-        0.0,
-        description="Roll of the bevel where the rotation axis stands at zero: how the needle is clamped [deg].",
-    )
-    bevel_deg: Annotated[float, Field(ge=15, le=90)] = Field(
-        50.0, description="Angle between the bevel's face and the needle's axis [deg]."
-    )
-    link_mm: PositiveMm = Field(
-        3.0, description="Length of a link between two hinges; each cut shows as a tick [mm]."
-    )
-    torsion_lag_deg: Annotated[float, Field(ge=0, le=90)] = Field(
-        0.0,
-        description="Torsional play: the bevel follows the rotation axis only when it is this far behind, in each "
-        "direction, and stays behind until the axis turns back [deg].",
-    )
-    torsion_lag_deg_per_mm: Annotated[float, Field(ge=0, le=5)] = Field(
-        0.0, description="What friction adds to the play for each millimetre of needle in the gel [deg/mm]."
-    )
-    design: DesignDescription | None = Field(
-        None,
-        description="What the needle was designed for; each needle draws its radius in between, and the gels' radii "
-        "are scaled by it over 30 mm. null: the gels' radii as they are, or what the protocol's design file says.",
-    )
+    diameter_mm: Annotated[float, Field(gt=0, le=2.5)] = 1.2
+    """Outer diameter [mm]."""
+    hinge_closing_mm: PositiveMm = 3.0
+    """Arc length over which the hinges close: curvature grows linearly from 0 to 1/r [mm]."""
+    backlash_mm: PositiveMm = 1.5
+    """Insertion after half a turn of the bevel in which the play of the hinges lets the curvature swing over
+    to the other side [mm]."""
+    leaves_track_mm: NonNegativeMm = 3.0
+    """Length along which a needle that was withdrawn, and goes in again with its bevel turned, still follows
+    its old cut before it cuts another [mm]."""
+    clamp_roll_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    """Roll of the bevel where the rotation axis stands at zero: how the needle is clamped [deg]."""
+    bevel_deg: Annotated[float, Field(ge=15, le=90)] = 50.0
+    """Angle between the bevel's face and the needle's axis [deg]."""
+    link_mm: PositiveMm = 3.0
+    """Length of a link between two hinges; each cut shows as a tick [mm]."""
+    torsion_lag_deg: Annotated[float, Field(ge=0, le=90)] = 0.0
+    """Torsional play: the bevel follows the rotation axis only when it is this far behind, in each direction,
+    and stays behind until the axis turns back [deg]."""
+    torsion_lag_deg_per_mm: Annotated[float, Field(ge=0, le=5)] = 0.0
+    """What friction adds to the play for each millimetre of needle in the gel [deg/mm]."""
+    design: DesignDescription | None = None
+    """What the needle was designed for; each needle draws its radius in between, and the gels' radii are
+    scaled by it over 30 mm. null: the gels' radii as they are, or what the protocol's design file says."""
 
 
 class SheathDescription(Model):
     """The straight tube that leads the needle into the gel."""
 
-    diameter_mm: Annotated[float, Field(gt=0, le=3)] = Field(2.0, description="Outer diameter [mm].")
-    lateral_play_sd_mm: NonNegativeMm = Field(
-        0.05, description="Standard deviation, from hole to hole, of the tip's lateral position [mm]."
-    )
-    angle_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.2, description="Standard deviation, from hole to hole, of the direction of entry [deg]."
-    )
-    x_play_sd_mm: NonNegativeMm = Field(
-        0.0,
-        description="Standard deviation, from hole to hole, of the tip's distance from the steering plane [mm].",
-    )
-    lean_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.0,
-        description="Standard deviation, from hole to hole, of the angle of entry out of the plane [deg].",
-    )
+    diameter_mm: Annotated[float, Field(gt=0, le=3)] = 2.0
+    """Outer diameter [mm]."""
+    lateral_play_sd_mm: NonNegativeMm = 0.05
+    """Standard deviation, from hole to hole, of the tip's lateral position [mm]."""
+    angle_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = 0.2
+    """Standard deviation, from hole to hole, of the direction of entry [deg]."""
+    x_play_sd_mm: NonNegativeMm = 0.0
+    """Standard deviation, from hole to hole, of the tip's distance from the steering plane [mm]."""
+    lean_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """Standard deviation, from hole to hole, of the angle of entry out of the plane [deg]."""
 
 
 class ResistanceDescription(Model):
     """Forces of the gel on needle and sheath, along the insertion: a simple model, of the size of measured ones."""
 
-    cutting_n: Annotated[float, Field(ge=0, le=100)] = Field(
-        0.5, description="Force at the tip of a needle that cuts on [N]."
-    )
-    needle_n_per_mm: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.02, description="Friction of the needle for each millimetre in the gel [N/mm]."
-    )
-    sheath_n_per_mm: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.05, description="Friction of the sheath for each millimetre in the gel [N/mm]."
-    )
+    cutting_n: Annotated[float, Field(ge=0, le=100)] = 0.5
+    """Force at the tip of a needle that cuts on [N]."""
+    needle_n_per_mm: Annotated[float, Field(ge=0, le=10)] = 0.02
+    """Friction of the needle for each millimetre in the gel [N/mm]."""
+    sheath_n_per_mm: Annotated[float, Field(ge=0, le=10)] = 0.05
+    """Friction of the sheath for each millimetre in the gel [N/mm]."""
 
 
 class LensDescription(Model):
     """The camera: pinhole, Brown-Conrady distortion, and how it stands over the steering plane."""
 
-    width_px: Annotated[int, Field(ge=64, le=4096)] = Field(1280, description="Width of the picture [px].")
-    height_px: Annotated[int, Field(ge=64, le=4096)] = Field(720, description="Height of the picture [px].")
-    fx_px: Annotated[float, Field(gt=0)] = Field(1800.0, description="Focal length along u [px].")
-    fy_px: Annotated[float, Field(gt=0)] = Field(1802.0, description="Focal length along v [px].")
-    cx_px: float = Field(645.0, description="Principal point, u [px].")
-    cy_px: float = Field(352.0, description="Principal point, v [px].")
-    distortion: tuple[float, float, float, float, float] = Field(
-        (-0.12, 0.05, 0.0006, -0.0004, 0.0), description="k1, k2, p1, p2, k3 [-]."
-    )
-    distance_mm: PositiveMm = Field(
-        115.0, description="From the centre of projection to the steering plane, along the optical axis [mm]."
-    )
-    tilt_deg: Annotated[float, Field(ge=0, le=30)] = Field(
-        2.0, description="Angle between the optical axis and the plane's normal [deg]."
-    )
-    tilt_azimuth_deg: float = Field(
-        35.0, description="Axis in the picture about which the camera is tilted, from u towards v [deg]."
-    )
-    roll_deg: float = Field(0.4, description="Turn of the camera about its optical axis [deg].")
-    origin_px: PixelUv = Field(
-        (320.0, 200.0),
-        description="Where the origin of the steering plane stands in the picture, (u, v) [px].",
-    )
+    width_px: Annotated[int, Field(ge=64, le=4096)] = 1280
+    """Width of the picture [px]."""
+    height_px: Annotated[int, Field(ge=64, le=4096)] = 720
+    """Height of the picture [px]."""
+    fx_px: Annotated[float, Field(gt=0)] = 1800.0
+    """Focal length along u [px]."""
+    fy_px: Annotated[float, Field(gt=0)] = 1802.0
+    """Focal length along v [px]."""
+    cx_px: float = 645.0
+    """Principal point, u [px]."""
+    cy_px: float = 352.0
+    """Principal point, v [px]."""
+    distortion: tuple[float, float, float, float, float] = (-0.12, 0.05, 0.0006, -0.0004, 0.0)
+    """k1, k2, p1, p2, k3 [-]."""
+    distance_mm: PositiveMm = 115.0
+    """From the centre of projection to the steering plane, along the optical axis [mm]."""
+    tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
+    """Angle between the optical axis and the plane's normal [deg]."""
+    tilt_azimuth_deg: float = 35.0
+    """Axis in the picture about which the camera is tilted, from u towards v [deg]."""
+    roll_deg: float = 0.4
+    """Turn of the camera about its optical axis [deg]."""
+    origin_px: PixelUv = (320.0, 200.0)
+    """Where the origin of the steering plane stands in the picture, (u, v) [px]."""
 
 
 class LightDescription(Model):
     """The light table under the gel and the lamp above it."""
 
-    level: Annotated[float, Field(gt=0, le=255)] = Field(165.0, description="Brightness of clear gel [grey].")
-    unevenness: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.3, description="Fall of brightness across the picture [fraction of level]."
-    )
-    glint: Annotated[float, Field(ge=0, le=255)] = Field(
-        150.0, description="Brightness that the needle's specular glint adds [grey]."
-    )
-    azimuth_deg: float = Field(
-        115.0, description="Where the lamp stands, from +z towards +y in the steering plane [deg]."
-    )
+    level: Annotated[float, Field(gt=0, le=255)] = 165.0
+    """Brightness of clear gel [grey]."""
+    unevenness: Annotated[float, Field(ge=0, le=1)] = 0.3
+    """Fall of brightness across the picture [fraction of level]."""
+    glint: Annotated[float, Field(ge=0, le=255)] = 150.0
+    """Brightness that the needle's specular glint adds [grey]."""
+    azimuth_deg: float = 115.0
+    """Where the lamp stands, from +z towards +y in the steering plane [deg]."""
 
 
 class DisturbancesDescription(Model):
     """What keeps a needle from its arcs. Each path draws its own."""
 
-    in_every_gel: bool = Field(
-        default=False,
-        description="Whether plain blocks of gel are disturbed too. false: phantoms only, because the gels' standard "
-        "deviations, which are the paper's, hold what disturbed its sweep.",
-    )
-    heading_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.3, description="Standard deviation of the heading in the plane after a millimetre [deg / mm^0.5]."
-    )
-    out_of_plane_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.0, description="The same out of the plane, which the camera does not see [deg / mm^0.5]."
-    )
-    curvature_fraction: Annotated[float, Field(ge=0, le=0.3)] = Field(
-        0.03, description="Standard deviation of the curvature along the path over its mean [-]."
-    )
-    curvature_length_mm: PositiveMm = Field(
-        10.0, description="Length after which the curvature has forgotten its deviation [mm]."
-    )
-    cavities: Annotated[int, Field(ge=0, le=20)] = Field(
-        0, description="Cavities in each path, in which the needle does not steer [-]."
-    )
-    cavity_mm: tuple[float, float] = Field((6.0, 10.0), description="Shortest and longest cavity [mm].")
-    slip_sd_fraction: Annotated[float, Field(ge=0, le=0.1)] = Field(
-        0.0,
-        description="Share of the inserted length by which the tip lags behind, because needle and gel give way: the "
-        "size of a normal draw with this standard deviation, once for a hole [-].",
-    )
+    in_every_gel: bool = False
+    """Whether plain blocks of gel are disturbed too. false: phantoms only, because the gels' standard
+    deviations, which are the paper's, hold what disturbed its sweep."""
+    heading_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] = 0.3
+    """Standard deviation of the heading in the plane after a millimetre [deg / mm^0.5]."""
+    out_of_plane_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """The same out of the plane, which the camera does not see [deg / mm^0.5]."""
+    curvature_fraction: Annotated[float, Field(ge=0, le=0.3)] = 0.03
+    """Standard deviation of the curvature along the path over its mean [-]."""
+    curvature_length_mm: PositiveMm = 10.0
+    """Length after which the curvature has forgotten its deviation [mm]."""
+    cavities: Annotated[int, Field(ge=0, le=20)] = 0
+    """Cavities in each path, in which the needle does not steer [-]."""
+    cavity_mm: tuple[float, float] = (6.0, 10.0)
+    """Shortest and longest cavity [mm]."""
+    slip_sd_fraction: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    """Share of the inserted length by which the tip lags behind, because needle and gel give way: the size of
+    a normal draw with this standard deviation, once for a hole [-]."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield invalid lengths of cavities."""
@@ -217,33 +187,29 @@ class DisturbancesDescription(Model):
 class LayerDescription(Model):
     """A layer of a phantom in which the needle steers at another radius than in the rest of the gel."""
 
-    until_mm: PositiveMm = Field(
-        description="Where the layer ends, along z from the origin of the steering plane [mm]."
-    )
-    radius_scale: Annotated[float, Field(gt=0, le=10)] = Field(
-        description="Radius in the layer over the radius drawn for the gel [-]."
-    )
+    until_mm: PositiveMm
+    """Where the layer ends, along z from the origin of the steering plane [mm]."""
+    radius_scale: Annotated[float, Field(gt=0, le=10)]
+    """Radius in the layer over the radius drawn for the gel [-]."""
 
 
 class PrintedMarkerDescription(Model):
     """A printed marker on the gel of a phantom, which moves with the target."""
 
-    marker_id: MarkerId = Field(description="Its id in the dictionary.")
-    dictionary: MarkerDictionary = Field("DICT_4X4_50", description="OpenCV's name of its dictionary.")
-    side_mm: PositiveMm = Field(
-        description="Side of its black square; a white rim a bit wide is around it [mm]."
-    )
-    position_mm: tuple[float, float] = Field(
-        description="Where its centre is before the target moves, y and z [mm]."
-    )
-    x_mm: Annotated[float, Field(ge=-100, le=100)] = Field(
-        0.0, description="Where it is across the steering plane, positive away from the camera [mm]."
-    )
-    turn_deg: float = Field(0.0, description="How it is turned in the plane, from +z towards +y [deg].")
-    covered_mm: tuple[float, float] | None = Field(
-        None,
-        description="Lengths of the needle's path between which something covers it; null: nothing does [mm].",
-    )
+    marker_id: MarkerId
+    """Its id in the dictionary."""
+    dictionary: MarkerDictionary = "DICT_4X4_50"
+    """OpenCV's name of its dictionary."""
+    side_mm: PositiveMm
+    """Side of its black square; a white rim a bit wide is around it [mm]."""
+    position_mm: tuple[float, float]
+    """Where its centre is before the target moves, y and z [mm]."""
+    x_mm: Annotated[float, Field(ge=-100, le=100)] = 0.0
+    """Where it is across the steering plane, positive away from the camera [mm]."""
+    turn_deg: float = 0.0
+    """How it is turned in the plane, from +z towards +y [deg]."""
+    covered_mm: tuple[float, float] | None = None
+    """Lengths of the needle's path between which something covers it; null: nothing does [mm]."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield lengths out of order."""
@@ -255,8 +221,10 @@ class PrintedMarkerDescription(Model):
 class SlideDescription(Model):
     """The gel slides: target and markers are displaced all at once."""
 
-    at_mm: NonNegativeMm = Field(description="Length of the needle's path at which it slides [mm].")
-    by_mm: tuple[float, float] = Field(description="How far, along y and z [mm].")
+    at_mm: NonNegativeMm
+    """Length of the needle's path at which it slides [mm]."""
+    by_mm: tuple[float, float]
+    """How far, along y and z [mm]."""
 
 
 def _paper_gels() -> tuple[GelDescription, ...]:
@@ -268,78 +236,53 @@ def _paper_gels() -> tuple[GelDescription, ...]:
 class WorldDescription(Model):
     """The simulated world: lengths in mm, angles in degrees, brightness in grey levels (0 to 255)."""
 
-    gels: tuple[GelDescription, ...] = Field(
-        default_factory=_paper_gels,
-        min_length=1,
-        description="Known gels by rising gelatin; between two of them mean and SD are interpolated.",
-    )
-    needle: NeedleDescription = Field(default_factory=NeedleDescription, description="The needle.")
-    disturbances: DisturbancesDescription = Field(
-        default_factory=DisturbancesDescription, description="What keeps the needle from its arcs."
-    )
-    sheath: SheathDescription = Field(default_factory=SheathDescription, description="The sheath.")
-    layers: tuple[LayerDescription, ...] = Field(
-        (),
-        description="Layers of a phantom from the origin on; beyond the last of them the gel is as under `gels`.",
-    )
-    obstacle_shift_sd_mm: NonNegativeMm = Field(
-        0.0,
-        description="How far, along each axis, a phantom's obstacles lie from where the protocol says: the standard "
-        "deviation [mm].",
-    )
-    target_moves_mm: NonNegativeMm = Field(
-        0.0,
-        description="How far the target moves in the steering plane while the needle covers the distance to it, in "
-        "a direction that is drawn for each phantom [mm].",
-    )
-    target_pushed_mm_per_mm: tuple[float, float] = Field(
-        (0.0, 0.0),
-        description="How far the needle pushes the target along y and z with each millimetre of its path [mm/mm].",
-    )
-    target_slides: SlideDescription | None = Field(
-        None, description="How the target is displaced all at once; null: it is not."
-    )
-    markers: tuple[PrintedMarkerDescription, ...] = Field(
-        (), max_length=20, description="Printed markers that move with the target, in every phantom."
-    )
-    resistance: ResistanceDescription = Field(
-        default_factory=ResistanceDescription, description="Forces of the gel on needle and sheath."
-    )
-    force_sensor_mv_per_n: Annotated[float, Field(gt=0, le=1e5)] = Field(
-        100.0,
-        description="Scale of the simulated load cell at the needle, which is wired to analog-1 of the drive of the "
-        "insertion axis; it reads positive while the needle is pushed [mV/N].",
-    )
-    lens: LensDescription = Field(default_factory=LensDescription, description="The camera's lens and stand.")
-    light: LightDescription = Field(default_factory=LightDescription, description="The light.")
-    sheath_tip_at_origin_linear_mm: float = Field(
-        15.0,
-        description="Position of the linear axis at which the sheath's tip stands at the plane's origin; "
-        "at 0 it touches the gel [mm].",
-    )
-    target_mark_mm: tuple[float, float] = Field(
-        (4.0, 100.0),
-        description="Where the simulated operator sees the target when asked for it, (y, z) [mm].",
-    )
-    obstacle_marks_mm: tuple[tuple[float, float, PositiveMm], ...] = Field(
-        (),
-        max_length=100,
-        description="Obstacles cast into every block besides those whose places the protocol states, each as y, z and "
-        "radius; the simulated operator names them in turn when asked for obstacles [mm].",
-    )
-    blur_px: Annotated[float, Field(ge=0, le=2)] = Field(
-        0.8, description="Standard deviation of the lens's blur [px]."
-    )
-    noise_sd: Annotated[float, Field(ge=0, le=100)] = Field(
-        3.0, description="Standard deviation of the noise at the light's level [grey]."
-    )
-    bubbles_per_specimen: Annotated[int, Field(ge=0, le=2000)] = Field(
-        140, description="Air bubbles cast into each specimen [-]."
-    )
-    ignores: tuple[str, ...] = Field(
-        (),
-        description="Camera settings that the simulated camera silently ignores, as some cameras do [-].",
-    )
+    gels: tuple[GelDescription, ...] = Field(default_factory=_paper_gels, min_length=1)
+    """Known gels by rising gelatin; between two of them mean and SD are interpolated."""
+    needle: NeedleDescription = Field(default_factory=NeedleDescription)
+    """The needle."""
+    disturbances: DisturbancesDescription = Field(default_factory=DisturbancesDescription)
+    """What keeps the needle from its arcs."""
+    sheath: SheathDescription = Field(default_factory=SheathDescription)
+    """The sheath."""
+    layers: tuple[LayerDescription, ...] = ()
+    """Layers of a phantom from the origin on; beyond the last of them the gel is as under `gels`."""
+    obstacle_shift_sd_mm: NonNegativeMm = 0.0
+    """How far, along each axis, a phantom's obstacles lie from where the protocol says: the standard
+    deviation [mm]."""
+    target_moves_mm: NonNegativeMm = 0.0
+    """How far the target moves in the steering plane while the needle covers the distance to it, in a
+    direction that is drawn for each phantom [mm]."""
+    target_pushed_mm_per_mm: tuple[float, float] = (0.0, 0.0)
+    """How far the needle pushes the target along y and z with each millimetre of its path [mm/mm]."""
+    target_slides: SlideDescription | None = None
+    """How the target is displaced all at once; null: it is not."""
+    markers: tuple[PrintedMarkerDescription, ...] = Field((), max_length=20)
+    """Printed markers that move with the target, in every phantom."""
+    resistance: ResistanceDescription = Field(default_factory=ResistanceDescription)
+    """Forces of the gel on needle and sheath."""
+    force_sensor_mv_per_n: Annotated[float, Field(gt=0, le=1e5)] = 100.0
+    """Scale of the simulated load cell at the needle, which is wired to analog-1 of the drive of the
+    insertion axis; it reads positive while the needle is pushed [mV/N]."""
+    lens: LensDescription = Field(default_factory=LensDescription)
+    """The camera's lens and stand."""
+    light: LightDescription = Field(default_factory=LightDescription)
+    """The light."""
+    sheath_tip_at_origin_linear_mm: float = 15.0
+    """Position of the linear axis at which the sheath's tip stands at the plane's origin; at 0 it touches the
+    gel [mm]."""
+    target_mark_mm: tuple[float, float] = (4.0, 100.0)
+    """Where the simulated operator sees the target when asked for it, (y, z) [mm]."""
+    obstacle_marks_mm: tuple[tuple[float, float, PositiveMm], ...] = Field((), max_length=100)
+    """Obstacles cast into every block besides those whose places the protocol states, each as y, z and
+    radius; the simulated operator names them in turn when asked for obstacles [mm]."""
+    blur_px: Annotated[float, Field(ge=0, le=2)] = 0.8
+    """Standard deviation of the lens's blur [px]."""
+    noise_sd: Annotated[float, Field(ge=0, le=100)] = 3.0
+    """Standard deviation of the noise at the light's level [grey]."""
+    bubbles_per_specimen: Annotated[int, Field(ge=0, le=2000)] = 140
+    """Air bubbles cast into each specimen [-]."""
+    ignores: tuple[str, ...] = ()
+    """Camera settings that the simulated camera silently ignores, as some cameras do [-]."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield gels and layers out of order, and a needle that does not fit the sheath."""

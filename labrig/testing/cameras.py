@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labrig.clock import Clock
-from labrig.devices.camera import Camera, PictureSource
-from labrig.devices.camera_settings import CameraDescription
+from labrig.devices.camera import Camera, CameraDescription, PictureSource
 from labrig.errors import CameraError
 
 _PAUSE_S = 0.5

@@ -37,7 +37,6 @@ from labrig.analysis.result import load_centre_lines
 from labrig.campaign.campaign_file import load_campaign_file
 from labrig.cli.main import run_command
 from labrig.devices.cia402.eds import read_eds
-from labrig.devices.files import read_sidecar
 from labrig.devices.motion_log import read_last_motion
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig
@@ -318,7 +317,6 @@ def _simple_files() -> Iterator[Kind]:
     lens = (calibration / "simulated-intrinsics.json").read_bytes()
     plane = (calibration / "simulated-plane.json").read_bytes()
     tip = {f"tip{end}": (calibration / f"simulated-tip{end}").read_bytes() for end in (".json", ".png")}
-    times = b"picture,t_s\n" + b"".join(b"%d.png,%.2f\n" % (number, number / 25) for number in range(5))
     rig = {path.name: path.read_bytes() for path in sorted(calibration.iterdir()) if path.is_file()}
     del rig["rig-simulated.yaml"]
     rig = {"rig-simulated.yaml": RIG.read_bytes(), **rig}
@@ -373,15 +371,6 @@ def _simple_files() -> Iterator[Kind]:
     )
     yield _file(
         "lock", 2, {".lock": b'{"doing": "labrig run", "pid": 1, "host": "x"}'}, spoil_json, read_lock_owner
-    )
-    names = [Path(f"{number}.png") for number in range(5)]
-    yield _file(
-        "times",
-        2,
-        {"times.csv": times},
-        spoil_text,
-        lambda path: read_sidecar(path.parent, names),
-        frozenset({0, 3}),
     )
 
 

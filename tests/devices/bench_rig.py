@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from labrig.devices.bus import CanLink, open_can
-from labrig.devices.camera import Exposure, PictureSource
-from labrig.devices.camera_settings import Setting
+from labrig.devices.camera import Exposure, PictureSource, Setting
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion

@@ -1,6 +1,5 @@
 """Recorded pictures: each says by its grey level which it is."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -8,8 +7,6 @@ import numpy as np
 
 from labrig.devices.camera import Picture
 from tests.devices.captures import SIZE_PX
-
-FILM_RATE_HZ = 20.0
 
 
 def draw_numbered_picture(number: int) -> Picture:
@@ -20,7 +17,7 @@ def draw_numbered_picture(number: int) -> Picture:
 
 
 def number_in(image: Picture) -> int:
-    """Return the number of a picture, which a video may have changed by a grey level or two."""
+    """Return the number of a picture."""
     return round((float(image[-8:].mean()) - 10) / 5)
 
 
@@ -30,18 +27,3 @@ def write_pictures(folder: Path, count: int) -> Path:
     for number in range(count):
         cv2.imwrite(str(folder / f"{number + 1}.png"), draw_numbered_picture(number))
     return folder
-
-
-def write_sidecar(folder: Path, times_s: Sequence[float]) -> None:
-    """Write the times of such pictures."""
-    lines = [f"{number}.png,{time_s}" for number, time_s in enumerate(times_s, start=1)]
-    (folder / "times.csv").write_text("\n".join(["picture,t_s", *lines, ""]), encoding="utf-8")
-
-
-def write_film(path: Path, count: int) -> Path:
-    """Write a video of such pictures."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), FILM_RATE_HZ, SIZE_PX, isColor=True)
-    for number in range(count):
-        writer.write(cv2.cvtColor(draw_numbered_picture(number), cv2.COLOR_GRAY2BGR))
-    writer.release()
-    return path

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.devices.camera import Camera, CameraContext, Exposure, Picture
-from labrig.devices.camera_settings import CONTROL_NAMES, Setting
+from labrig.devices.camera import CONTROL_NAMES, Camera, CameraContext, Exposure, Picture, Setting
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource

@@ -21,7 +21,7 @@ import numpy as np
 
 from labrig.devices.camera import Exposure
 from labrig.devices.camera import CameraKind
-from labrig.devices.camera_settings import CameraDescription
+from labrig.devices.camera import CameraDescription
 
 class Section(CameraDescription):
     rig_kinds: ClassVar[frozenset[str]] = frozenset({"simulated", "bench"})

@@ -14,8 +14,7 @@ import can
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices import canopen_objects as co
-from labrig.devices.camera import Exposure, PictureSource
-from labrig.devices.camera_settings import Setting
+from labrig.devices.camera import Exposure, PictureSource, Setting
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.drive import Homing

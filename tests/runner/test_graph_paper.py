@@ -22,7 +22,7 @@ from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 from tests.pages import write_page
-from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Watched, large_bench
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
 STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null")
@@ -121,7 +121,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     """The zero is found, live and by analysis, in spite of a play of half a millimetre and a degree."""
     play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.6")
     protocol = roll_zero("sentinel={pitch_mm: 1}")
-    with bench(tmp_path, protocol, (*EVEN[:2], *play)) as opened:
+    with large_bench(tmp_path, protocol, (*EVEN[:2], *play)) as opened:
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
     assert len(events(run, "roll_zero_sheath")) == 4
@@ -142,7 +142,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
 def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) -> None:
     """After a bump of 2 % no zero is certified, and the answer is no."""
     protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
-    with bench(tmp_path, protocol, EVEN) as opened:
+    with large_bench(tmp_path, protocol, EVEN) as opened:
         outcome, run = conduct(opened, protocol, 0.02, ShiftToHole)
         assert opened.opened.rig.needle.recall_roll_zero("N1") is None
     assert isinstance(outcome.error, CalibrationRefusedError)
@@ -156,7 +156,7 @@ def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) ->
 def test_a_roll_zero_is_not_sought_from_a_sheath_that_slipped(tmp_path: Path) -> None:
     """If the sheath slipped by a millimetre the needle never leaves it, and the reason is stated."""
     protocol = roll_zero()
-    with bench(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
+    with large_bench(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
         outcome, run = opened.conduct(protocol)
         assert opened.opened.rig.state.needle_in_tissue is False
     assert isinstance(outcome.error, MeasurementRefusedError)

@@ -22,7 +22,7 @@ from tests.devices.captures import (
     FakeControls,
     uvc_section,
 )
-from tests.devices.recorded import write_film, write_pictures
+from tests.devices.recorded import write_pictures
 from tests.devices.rigs import simulated_rig
 
 
@@ -62,21 +62,19 @@ class TestUvcWithoutStamps(TestUvc):
 
 class _Files(CameraConformance):
     folder: Path
-    source = "pictures"
     times: Literal["rate"] | None = None
 
     @pytest.fixture(autouse=True)
     def _record(self, tmp_path: Path) -> None:
         self.folder = tmp_path
         write_pictures(tmp_path / "pictures", 40)
-        write_film(tmp_path / "film.avi", 40)
 
     def open_camera(self) -> OpenedCamera:
         """Open recorded pictures in simulated time."""
         clock = SimulatedClock()
         section = FilesCameraDescription(
             driver="files",
-            source=self.source,
+            source="pictures",
             width_px=SIZE_PX[0],
             height_px=SIZE_PX[1],
             rate_hz=20.0,
@@ -93,9 +91,3 @@ class TestFolderByRate(_Files):
     """A folder with a picture every 50 ms."""
 
     times = "rate"
-
-
-class TestFilm(_Files):
-    """A video file, by its own times."""
-
-    source = "film.avi"

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from labrig.devices.axis import AxisReadback, Setpoint
 from labrig.devices.axis_description import AXES
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.needle_state import NEW, NeedleState, RigState, parse_current_limits, parse_roll_zero
+from labrig.devices.needle_state import NEW, NeedleState, parse_rig_state
 from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.tape import SessionPart, Tape
@@ -103,8 +103,9 @@ class ReplayedRig:
         self._run = run
         self._tape = tape
         try:
-            state = _read_state(part.devices.get("state"))
-        except (KeyError, TypeError, ValueError) as error:
+            recorded = part.devices.get("state")
+            state = NEW if recorded is None else parse_rig_state(recorded)
+        except ValueError as error:
             raise RecordError(
                 f"the manifest of {run.path} does not say the state of its rig: {error}", COPY_HINT
             ) from error
@@ -226,17 +227,4 @@ def _parse_answer(line: Mapping[str, Any]) -> Answer:
         reading=line.get("reading"),
         pixel=None if pixel is None else (float(pixel[0]), float(pixel[1])),
         choice=None if choice is None else Choice(choice),
-    )
-
-
-def _read_state(recorded: object) -> RigState:
-    if not isinstance(recorded, Mapping):
-        return NEW
-    return RigState(
-        needle_in_tissue=recorded.get("needle_in_tissue"),
-        since_run=recorded.get("since_run"),
-        referenced=tuple(recorded.get("referenced", ())),
-        note=str(recorded.get("note", "")),
-        roll_zero=parse_roll_zero(recorded.get("roll_zero")),
-        current_limits=parse_current_limits(recorded.get("current_limits")),
     )

@@ -2,11 +2,15 @@
 
 from typing import ClassVar, Literal
 
-from pydantic import Field
-
 from labrig.clock import Clock
-from labrig.devices.camera import CameraContext, CameraKind, Exposure
-from labrig.devices.camera_settings import ControlledCameraDescription, RigKind, Setting
+from labrig.devices.camera import (
+    CameraContext,
+    CameraKind,
+    ControlledCameraDescription,
+    Exposure,
+    RigKind,
+    Setting,
+)
 from labrig.errors import CameraError
 from labrig.simulation.world import World
 
@@ -73,7 +77,8 @@ class SimulatedCameraDescription(ControlledCameraDescription):
 
     rig_kinds: ClassVar[frozenset[RigKind]] = frozenset({"simulated"})
 
-    driver: Literal["simulated"] = Field(description="simulated: draws what the rig's world shows.")
+    driver: Literal["simulated"]
+    """simulated: draws what the rig's world shows."""
 
 
 class SimulatedCamera(CameraKind[SimulatedCameraDescription]):

@@ -3,10 +3,8 @@
 from typing import Literal
 
 import cv2
-from pydantic import Field
 
-from labrig.devices.camera import CameraContext, CameraKind
-from labrig.devices.camera_settings import ControlledCameraDescription
+from labrig.devices.camera import CameraContext, CameraKind, ControlledCameraDescription
 from labrig.devices.uvc.source import UvcSource
 from labrig.devices.uvc.v4l2 import V4l2Controls
 from labrig.errors import CameraError
@@ -15,7 +13,8 @@ from labrig.errors import CameraError
 class UvcCameraDescription(ControlledCameraDescription):
     """A USB camera. A control that it does not have is null."""
 
-    driver: Literal["uvc"] = Field(description="uvc: a USB camera.")
+    driver: Literal["uvc"]
+    """uvc: a USB camera."""
 
 
 class UvcCamera(CameraKind[UvcCameraDescription]):

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from labrig.clock import Clock
-from labrig.devices.camera import Exposure
-from labrig.devices.camera_settings import Setting
+from labrig.devices.camera import Exposure, Setting
 from labrig.devices.uvc.v4l2 import CONTROLS
 from labrig.errors import CameraError
 

@@ -6,8 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from labrig.clock import Clock
-from labrig.devices.camera import CameraContext, CameraKind, Exposure
-from labrig.devices.camera_settings import CameraDescription, RigKind, Setting
+from labrig.devices.camera import CameraContext, CameraDescription, CameraKind, Exposure, RigKind, Setting
 
 _BACKGROUND, _DISC = 30, 220
 

@@ -12,8 +12,8 @@ What is decided here:
   were pictured"). Earlier pictures are kept for viewing, not averaged in.
 - **Insertions are grouped by needle and gel**, the paper's "needle-tissue pair". The spread is the sample standard
   deviation (n - 1); the interval is Student's, of the mean, at 95 %. It covers the scatter between insertions and the
-  uncertainty of the bevel's roll (`analysis.roll_sd_deg`): a bevel out of the plane by rho shows r / cos(rho), so the
-  lower end is multiplied by the cosine of 1.96 standard deviations. It does not cover the errors that all insertions
+  uncertainty of the bevel's roll (`analysis.roll_sd_deg`): a bevel out of the plane by rho shows r / cos(rho), nearer
+  to the camera or farther from it, which all insertions of a needle share. It does not cover the other errors that they
   share: the scale of the plane calibration, refraction in the gel, the optics.
 - **The origin of a trial** is the sheath's tip and heading in the picture taken once it is in. Command and linear
   encoder give the expected pose; deviations along the insertion, across it and in heading have a limit and a sentence

@@ -34,14 +34,26 @@ def compute_spread(values: Sequence[float]) -> Spread:
 
 
 def add_roll_uncertainty(
-    interval: tuple[float, float] | None, roll_sd_deg: float
+    interval: tuple[float, float] | None, roll_sd_deg: float, roll_sigma: float | None = None
 ) -> tuple[float, float] | None:
-    """Widen the 95 % interval of a radius by the uncertainty of the roll; None stays None.
+    """Widen the 95 % interval of a radius by the uncertainty of the roll, which all insertions of a needle share.
 
     A bevel turned out of the plane by rho bends the needle by cos(rho) / r in it (equation 5), so that r / cos(rho) is
-    measured: too large, never too small. Only the lower end moves, and all insertions of a needle share it.
+    measured: too large, never too small. It also brings the needle nearer to the camera or farther from it, which
+    magnifies it by a share that is linear in rho, either way. The second outweighs the first at small angles.
+
+    Parameters
+    ----------
+    roll_sd_deg : float
+        Standard deviation of the roll [degrees].
+    roll_sigma : float or None
+        What that does to a radius through the camera, one standard deviation; both ends move. None: the camera's place
+        is not known, and only the lower end moves, by the cosine.
     """
     if interval is None:
         return None
     low, high = interval
-    return low * math.cos(_TWO_SIDED_95 * math.radians(roll_sd_deg)), high
+    if roll_sigma is None:
+        return low * math.cos(_TWO_SIDED_95 * math.radians(roll_sd_deg)), high
+    middle, half = (low + high) / 2.0, math.hypot((high - low) / 2.0, _TWO_SIDED_95 * roll_sigma)
+    return middle - half, middle + half

@@ -1,5 +1,7 @@
 """Mean, spread and interval."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -68,7 +70,13 @@ def test_the_interval_covers_as_often_as_it_says() -> None:
     assert covered / 4000 == pytest.approx(0.95, abs=0.015)
 
 
-def test_the_roll_moves_the_lower_end_of_an_interval_only() -> None:
+def test_the_roll_moves_both_ends_of_an_interval_where_the_camera_is_known() -> None:
+    """Perspective is linear in the roll; its share is independent of the scatter, and shared by all insertions."""
+    low, high = add_roll_uncertainty((28.0, 28.4), 2.0, 0.15) or (0.0, 0.0)
+    assert (low, high) == pytest.approx((28.2 - math.hypot(0.2, 0.294), 28.2 + math.hypot(0.2, 0.294)))
+
+
+def test_without_a_camera_the_roll_moves_the_lower_end_of_an_interval_only() -> None:
     """At two degrees the radius may be smaller by 1 - cos(1.96 x 2 degrees), 0.23 %; a known roll changes nothing."""
     assert add_roll_uncertainty((28.0, 28.4), 2.0) == pytest.approx((28.0 * 0.99766, 28.4), abs=1e-3)
     assert add_roll_uncertainty((28.0, 28.4), 0.0) == (28.0, 28.4)

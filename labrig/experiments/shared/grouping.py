@@ -38,7 +38,8 @@ def _summarise(
     group: Sequence[SpecimenTrialStart], finals: Mapping[int, PictureResult], roll_sd_deg: float
 ) -> SpecimenResult:
     pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
-    radii = [picture.radius_mm for picture in pictures if picture.accepted and picture.radius_mm is not None]
+    accepted = [picture for picture in pictures if picture.accepted and picture.radius_mm is not None]
+    radii = [picture.radius_mm for picture in accepted if picture.radius_mm is not None]
     reasons = Counter(picture.reason or "no reason given" for picture in pictures if not picture.accepted)
     summary = compute_spread(radii)
     return SpecimenResult(
@@ -49,11 +50,18 @@ def _summarise(
         n=summary.n,
         mean_radius_mm=summary.mean,
         sd_radius_mm=summary.sd,
-        ci95_mm=add_roll_uncertainty(summary.ci95, roll_sd_deg),
+        ci95_mm=add_roll_uncertainty(summary.ci95, roll_sd_deg, _average_roll(accepted)),
         refused=len(pictures) - summary.n,
         refused_reasons=tuple(f"{count} x {reason}" for reason, count in reasons.items()),
         without_final_picture=len(group) - len(pictures),
     )
+
+
+def _average_roll(pictures: Sequence[PictureResult]) -> float | None:
+    """Return the standard deviation [mm] that the roll, which they share, gives to their mean; None if unknown."""
+    sigmas = [None if (budget := picture.radius_budget_mm) is None else budget.roll for picture in pictures]
+    known = [sigma for sigma in sigmas if sigma is not None]
+    return float(np.mean(known)) if known and len(known) == len(sigmas) else None
 
 
 def average_means(specimens: Sequence[SpecimenResult]) -> float | None:

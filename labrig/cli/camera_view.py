@@ -10,14 +10,13 @@ from typing import IO, cast
 
 from labrig.cli.calibration_files import require_writable
 from labrig.cli.camera_watch import CameraWatch, ScoredPicture, Show
-from labrig.cli.forwarding import suggest_forwarding
 from labrig.cli.output import (
     SafeStandardError,
     escape_controls,
     print_checks,
-    print_json,
     print_line,
     say,
+    show,
 )
 from labrig.cli.signals import note_signals
 from labrig.devices.camera import Camera, require_calibrated_camera
@@ -27,6 +26,7 @@ from labrig.durable import write_atomically
 from labrig.errors import InputError
 from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.report.picture_page import PicturePage, ShownPicture
+from labrig.report.web_page import suggest_forwarding
 from labrig.vision.camera_frame import encode_frame
 from labrig.vision.camera_in_use import CameraInUse
 from labrig.vision.landmarks import Landmark, find_landmarks
@@ -36,6 +36,8 @@ from labrig.vision.plane import PlaneMap
 
 _INTERRUPTED = 130
 _COUNTED = 16
+_SHEATH_MM = 2.0
+"""Outer diameter of the sheath that is searched, within a factor of about 1.5."""
 _STATUS = {True: "PASS", False: "FAIL", None: "WARN"}
 
 
@@ -48,22 +50,17 @@ class CameraOrder:
     rig : RigDescription
     web : bool
         Whether a page is served.
-    port : int
-        Where; 0 for any free port.
     pictures : int or None
         How many pictures; None: until interrupted, or a default number where nobody could interrupt.
     save : Path or None
         Where the last picture is written.
-    sheath_diameter_mm : float
     as_json : bool
     """
 
     rig: RigDescription
     web: bool
-    port: int
     pictures: int | None
     save: Path | None
-    sheath_diameter_mm: float
     as_json: bool
 
     @property
@@ -79,7 +76,7 @@ def view_camera(order: CameraOrder) -> int:
     Raises
     ------
     InputError
-        When the file for the picture cannot be written, or the port of the page cannot be had.
+        When the file for the picture cannot be written.
     LockedError, CameraError
         When the camera cannot be opened, or gives no picture.
     """
@@ -88,8 +85,8 @@ def view_camera(order: CameraOrder) -> int:
     with ExitStack() as stack:
         interrupted = stack.enter_context(note_signals())
         camera = stack.enter_context(open_camera(order.rig, "labrig devices camera"))
-        show = stack.enter_context(_open_shows(order, camera))
-        watch = CameraWatch(camera, order.wanted, interrupted, show)
+        shows = stack.enter_context(_open_shows(order, camera))
+        watch = CameraWatch(camera, order.wanted, interrupted, shows)
         search = partial(_search, order, camera)
         if order.wanted is None or order.web:
             watch.search(search)
@@ -107,7 +104,7 @@ def view_camera(order: CameraOrder) -> int:
 
 
 def _search(order: CameraOrder, camera: Camera, image: Picture) -> tuple[Landmark, ...]:
-    return find_landmarks(image, partial(_load_valid_plane, order.rig, camera), order.sheath_diameter_mm)
+    return find_landmarks(image, partial(_load_valid_plane, order.rig, camera), _SHEATH_MM)
 
 
 def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
@@ -126,7 +123,7 @@ def _open_shows(order: CameraOrder, camera: Camera) -> Iterator[Show]:
     with ExitStack() as stack:
         shows: list[Show] = []
         if order.web:
-            page = stack.enter_context(closing(PicturePage(order.port)))
+            page = stack.enter_context(closing(PicturePage()))
             say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
             heading, camera_of_rig = f"Camera of rig {order.rig.name}", _describe_camera(order.rig, camera)
 
@@ -147,8 +144,8 @@ def _open_shows(order: CameraOrder, camera: Camera) -> Iterator[Show]:
             shows.append(stack.enter_context(_open_table()))
 
         def show_all(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
-            for show in shows:
-                show(picture, landmarks)
+            for each in shows:
+                each(picture, landmarks)
 
         yield show_all
 
@@ -164,7 +161,7 @@ def _open_table() -> Iterator[Show]:
     console = Console(file=cast("IO[str]", SafeStandardError()))
     with Live(console=console, refresh_per_second=8, transient=True) as live:
 
-        def show(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
+        def show_row(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
             table = Table.grid(padding=(0, 2))
             table.add_row("", f"picture {picture.number}; Ctrl+C ends")
             for check in _list_checks(picture.scores):
@@ -174,7 +171,7 @@ def _open_table() -> Iterator[Show]:
                 table.add_row("", Text(escape_controls(_describe(landmark))))
             live.update(table)
 
-        yield show
+        yield show_row
 
 
 def _list_checks(scores: tuple[Score, ...]) -> list[dict[str, str]]:
@@ -197,22 +194,22 @@ def _describe(landmark: Landmark) -> str:
 def _report(order: CameraOrder, watch: CameraWatch, camera: Camera) -> None:
     """Print the scores of the last picture; as JSON those of all, if their number was given."""
     assert watch.last is not None
-    if order.as_json:
-        scores = [score.good for score in watch.last.scores]
-        print_json(
-            {
-                "rig": order.rig.name,
-                "camera": _describe_camera(order.rig, camera).model_dump(),
-                "ok": False not in scores,
-                "pictures": watch.taken,
-                "landmarks": [asdict(mark) for mark in watch.landmarks],
-            }
-        )
-    else:
-        print_line(f"picture {watch.last.number} of rig {order.rig.name}")
-        print_checks(_list_checks(watch.last.scores), as_json=False)
-        for landmark in watch.landmarks:
-            print_line(f"      {_describe(landmark)}", 6)
+    document = {
+        "rig": order.rig.name,
+        "camera": _describe_camera(order.rig, camera).model_dump(),
+        "ok": False not in [score.good for score in watch.last.scores],
+        "pictures": watch.taken,
+        "landmarks": [asdict(mark) for mark in watch.landmarks],
+    }
+    show(document, order.as_json, lambda _: _print(order, watch, watch.last))
+
+
+def _print(order: CameraOrder, watch: CameraWatch, last: ScoredPicture | None) -> None:
+    if last is not None:
+        print_line(f"picture {last.number} of rig {order.rig.name}")
+        print_checks(_list_checks(last.scores), as_json=False)
+    for landmark in watch.landmarks:
+        print_line(f"      {_describe(landmark)}", 6)
 
 
 def _describe_camera(rig: RigDescription, camera: Camera) -> CameraInUse:

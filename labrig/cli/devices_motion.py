@@ -1,15 +1,19 @@
 """`labrig devices home|jog|withdraw`: commission a rig axis by axis, and withdraw a needle from tissue."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.options import RigOption, RunsDirOption, YesOption, find_runs_dir
-from labrig.cli.output import AsJson
+from labrig.cli.options import RigOption, RunsDirOption, YesOption, find_rig_file, find_runs_dir
+from labrig.cli.output import AsJson, print_checks
+from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
 
-_AXES = "insertion, rotation or linear"
-_GENTLE_MA = 1000
+_NAMES = "insertion, rotation or linear"
+_LEAST_MA, _GENTLE_MA = 50, 1000
 
 CurrentOption = Annotated[
     int,
@@ -26,7 +30,7 @@ def home(
     axis: Annotated[
         list[str] | None,
         typer.Option(
-            "--axis", metavar="NAME", help=f"{_AXES}; repeatable. Default: all.", show_default=False
+            "--axis", metavar="NAME", help=f"{_NAMES}; repeatable. Default: all.", show_default=False
         ),
     ] = None,
     needle: Annotated[
@@ -35,7 +39,10 @@ def home(
     ] = "mounted",
     method: Annotated[
         int | None,
-        typer.Option(help="Homing method of the drive. Default: the rig file's.", show_default=False),
+        typer.Option(
+            help="Homing method of the drive; 35 homes where the axis stands. Default: the rig file's.",
+            show_default=False,
+        ),
     ] = None,
     rig: RigOption = None,
     current_ma: CurrentOption = _GENTLE_MA,
@@ -43,15 +50,22 @@ def home(
     as_json: AsJson = False,
 ) -> int:
     """Home the linear module first."""
-    from labrig.cli.commissioning import CommissioningOptions, home_and_print
+    from labrig.devices.homing import HOME_ORDER
+    from labrig.devices.rig_file import load_rig
+    from labrig.runner.commissioning import home_axes
 
-    return home_and_print(
-        CommissioningOptions(rig, current_ma, yes, as_json), axis, method, needle_mounted=needle == "mounted"
-    )
+    chosen = _require_axes(axis or HOME_ORDER)
+    for name, description in load_rig(find_rig_file(rig)).axes.items():
+        if method is not None and name in chosen and method not in description.homing_directions:
+            methods = ", ".join(map(str, description.homing_directions))
+            raise InputError(f"--method {method} is not a method that labrig uses", f"use one of {methods}")
+    with _open_axes(rig, chosen, current_ma, "labrig devices home", yes=yes) as opened:
+        findings = home_axes(opened, method, needle_mounted=needle == "mounted")
+    return print_checks([asdict(finding) for finding in findings], as_json)
 
 
 def jog(
-    axis: Annotated[str, typer.Option("--axis", metavar="NAME", help=f"{_AXES}.")],
+    axis: Annotated[str, typer.Option("--axis", metavar="NAME", help=f"{_NAMES}.")],
     distance: Annotated[
         float | None,
         typer.Option(
@@ -83,9 +97,20 @@ def jog(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when a check found the rig file wrong; the file is never changed."""
-    from labrig.cli.commissioning import CommissioningOptions, jog_and_print
+    from labrig.runner import commissioning
 
-    return jog_and_print(CommissioningOptions(rig, current_ma, yes, as_json), axis, distance, speed, check)
+    with _open_axes(rig, _require_axes([axis]), current_ma, "labrig devices jog", yes=yes) as opened:
+        far = commissioning.USUAL_DISTANCE[opened.axis(axis).unit] if distance is None else distance
+        match check:
+            case "limits":
+                findings = commissioning.check_limits(opened, axis, speed)
+            case "backlash":
+                findings = [commissioning.check_backlash(opened, axis, far, speed)]
+            case "travel":
+                findings = [commissioning.check_travel(opened, axis, far, speed)]
+            case _:
+                findings = [commissioning.jog(opened, axis, far, speed)]
+    return print_checks([asdict(finding) for finding in findings], as_json)
 
 
 def withdraw(
@@ -123,3 +148,45 @@ def withdraw(
     given = {"insertion_mm": insertion_mm, "rotation_rad": rotation_rad, "linear_mm": linear_mm}
     standing = {key: value for key, value in given.items() if value is not None}
     return withdraw_and_print(rig, run, find_runs_dir(runs_dir), standing, yes=yes, as_json=as_json)
+
+
+def _require_axes(names: Sequence[str]) -> tuple[str, ...]:
+    """Return axis names, all of which exist. Raises `InputError`."""
+    from labrig.devices.axis_description import AXES
+
+    for name in names:
+        if name not in AXES:
+            raise InputError(f"--axis {name} is not an axis of the rig", f"the axes are {', '.join(AXES)}")
+    return tuple(names)
+
+
+@contextmanager
+def _open_axes(
+    rig: Path | None, axes: tuple[str, ...], current_ma: int, doing: str, *, yes: bool
+) -> Iterator[Any]:
+    """Open axes of a rig, without its camera, with limited current; faults are reset if the person confirms.
+
+    If bus or drives fail, or a signal ends the work, it says what the needle is doing and where it is.
+    """
+    from labrig.cli.needle_report import NeedleReport, say_where_needle_is
+    from labrig.cli.rigs import open_rig_for_person, remark_on_yes
+    from labrig.devices.opening import Opening
+    from labrig.devices.rig_file import load_rig
+
+    if 0 < current_ma < _LEAST_MA:
+        raise InputError(
+            f"--current-ma {current_ma} moves nothing", f"give {_LEAST_MA} or more, or 0 for no limit"
+        )
+    description = load_rig(find_rig_file(rig))
+    remark_on_yes(description, yes=yes)
+    limits_ma = dict.fromkeys(axes, current_ma) if current_ma else {}
+    opening = Opening(axes, camera=False, max_current_ma=limits_ma, reset_faults=True)
+    with open_rig_for_person(description, doing, opening=opening) as (opened, _):
+        try:
+            yield opened
+        except (InterruptedRunError, WireError):
+            with suppress(SafetyStopError):  # closing the rig tries again and tells
+                opened.stop()
+            way_out = opened.state.find_way_out(opened.description.option)
+            say_where_needle_is(NeedleReport(opened.locate_needle(), way_out))
+            raise

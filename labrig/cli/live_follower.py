@@ -11,7 +11,6 @@ from pathlib import Path
 from types import TracebackType
 
 from labrig.cli.bug_report import keep_traceback
-from labrig.cli.forwarding import suggest_forwarding
 from labrig.devices.cia402_states import describe_statusword
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
@@ -23,6 +22,7 @@ from labrig.report.live_view import LiveView
 from labrig.report.record_drawing import RecordDrawing
 from labrig.report.rerun_view import end_stream, open_stream
 from labrig.report.viewer import RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
+from labrig.report.web_page import suggest_forwarding
 
 
 def main() -> None:

@@ -1,16 +1,15 @@
 """`labrig measure`: measures pictures that belong to no run."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     IntrinsicsOption,
-    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -18,9 +17,11 @@ from labrig.cli.options import (
     PxPerMmOption,
     SheathDiameterOption,
 )
-from labrig.cli.output import AsJson, print_json, print_table, say
+from labrig.cli.output import AsJson, print_table, say, show
 from labrig.errors import InputError, PictureError
 from labrig.text import interval, number
+
+Row = dict[str, Any]
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -40,51 +41,24 @@ def curvature(
     insertion: OptionalInsertion = None,
     needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
     sheath_diameter_mm: SheathDiameterOption = None,
-    window_start_mm: Annotated[float, typer.Option(help="Arc length left out behind the sheath.")] = 4.0,
-    window_end_mm: Annotated[float, typer.Option(help="Arc length left out before the tip.")] = 2.0,
-    roll_sd_deg: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            max=30,
-            help="Standard deviation of the bevel's roll; 2 if it was set by eye. Default: not in the interval.",
-            show_default=False,
-        ),
-    ] = None,
-    mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every picture has a radius, 1 otherwise, 2 when no picture could be read."""
     from labrig.analysis.calibration import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
     from labrig.vision.curvature import CurvatureSettings, measure_curvature
-    from labrig.vision.mask import load_mask
     from labrig.vision.picture import read_picture
 
     mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
-    settings = CurvatureSettings(
-        needle_diameter_mm=needle_diameter_mm,
-        sheath_diameter_mm=sheath_diameter_mm,
-        window_start_mm=window_start_mm,
-        window_end_mm=window_end_mm,
-        roll_sd_rad=None if roll_sd_deg is None else math.radians(roll_sd_deg),
-    )
-    not_needle = None if mask is None else load_mask(mask)
+    settings = CurvatureSettings(needle_diameter_mm=needle_diameter_mm, sheath_diameter_mm=sheath_diameter_mm)
 
-    def measure(path: Path) -> dict[str, object]:
-        image = read_picture(path)
-        masked = None if not_needle is None else not_needle.find_masked(path.name, image)
-        found = measure_curvature(image, mapping, settings, masked=masked)
-        return {
-            **found.to_json(),
-            "not_in_interval": list(list_not_in_interval(mapping, [found.radius_budget_mm])),
-        }
+    def measure(path: Path) -> Row:
+        found = measure_curvature(read_picture(path), mapping, settings)
+        left_out = list_not_in_interval(mapping, [found.radius_budget_mm])
+        return {**found.to_json(), "not_in_interval": list(left_out)}
 
-    rows = _measure_each(images, measure, NOTHING)
-    if as_json:
-        print_json(rows)
-    else:
-        _print(rows)
+    rows = _measure_each(images, measure, _NOTHING)
+    show(rows, as_json, _print)
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
@@ -106,12 +80,10 @@ def tip(
         tuple[float, float] | None,
         typer.Option(
             metavar="U V",
-            help="Approximate place of the tip. Default: search the whole picture.",
+            help="Place of the tip, within 60 px. Default: search the whole picture.",
             show_default=False,
         ),
     ] = None,
-    region_px: Annotated[float, typer.Option(help="Side of the square around --near-px.")] = 120.0,
-    mask: MaskOption = None,
     intrinsics: IntrinsicsOption = None,
     plane: PlaneOption = None,
     px_per_mm: PxPerMmOption = None,
@@ -120,34 +92,43 @@ def tip(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every picture has a tip, 1 otherwise, 2 when no picture could be used."""
+    import numpy as np
+
+    from labrig.analysis.calibration import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
-    from labrig.cli.tip_search import TipSearch, search_tip
-    from labrig.vision.mask import load_mask
+    from labrig.vision.error_budget import PlaceErrors, budget_place
+    from labrig.vision.picture import read_picture, require_size
     from labrig.vision.template_file import load_template
+    from labrig.vision.tip import TIP_SIGMA_PX, locate_tip
 
     mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
-    search = TipSearch(
-        load_template(template).relative_to(mapping.insertion),
-        heading_deg,
-        near_px,
-        region_px,
-        None if mask is None else load_mask(mask),
-    )
+    looked_for = load_template(template).relative_to(mapping.insertion)
+    heading_rad = None if heading_deg is None else math.radians(heading_deg)
 
-    def measure(path: Path) -> dict[str, object]:
-        return search_tip(path, mapping, search)
+    def measure(path: Path) -> Row:
+        image = read_picture(path)
+        if mapping.image_size is not None:
+            require_size(image, mapping.image_size, "the plane map")
+        fix = locate_tip(image, looked_for, near_px=near_px, heading_rad=heading_rad)
+        if fix.tip_px is None:
+            return {**_NO_TIP, **fix.to_json()}
+        # Light and roll are not in it: no picture tells by how much they change the look of a tip.
+        budget = budget_place(mapping, fix.tip_px, PlaceErrors(fit_mm=TIP_SIGMA_PX * mapping.mm_per_px))
+        return {
+            **fix.to_json(),
+            "tip_mm": mapping.to_mm(np.array([fix.tip_px]))[0].tolist(),
+            "tip_budget_mm": budget.to_json(),
+            "not_in_interval": list(list_not_in_interval(mapping, [budget])),
+        }
 
-    rows = _measure_each(images, measure, NO_TIP)
-    if as_json:
-        print_json(rows)
-    else:
-        _print_tips(rows)
+    rows = _measure_each(images, measure, _NO_TIP)
+    show(rows, as_json, _print_tips)
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
 def _measure_each(
-    images: list[Path], measure: Callable[[Path], dict[str, object]], nothing: dict[str, object]
-) -> list[dict[str, object]]:
+    images: Sequence[Path], measure: Callable[[Path], Row], nothing: Mapping[str, Any]
+) -> list[Row]:
     """Return a row for each picture; the row of a picture that cannot be used has the reason.
 
     Raises
@@ -155,7 +136,7 @@ def _measure_each(
     InputError
         When no picture can be used.
     """
-    rows: list[dict[str, object]] = []
+    rows: list[Row] = []
     refusals: list[PictureError] = []
     for path in images:
         try:
@@ -168,81 +149,43 @@ def _measure_each(
     return rows
 
 
-NOTHING: dict[str, object] = {
-    "found": False,
-    "accepted": False,
-    "reason": None,
-    "radius_mm": None,
-    "radius_ci95_mm": None,
-    "radius_budget_mm": None,
+_NOTHING: Row = {
+    **dict.fromkeys(("found", "accepted"), False),
+    **dict.fromkeys(("reason", "radius_mm", "radius_ci95_mm", "radius_budget_mm", "centre_mm", "tip_mm")),
+    **dict.fromkeys(("tip_budget_mm", "arc_length_mm", "residual_rms_mm")),
     "not_in_interval": [],
-    "centre_mm": None,
-    "tip_mm": None,
-    "tip_budget_mm": None,
-    "arc_length_mm": None,
-    "residual_rms_mm": None,
 }
-
-NO_TIP: dict[str, object] = {
+_NO_TIP: Row = {
     "accepted": False,
-    "reason": None,
-    "tip_px": None,
-    "tip_mm": None,
-    "tip_budget_mm": None,
+    **dict.fromkeys(("reason", "tip_px", "tip_mm", "tip_budget_mm", "heading_rad", "score", "distinctness")),
     "not_in_interval": [],
-    "heading_rad": None,
-    "score": None,
-    "distinctness": None,
 }
 
 
-def _print(rows: list[dict[str, object]]) -> None:
+def _print(rows: list[Row]) -> None:
     heads = ("picture", "radius mm", "95 % interval mm", "mostly from", "arc mm", "tip y, z mm")
     cells = []
     for row in rows:
-        radius = number(row["radius_mm"], 2) if row["accepted"] else "-"
-        ci95 = interval(row["radius_ci95_mm"]) if row["accepted"] else "-"
-        cells.append(
-            [
-                Path(str(row["image"])).name,
-                radius,
-                ci95,
-                _name_largest(row["radius_budget_mm"]) if row["accepted"] else "-",
-                number(row["arc_length_mm"], 1),
-                _format_pair(row["tip_mm"]),
-            ]
+        measured = (
+            (
+                number(row["radius_mm"], 2),
+                interval(row["radius_ci95_mm"]),
+                _name_largest(row["radius_budget_mm"]),
+            )
+            if row["accepted"]
+            else (None, None, None)
         )
+        tip = _format_pair(row["tip_mm"])
+        cells.append([Path(row["image"]).name, *measured, number(row["arc_length_mm"], 1), tip])
     print_table(heads, cells)
     _say_rest(rows)
 
 
-def _say_rest(rows: list[dict[str, object]]) -> None:
-    """Say why pictures are refused, and which sources of error are not in the interval of the others."""
-    for row in rows:
-        if row["reason"]:
-            say(f"{Path(str(row['image'])).name}: {row['reason']}")
-    left_out = next(
-        (found for row in rows if isinstance(found := row["not_in_interval"], list) and found), ()
-    )
-    if left_out:
-        say(f"Not in the interval: {', '.join(left_out)}.")
-
-
-def _name_largest(document: object) -> str:
-    """Return the largest source of error with its standard deviation."""
-    from labrig.vision.error_budget import ErrorBudget
-
-    budget = ErrorBudget(**document) if isinstance(document, dict) else ErrorBudget()
-    return (
-        "-" if budget.largest is None else f"{budget.largest} ± {number(getattr(budget, budget.largest), 3)}"
-    )
-
-
-def _print_tips(rows: list[dict[str, object]]) -> None:
+def _print_tips(rows: list[Row]) -> None:
     heads = ("picture", "tip u, v px", "tip y, z mm", "mostly from", "score")
     cells = [
         [
-            Path(str(row["image"])).name,
+            Path(row["image"]).name,
             _format_pair(row["tip_px"]),
             _format_pair(row["tip_mm"]),
             _name_largest(row["tip_budget_mm"]),
@@ -254,5 +197,25 @@ def _print_tips(rows: list[dict[str, object]]) -> None:
     _say_rest(rows)
 
 
-def _format_pair(value: object) -> str:
-    return f"{value[0]:.2f}, {value[1]:.2f}" if isinstance(value, list | tuple) else "-"
+def _say_rest(rows: list[Row]) -> None:
+    """Say why pictures are refused, and which sources of error are not in the interval of the others."""
+    for row in rows:
+        if row["reason"]:
+            say(f"{Path(row['image']).name}: {row['reason']}")
+    left_out = next((row["not_in_interval"] for row in rows if row["not_in_interval"]), ())
+    if left_out:
+        say(f"Not in the interval: {', '.join(left_out)}.")
+
+
+def _name_largest(document: Mapping[str, float] | None) -> str | None:
+    """Return the largest source of error with its standard deviation."""
+    from labrig.vision.error_budget import ErrorBudget
+
+    budget = ErrorBudget(**(document or {}))
+    if budget.largest is None:
+        return None
+    return f"{budget.largest} ± {number(getattr(budget, budget.largest), 3)}"
+
+
+def _format_pair(value: Sequence[float] | None) -> str | None:
+    return None if value is None else f"{value[0]:.2f}, {value[1]:.2f}"

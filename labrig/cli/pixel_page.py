@@ -1,110 +1,85 @@
-"""A page beside a question for a pixel, in which the pixel is clicked instead of typed.
+"""A page beside a question for a pixel, in which the pixel is clicked instead of typed."""
 
-It is a process of its own, and nothing waits for it: a browser costs the supervision of the axes nothing.
-"""
-
-import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO, cast
+from threading import Condition, Thread
 
 from labrig.cli.output import say
-from labrig.cli.typed_lines import TypedLines
-from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import OperatorRequest, PickPixel
-
-TAKEN = "taken"
-"""What the process reads when a pixel is the answer."""
+from labrig.errors import PictureError
+from labrig.report.picture_page import PicturePage, Pixel, ShownPicture, Verdict
+from labrig.vision.picture import Picture, read_picture
 
 _LOOK_S = 0.02
-_ENDED_WITHIN_S = 2.0
+_DECIDED_WITHIN_S = 5.0
 
 
 class PixelPage:
-    """The page of one question.
+    """The page of one question. A pixel is its answer once the person at the terminal's side has taken it.
 
     Parameters
     ----------
-    picture : Path
-        File of the picture.
+    image : ndarray of uint8, (H, W) or (H, W, 3)
     question : str
         What is asked.
     """
 
-    def __init__(self, picture: Path, question: str) -> None:
-        self._process = subprocess.Popen(
-            (sys.executable, "-m", "labrig.cli.pixel_page_process"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            start_new_session=True,
-        )
-        assert self._process.stdout is not None
-        self._lines = TypedLines(cast("TextIO", self._process.stdout))
-        self._is_open = False
-        self._write(json.dumps({"picture": str(picture), "question": question}))
+    def __init__(self, image: Picture, question: str) -> None:
+        self._decided = Condition()
+        self._clicked: Pixel | None = None
+        self._verdict: bool | None = None
+        self._page = PicturePage(self._pass_on)
+        self._page.show(ShownPicture(0, image, question))
+        say(f"   or click at {self._page.url}", 3)
 
     def take(self) -> str | None:
-        """Return a pixel that was confirmed, as it would be typed; None without one. Says where the page is."""
-        for line in self._lines.take():
-            if self._is_open:
-                return line
-            self._is_open = True
-            say(f"   or click at {line}", 3)
-        return None
+        """Return a pixel that was confirmed on the page, as it would be typed; None without one."""
+        return None if self._clicked is None else f"{self._clicked[0]} {self._clicked[1]}"
 
     def confirm(self) -> None:
         """Tell the person at the page that the pixel is the answer."""
-        self._write(TAKEN)
+        self._decide(taken=True)
 
-    def finish(self, meanwhile: Callable[[], None]) -> None:
-        """Close the question, and call `meanwhile` until the process has told that to the page."""
-        clock = SystemClock()
-        until_s = clock.now_s() + _ENDED_WITHIN_S
-        self._end_input()
-        while self._process.poll() is None and clock.now_s() < until_s:
-            clock.sleep(_LOOK_S)
+    def close(self, meanwhile: Callable[[], None]) -> None:
+        """Close the question, tell that to the page, and call `meanwhile` until it has been told."""
+        self._decide(taken=False)
+        closing = Thread(target=self._page.close)
+        closing.start()
+        while closing.is_alive():
+            closing.join(_LOOK_S)
             meanwhile()
 
-    def close(self) -> None:
-        """End the process."""
-        self._end_input()
-        self._process.kill()
-        self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+    def _decide(self, *, taken: bool) -> None:
+        """Take the pixel that was passed on, or close the question; the first decision holds."""
+        with self._decided:
+            if self._verdict is None:
+                self._verdict = taken
+            self._decided.notify_all()
 
-    def _end_input(self) -> None:
-        if self._process.stdin is not None:
-            with suppress(OSError):
-                self._process.stdin.close()
-
-    def _write(self, line: str) -> None:
-        """Write a line; a process that has ended gets none."""
-        assert self._process.stdin is not None
-        with suppress(OSError):
-            self._process.stdin.write(f"{line}\n")
-            self._process.stdin.flush()
+    def _pass_on(self, pixel: Pixel) -> Verdict:
+        """Pass the first pixel on, and wait until it is taken or the question is closed."""
+        u, v = pixel
+        with self._decided:
+            if self._clicked is None and self._verdict is None:
+                self._clicked = pixel
+                self._decided.wait_for(lambda: self._verdict is not None, _DECIDED_WITHIN_S)
+                if self._verdict:
+                    return Verdict(taken=True, text=f"{u} {v} is taken. You can close this page.")
+        return Verdict(taken=False, text=f"{u} {v} is not taken: another answer came first.")
 
 
 @contextmanager
 def offer_page(request: OperatorRequest, meanwhile: Callable[[], None]) -> Iterator[PixelPage | None]:
-    """Offer a page beside a question for a pixel; None for other questions, or where the picture is not a file."""
-    picture = Path(request.picture) if isinstance(request, PickPixel) else None
-    if picture is None or not picture.is_file():
-        yield None
-        return
-    try:
-        page = PixelPage(picture, request.text)
-    except OSError:  # no more processes: the pixel is typed
-        yield None
-        return
+    """Offer a page beside a question for a pixel; None for other questions, or where the picture cannot be read."""
+    page = None
+    if isinstance(request, PickPixel):
+        try:
+            page = PixelPage(read_picture(Path(request.picture)), request.text)
+        except (PictureError, OSError):  # no picture, or no port: the pixel is typed
+            page = None
     try:
         yield page
-        page.finish(meanwhile)
     finally:
-        page.close()
+        if page is not None:
+            page.close(meanwhile)

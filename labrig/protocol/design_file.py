@@ -1,6 +1,6 @@
 """A design file: the hinge that was cut, its radius with tolerance, and how they were computed.
 
-`labrig design --out` and design runs write it as JSON. JSON is YAML, so the usual reader reads it and its problems
+Runs of protocols/design.yaml write it as JSON. JSON is YAML, so the usual reader reads it and its problems
 have a line too. It is here and not in `needle` because protocols name it, and code that reads protocols, such as the
 simulated world, must not depend on how a hinge is computed.
 """
@@ -62,7 +62,7 @@ class NeedleDesign(Model):
             message = (
                 f"radius_mm is {self.radius_mm:g}, must be within its tolerance, {low_mm:g} to {high_mm:g}"
             )
-            yield Conflict("radius_mm", message, "write the file again with `labrig design --out`")
+            yield Conflict("radius_mm", message, "write the file again: labrig run protocols/design.yaml")
 
 
 def load_design(path: Path) -> NeedleDesign:

@@ -99,7 +99,8 @@ def _resolve_name(named: Plain, folder: Path) -> Path:
         )
     if not path.is_file():
         raise InputError(
-            f"{KEY} is {named}, and {path} is not a file", "write one with `labrig design --out FILE`"
+            f"{KEY} is {named}, and {path} is not a file",
+            "a run of protocols/design.yaml writes one",
         )
     return path
 

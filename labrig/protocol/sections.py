@@ -183,7 +183,7 @@ _NUMBERS_OR_FILE: dict[str, Any] = {
     "properties": {
         "design_file": {
             "description": "Design file that gives diameter_mm and design_radius_mm with its tolerance, relative to "
-            "this file; written by labrig design --out, or by a design run.",
+            "this file; written by a run of protocols/design.yaml.",
             "type": "string",
             "minLength": 1,
             "maxLength": 1000,

@@ -6,8 +6,10 @@ holds it back. The browser itself refuses both by the page's Content-Security-Po
 
 from contextlib import closing
 from functools import partial
+from getpass import getuser
 from http.client import HTTPConnection, HTTPException
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from platform import node
 from threading import Thread
 from typing import Any
 
@@ -68,3 +70,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *_words: Any) -> None:
         """Write nothing on standard error."""
+
+
+def suggest_forwarding(*ports: int) -> str:
+    """Return the command that makes ports of this computer those of another one, typed there."""
+    forward = " ".join(f"-L {port}:{LOCALHOST}:{port}" for port in ports)
+    return f"ssh {forward} {getuser()}@{node()}"

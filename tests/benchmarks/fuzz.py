@@ -561,10 +561,9 @@ run PROTOCOLS/design.yaml --runs-dir new --set grid_points=3 --seed 1 --run-name
 check PROTOCOLS/steerability.yaml --rig RIG --seed 1 --set insertions_per_specimen=2
 check PROTOCOLS/insertion.yaml --rig RIG --set target.position_mm=[0,2,20]
 plan s.yaml --figure plan.svg
-design --radius-mm 30 --clearance-mm 0.025 --grid-points 3 --out d.json --csv g.csv
 import pictures --px-per-mm 5 --origin-px 1 2 --insertion right --runs-dir new --title t
-measure curvature picture.png --px-per-mm 5 --origin-px 1 2 --insertion right --mask m.json
-measure tip picture.png --template RIGS/simulated-tip.png --near-px 3 4 --region-px 50 --px-per-mm 5 --origin-px \
+measure curvature picture.png --px-per-mm 5 --origin-px 1 2 --insertion right
+measure tip picture.png --template RIGS/simulated-tip.png --near-px 3 4 --px-per-mm 5 --origin-px \
  1 2 --insertion right --heading-deg 3
 calibrate intrinsics picture.png --board 9x6 --square-mm 2  --out i.json
 calibrate intrinsics picture.png --board 9x6 --square-mm 2 --charuco DICT_5X5_100 --marker-mm 1

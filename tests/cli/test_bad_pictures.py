@@ -56,7 +56,7 @@ def commands(picture: Path, sweep: SweepRun, out: Path) -> dict[str, tuple[objec
         "plane": (
             "calibrate", "plane", picture, "--intrinsics", lens, "--origin-px", 300, 200, "--insertion", "right",
         ),
-        "template": ("calibrate", "template", picture, "--out", out, "--sheath-diameter-mm", 2, *mapping(sweep)),
+        "template": ("calibrate", "template", picture, "--out", out, "--tip-px", 30, 30, "--heading-deg", 0),
         "curvature": ("measure", "curvature", picture, "--sheath-diameter-mm", 2, *mapping(sweep)),
         "tip": ("measure", "tip", picture, "--template", TEMPLATE, *mapping(sweep)),
     }  # fmt: skip

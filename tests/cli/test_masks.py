@@ -69,16 +69,6 @@ def test_imported_pictures_keep_their_mask(
         assert (analysis / "mask.json").read_bytes() == used.read_bytes()
 
 
-def test_a_masked_tip_is_not_found(labrig: Labrig, sweep: SweepRun, good: Path, tmp_path: Path) -> None:
-    """`measure tip` ignores masked pixels."""
-    asked = ("measure", "tip", good, "--template", TEMPLATE, *mapping(sweep), "--json")
-    u, v = labrig(*asked).json()[0]["tip_px"]
-    square = [[u - 9, v - 9], [u + 9, v - 9], [u + 9, v + 9], [u - 9, v + 9]]
-    done = labrig(*asked, "--mask", polygon(tmp_path / "mask.json", "*", square))
-    assert done.exit_code == 1
-    assert done.json()[0]["tip_px"] is None
-
-
 def test_a_rig_has_a_mask_that_every_run_keeps_and_uses(labrig: Labrig, tmp_path: Path) -> None:
     """A mask of the rig file is checked, recorded, and applied to every picture."""
     folder = tmp_path / "calibration"

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.cli.pixel_page_process import PixelArbiter
+from labrig.cli.pixel_page import PixelPage
 from labrig.cli.progress import progress
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
@@ -424,11 +424,14 @@ def test_of_two_answers_the_first_counts(
     assert status in {0, 409}
 
 
-def test_a_second_page_is_told_that_the_pixel_was_taken() -> None:
-    """Whoever asks decides once; a pixel that comes later, or after the question was closed, is not taken."""
-    for taken in (True, False):
-        arbiter = PixelArbiter()
-        arbiter.decide(taken=taken)
-        arbiter.decide(taken=True)
-        verdict = arbiter.take((3, 4))
-        assert (verdict.taken, verdict.text) == (False, "3 4 is not taken: another answer came first.")
+def test_only_the_first_answer_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
+    """A pixel that is confirmed after the question was closed, or after another one was taken, is told so."""
+    for taken in (True,):
+        page = PixelPage(np.full((40, 60), 90, np.uint8), "Where is it?")
+        if taken:
+            page.confirm()
+        browser = Browser(capsys, (3, 4))
+        browser()
+        browser.thread.join()
+        page.close(lambda: None)
+        assert browser.replies == [(409, "3 4 is not taken: another answer came first.")]

@@ -79,14 +79,14 @@ class MeasuredRadius:
 class DesignOrder:
     """The question of a study; the tolerances are those of the laser."""
 
-    tube: Tube
     radius_mm: float
     clearance_mm: float
-    clearance_tolerance_mm: float
-    cut_tolerance_deg: float
-    tip_length_mm: float | None
-    measured: MeasuredRadius | None
-    grid_points: int
+    tube: Tube = TABLE_1.tube
+    clearance_tolerance_mm: float = 0.003
+    cut_tolerance_deg: float = 0.1
+    tip_length_mm: float | None = None
+    measured: MeasuredRadius | None = None
+    grid_points: int = 7
     seed: int = DEFAULT_SEED
 
     @classmethod

@@ -142,7 +142,7 @@ async function follow() {
     const state = await reply.json();
     if (!isOver) {
       if (state.number >= 0) show(state);
-      tell(state.remark);
+      tell("");
     }
   } catch {
     if (!isOver && shown.asks) end("This question is closed: it was answered at the terminal, or the run has ended.");

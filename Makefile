@@ -45,7 +45,7 @@ coverage: COVERAGE := --cov --cov-report=term
 coverage: check-tests
 
 manual: $(READY)
-	$(BIN)/python -m tests.manual.site $(VENV)/manual
+	$(BIN)/sphinx-build -q -W -b html labrig/manual $(VENV)/manual/html
 
 benchmarks: $(READY)
 	$(BIN)/python -m tests.benchmarks

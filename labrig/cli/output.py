@@ -214,16 +214,6 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     typer.echo("\n".join(line.format(*row).rstrip() for row in (heads, *cells)))
 
 
-def print_markdown(text: str) -> None:
-    """Print Markdown as text for a terminal."""
-    from rich.console import Console
-
-    from labrig.cli.markdown_text import TerminalMarkdown
-
-    console = Console(width=min(shutil.get_terminal_size().columns, 100), highlight=False)
-    console.print(TerminalMarkdown(escape_controls(text)), crop=False)
-
-
 def format_cell(value: object) -> str:
     """Return a value as it stands in a table, on one line; a float has three decimals."""
     if value is None:

@@ -83,12 +83,14 @@ def test_a_picture_that_shows_something_else_is_refused_by_every_command(
 ) -> None:
     """The answer is no, or wrong input for another size; nothing is written."""
     size = what == "wrong size"
-    for name, command in commands(bad[what], sweep, tmp_path / "tip.png").items():
+    asked = commands(bad[what], sweep, tmp_path / "tip.png")
+    del asked["template"]  # a person says where the tip is
+    for name, command in asked.items():
         done = labrig(*command)
         assert done.exit_code == (2 if size and name != "intrinsics" else 1), (name, done)
         assert len(f"{done.out}{done.err}".strip()) > 40, name
         assert "Traceback" not in done.err
-        if name in ("curvature", "template"):
+        if name == "curvature":
             assert UNMEASURABLE[what][0].lower() in f"{done.out}{done.err}".lower(), name
     assert not list(tmp_path.iterdir())
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.cli.main import run_command
-from labrig.report.markdown import Fence
-from tests.manual.pages import Line, list_lines
+from tests.manual.pages import Fence, Line, list_lines
 
 _FOR_A_SHELL = re.compile(r"[|<>;&$*?`]")
 

@@ -10,17 +10,29 @@ What stands behind an opening fence says what becomes of the block:
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
-from labrig.cli.manual import list_pages
-from labrig.report.manual import ManualPage
-from labrig.report.markdown import Fence, find_fences, parse
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+
+from labrig.cli.manual import SOURCE, find_pages
 
 ROOT = Path(__file__).parents[2]
-README = ManualPage("README", "README", lambda: (ROOT / "README.md").read_text(encoding="utf-8"))
-PAGES = {page.place: page for page in list_pages()}
-KINDS = re.compile(r"sh|sh bench|yaml|yaml (?:protocol|rig)=[\w-]+|python|text")
+README = ROOT / "README.md"
+PAGES = {page.relative_to(SOURCE).with_suffix("").as_posix(): page for page in find_pages().values()}
+KINDS = re.compile(r"sh|sh bench|yaml|yaml (?:protocol|rig)=[\w-]+|python|text|\{toctree\}")
+
+
+@dataclass(frozen=True)
+class Fence:
+    """A block of code: the words behind its opening fence, its text, and its line in the page, counted from 1."""
+
+    info: str
+    text: str
+    line: int
 
 
 @dataclass(frozen=True)
@@ -31,10 +43,31 @@ class Line:
     exit_code: int
 
 
-def list_blocks(page: ManualPage, *kinds: str) -> list[Fence]:
+def parse(text: str) -> list[Token]:
+    """Return the tokens of a text."""
+    return MarkdownIt("commonmark", {"html": False}).enable("table").parse(text)
+
+
+def list_blocks(page: Path, *kinds: str) -> list[Fence]:
     """Return the blocks of a page that are of these kinds, or all."""
-    found = find_fences(parse(page.read()))
+    found = [
+        Fence(token.info.strip(), token.content, token.map[0] + 1)
+        for token in parse(page.read_text(encoding="utf-8"))
+        if token.type == "fence" and token.map is not None
+    ]
     return [fence for fence in found if not kinds or fence.info in kinds]
+
+
+def find_prose(text: str) -> Iterator[str]:
+    """Yield the text of each paragraph and list entry; no heading, table or block of code. Code in a line is a word."""
+    for token, inside in pairwise(parse(text)):
+        if token.type == "paragraph_open":
+            yield "".join(
+                child.content
+                if child.type in {"text", "code_inline", "text_special"}
+                else " " * ("break" in child.type)
+                for child in inside.children or ()
+            )
 
 
 def list_lines(block: Fence) -> list[Line]:

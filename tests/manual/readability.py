@@ -1,12 +1,11 @@
 """How long the sentences of a text are."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from labrig.report.manual import ManualPage
-from labrig.report.markdown import find_prose, parse
+from tests.manual.pages import find_prose
 
 MEDIAN_WORDS, LONGEST_OF_90_PERCENT = 15, 25
 
@@ -33,24 +32,22 @@ def count_words(sentence: str) -> int:
 
 @dataclass(frozen=True)
 class Readability:
-    """The figures of a group of pages: sentences, their median length in words, and the share of 25 words or less."""
+    """The median length of sentences in words, and the share of 25 words or less."""
 
-    sentences: int
     median_words: float
     share_short: float
 
     @property
     def is_good(self) -> bool:
-        """Whether median and share are within their limits."""
+        """Whether both are within their limits."""
         return self.median_words <= MEDIAN_WORDS and self.share_short >= 0.9
 
 
-def list_sentences(pages: Iterable[ManualPage]) -> list[str]:
-    """Return the sentences of the prose of pages; headings, tables and code are none."""
+def list_sentences(text: str) -> list[str]:
+    """Return the sentences of the prose of a page; headings, tables and code are none."""
     return [
         sentence
-        for page in pages
-        for paragraph in find_prose(parse(page.read()))
+        for paragraph in find_prose(text)
         for sentence in split_sentences(paragraph)
         if count_words(sentence)
     ]
@@ -59,5 +56,4 @@ def list_sentences(pages: Iterable[ManualPage]) -> list[str]:
 def measure(sentences: Sequence[str]) -> Readability:
     """Return the figures of sentences."""
     words = [count_words(sentence) for sentence in sentences]
-    short = sum(count <= LONGEST_OF_90_PERCENT for count in words)
-    return Readability(len(words), median(words), short / len(words))
+    return Readability(median(words), sum(count <= LONGEST_OF_90_PERCENT for count in words) / len(words))

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from labrig.report.manual import ManualPage
 from tests.manual.lab import Lab, make_lab_folder, run_script
 from tests.manual.pages import PAGES, README, Line, list_blocks, list_lines
 
@@ -12,9 +11,7 @@ RUNNING = {place: page for place, page in PAGES.items() if list_blocks(page, "sh
 
 
 @pytest.mark.parametrize("page", RUNNING.values(), ids=RUNNING)
-def test_the_commands_of_a_page_run(
-    page: ManualPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In order, each with the exit code that it is said to have; so does the Python between them."""
     monkeypatch.chdir(make_lab_folder(tmp_path))
     monkeypatch.setenv("MPLBACKEND", "agg")

@@ -18,6 +18,7 @@ from labrig.analysis.statistics import compute_spread
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult, Judgement, read_values
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
+from labrig.report.formatting import label_quantity, name_settings
 from labrig.report.palette import Mark, mark
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,8 @@ _MOST_PANELS = 6
 _BINS = 12
 _LEAST_IN_BIN = 5
 _MOST_VECTORS = 300
+_APART = 0.22
+"""Of rows: the median stands above the mean, not on it."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +55,9 @@ def draw_arms(result: CampaignResult) -> DrawnFigure | None:
             _draw_arm(axes, place, arm)
         axes[0].set_yticks(range(len(arms)), [_shorten(arm.name) for arm in arms])
         axes[0].set_ylim(len(arms) - 0.5, -0.5)
-        axes[0].set_xlabel(f"{result.measure}, mean (large) and median (open)")
+        axes[0].set_xlabel(label_quantity(result.measure))
         if panels == 2:
-            axes[1].set_xlabel(f"share with at most {result.tolerance:g}")
+            axes[1].set_xlabel(f"share within {result.tolerance:g}")
             axes[1].set_xlim(-0.02, 1.02)
         for panel in axes:
             panel.grid(visible=True, axis="x")
@@ -65,7 +68,9 @@ def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult) -> None:
     look = mark(place)
     if arm.mean is not None and arm.median is not None:
         axes[0].plot(arm.mean, place, look.marker, color=look.colour, markersize=7)
-        axes[0].plot(arm.median, place, look.marker, color=look.colour, markersize=6, fillstyle="none")
+        axes[0].plot(
+            arm.median, place - _APART, look.marker, color=look.colour, markersize=6, fillstyle="none"
+        )
     if arm.ci95 is not None:
         axes[0].plot(arm.ci95, [place] * 2, "-", color=look.colour, linewidth=2, marker="|", markersize=8)
     if len(axes) > 1 and arm.share is not None and arm.share_ci95 is not None:
@@ -82,8 +87,8 @@ def draw_over_key(result: CampaignResult, key: str) -> DrawnFigure:
         axes = figure.subplots()
         for index, (label, arms) in enumerate(_group_arms(result.arms, key).items()):
             _draw_line(axes, arms, key, mark(index), label)
-        axes.set_xlabel(key)
-        axes.set_ylabel(f"mean {result.measure}")
+        axes.set_xlabel(label_quantity(key))
+        axes.set_ylabel(f"mean {label_quantity(result.measure)}")
         axes.grid(visible=True)
         if len(axes.get_legend_handles_labels()[1]) > 1:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -159,8 +164,8 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, measure: str) -> Non
         if spread.mean is not None and spread.ci95 is not None:
             axes.plot([(low + high) / 2] * 2, spread.ci95, "-", color="#000000", linewidth=1.5)
             axes.plot((low + high) / 2, spread.mean, "o", color="#000000", markersize=4)
-    axes.set_xlabel(key)
-    axes.set_ylabel(measure)
+    axes.set_xlabel(label_quantity(key))
+    axes.set_ylabel(label_quantity(measure))
     axes.grid(visible=True)
 
 
@@ -194,9 +199,11 @@ def draw_map(
             )
         if circles:
             axes.set_aspect("equal")
-        axes.set_xlabel(keys[0])
-        axes.set_ylabel(keys[1])
-        figure.colorbar(mesh, ax=axes, label=f"share with {by.measure} at most {by.tolerance:g}")
+        axes.set_xlabel(label_quantity(keys[0]))
+        axes.set_ylabel(label_quantity(keys[1]))
+        figure.colorbar(
+            mesh, ax=axes, label=f"share with {label_quantity(by.measure)} at most {by.tolerance:g}"
+        )
         return svg(figure, name)
 
 
@@ -210,4 +217,5 @@ def _bin_share(
 
 
 def _shorten(name: str) -> str:
-    return name if len(name) <= 40 else f"{name[:37]}..."
+    words = name_settings(name)
+    return words if len(words) <= 40 else f"{words[:37]}..."

@@ -20,12 +20,19 @@ from labrig.campaign.figures import (
 )
 from labrig.campaign.inputs import LoadedCampaign, make_models
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import ArmResult
+from labrig.campaign.statistics import ArmResult, PairResult
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.report.figure_files import write_figure
 from labrig.report.figures import DrawnFigure
-from labrig.report.formatting import format_time, number, signed
+from labrig.report.formatting import (
+    format_time,
+    label_quantity,
+    name_settings,
+    number,
+    signed,
+    split_quantity,
+)
 from labrig.report.rendering import render
 from labrig.report.writing import REPORT_FILE
 from labrig.text import format_count
@@ -33,6 +40,7 @@ from labrig.text import format_count
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
 _SIGNIFICANT = 2
+_MOST_NAMED = 3
 _SHARE = 0.01
 """Of the largest mean, that is shown where no mean has an interval."""
 
@@ -75,6 +83,7 @@ def write_page(
         "content": result,
         "file": loaded.file,
         "verdict": _summarise(result),
+        "measure": label_quantity(result.measure),
         "maps": maps,
         "commands": [shlex.join(case.command) for case in result.worst],
         "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
@@ -130,39 +139,51 @@ def _summarise(result: CampaignResult) -> Sequence[str]:
     arms = format_count(len(result.arms), "arm")
     whole = f"{format_count(result.done, 'task')} of {result.experiment} in {arms}."
     ends = {
-        "complete": "All tasks are done.",
+        "complete": "All are done.",
         "by_rule": "The rule of the campaign ended it.",
         "incomplete": f"{result.done} of {result.tasks} are done.",
     }
     failed = f" {format_count(result.failed, 'task')} failed with an error." if result.failed else ""
-    return f"{whole} {ends[result.ended]}{failed}", _state_finding(result)
+    return _state_finding(result), f"{whole} {ends[result.ended]}{failed}"
 
 
 def _state_finding(result: CampaignResult) -> str:
     """Return in a sentence what the intervals allow to be said, and no more."""
+    name, unit = split_quantity(result.measure)
     if not any(arm.n for arm in result.arms):
-        return f"No task has a value of {result.measure}."
+        return f"No task has a value of the {name}."
     if not result.pairs:
-        return _state_mean(result, result.arms[0])
+        return _state_mean(result.arms[0], name, unit)
     bounded = [pair for pair in result.pairs if pair.ci95 is not None]
-    first = result.pairs[0].a
+    first = name_settings(result.pairs[0].a)
     if not bounded:
         return f"No difference from {first} has an interval, which takes two pairs of values."
-    apart = sum(not low <= 0.0 <= high for low, high in (pair.ci95 for pair in bounded if pair.ci95))
-    of = f"of {format_count(len(bounded), 'arm')} with an interval"
+    apart = [pair for pair in bounded if pair.ci95 and not pair.ci95[0] <= 0.0 <= pair.ci95[1]]
     if not apart:
-        return f"No difference of the mean of {result.measure} from {first} is known: the intervals hold 0."
-    return (
-        f"{apart} {of} {'differs' if apart == 1 else 'differ'} from {first} in the mean of {result.measure}: "
-        "the 95 % interval of the difference excludes 0."
-    )
+        return f"No arm is known to differ from {first} in the mean {name}: the 95 % intervals hold 0."
+    told = "; ".join(_state_difference(pair, unit) for pair in apart[:_MOST_NAMED])
+    more = f"; and {len(apart) - _MOST_NAMED} more" if len(apart) > _MOST_NAMED else ""
+    differ = "differs" if len(apart) == 1 else "differ"
+    count = f"{len(apart)} of {format_count(len(bounded), 'arm')}"
+    return f"{count} {differ} from {first} in the mean {name}: {told}{more}."
 
 
-def _state_mean(result: CampaignResult, arm: ArmResult) -> str:
+def _state_difference(pair: PairResult, unit: str | None) -> str:
+    """Return by how much an arm is above or below the first, with the 95 % interval."""
+    low, high = pair.ci95 or (0.0, 0.0)
+    mean = pair.mean or 0.0
+    ends = (low, high) if mean >= 0 else (-high, -low)
+    where = "above" if mean >= 0 else "below"
+    by = f"{number(abs(mean))}{f' {unit}' if unit else ''}"
+    return f"{name_settings(pair.b)} is {by} {where} ({number(ends[0])} to {number(ends[1])})"
+
+
+def _state_mean(arm: ArmResult, name: str, unit: str | None) -> str:
+    of = f" {unit}" if unit else ""
     if arm.ci95 is None:
-        return f"One task has a value of {result.measure}: {number(arm.mean)}. That tells no spread."
+        return f"One task has a value of the {name}: {number(arm.mean)}{of}. That tells no spread."
     low, high = (number(limit) for limit in arm.ci95)
-    return f"Mean {result.measure} of {arm.n} tasks with a value: {number(arm.mean)}, 95 % interval {low} to {high}."
+    return f"The mean {name} is {number(arm.mean)}{of} (95 % interval {low} to {high}) over {arm.n} tasks with a value."
 
 
 def _make_filters(result: CampaignResult) -> Mapping[str, object]:
@@ -174,6 +195,7 @@ def _make_filters(result: CampaignResult) -> Mapping[str, object]:
     return {
         "digits": lambda value: number(value, decimals),
         "plus": lambda value: signed(value, decimals),
+        "words": name_settings,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
         "points": lambda value: "–" if value is None else f"{100 * value:+.1f}",
     }

@@ -61,6 +61,19 @@ def label_quantity(column: str) -> str:
     return name if unit is None else f"{name} ({unit})"
 
 
+def name_settings(name: str) -> str:
+    """Return `key=value, ...` in words: `replan_every_mm=5` is "replan every 5 mm"."""
+    return ", ".join(_name_setting(part) for part in name.split(", "))
+
+
+def _name_setting(part: str) -> str:
+    key, equals, value = part.partition("=")
+    if not equals:
+        return part
+    words, unit = split_quantity(key)
+    return f"{words} {value}{f' {unit}' if unit else ''}"
+
+
 def flatten(value: object, path: str = "") -> list[tuple[str, str]]:
     """Return a nested document as rows: dotted key, value."""
     if isinstance(value, Mapping):

@@ -59,8 +59,8 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
     assert result.failed == 2
     for text in (
         "a process died",
-        "Differences from replan_every_mm=5",
-        "Map of replan_every_mm=10",
+        "Differences from replan every 5 mm",
+        "Map of replan every 10 mm",
         "16 by sobol",
     ):
         assert text in page
@@ -87,14 +87,18 @@ def worse_at_20(order: TaskOrder) -> float:
         (
             {**ARMS, "repetitions": 9},
             worse_at_20,
-            "1 of 2 arms with an interval differs from replan_every_mm=5",
+            "1 of 2 arms differs from replan every 5 mm in the mean true error at the target: replan every 20 mm is 5",
         ),
-        ({**ARMS, "repetitions": 9}, spread, "No difference of the mean of true_target_error_mm from replan"),
-        (ARMS, worse_at_20, "No difference from replan_every_mm=5 has an interval"),
-        ({"repetitions": 9}, spread, "Mean true_target_error_mm of 9 tasks with a value: 1."),
-        ({}, lambda _: 1.25, "One task has a value of true_target_error_mm: 1.25. That tells no spread."),
-        ({**ARMS, "repetitions": 2}, lambda _: None, "No task has a value of true_target_error_mm."),
-        (ARMS, lambda _: INFINITE, "No task has a value of true_target_error_mm."),
+        ({**ARMS, "repetitions": 9}, spread, "No arm is known to differ from replan every 5 mm"),
+        (ARMS, worse_at_20, "No difference from replan every 5 mm has an interval"),
+        ({"repetitions": 9}, spread, "The mean true error at the target is 1."),
+        (
+            {},
+            lambda _: 1.25,
+            "One task has a value of the true error at the target: 1.25 mm. That tells no spread.",
+        ),
+        ({**ARMS, "repetitions": 2}, lambda _: None, "No task has a value of the true error at the target."),
+        (ARMS, lambda _: INFINITE, "No task has a value of the true error at the target."),
     ],
 )
 def test_the_page_claims_what_its_intervals_hold(

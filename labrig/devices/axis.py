@@ -9,7 +9,7 @@ from labrig.devices.cia402_states import DriveState
 from labrig.devices.drive import Drive, Homing
 from labrig.devices.input_channel import InputValue
 from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
-from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, SafetyStopError
+from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError, SafetyStopError
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
@@ -144,10 +144,10 @@ class Axis:
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 f"first: labrig devices home --axis {self.name} --rig FILE",
             )
-        move = self.drive.round_move(position, speed)
+        move, beyond = self.drive.round_move(position, speed), self._beyond(position)
         here = self._place()
         self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed, here.position)
-        self._go(here, position, speed, self._beyond(position))
+        self._go(here, position, speed, beyond)
         return Setpoint(position, speed, move.sent, move.position, move.speed)
 
     def start_jog(self, distance: float, speed: float) -> float:
@@ -183,11 +183,23 @@ class Axis:
         return achieved
 
     def _beyond(self, position: float) -> float | None:
-        """Return where a downward move turns round, so that it ends from below; None if it need not."""
-        here = self.drive.position()
-        if not self.description.backlash or position >= here:
+        """Return where a downward move turns round, so that it ends from below; None if it need not.
+
+        Raises
+        ------
+        LimitError
+            When that is beyond the lower limit: the move would end from above, off by the backlash.
+        """
+        backlash, low = self.description.backlash, self.limits[0]
+        if not backlash or position >= self.drive.position():
             return None
-        return max(position - self.description.backlash, self.limits[0])
+        if position - backlash < low:
+            raise LimitError(
+                f"axis {self.name}: {position:g} {self.unit} is {position - low:.3g} above its lower limit, and a move "
+                f"from above passes its target by the backlash, {backlash:g} {self.unit}",
+                f"ask for {low + backlash:g} {self.unit} or more, or lower the limit where the mechanics allow it",
+            )
+        return position - backlash
 
     def _place(self) -> _Place:
         return _Place(self._clock.now_s(), self.drive.position())
@@ -358,6 +370,14 @@ class Axis:
         """Stand where the axis is, with a position and a target that count from another zero than before."""
         self._moves = False
         self.expected, self.sent_target = AtRest(), None
+
+    def snapshot(self, *, has_power: bool) -> dict[str, object]:
+        """Return position and state, ready for JSON; the position alone while power is off."""
+        if not has_power:
+            return {f"position_{self.unit}": self.drive.position()}
+        read = self.read()
+        position = {f"position_{self.unit}": read.position}
+        return {**position, "statusword": read.statusword, "drive_state": read.state.name}
 
     def describe(self) -> dict[str, object]:
         """Return the conversion of the axis and its drive, for the record."""

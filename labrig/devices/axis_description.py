@@ -222,6 +222,12 @@ class AxisDescription(Model):
             yield Conflict(
                 "backlash", f"backlash is {self.backlash:g}, as long as the axis", "enter what was measured"
             )
+        elif self.backlash and low <= 0 < low + self.backlash:
+            yield Conflict(
+                "limits",
+                f"limits begin at {low:g}, and a move back to 0 passes it by the backlash, {self.backlash:g}",
+                f"let them begin at {-self.backlash:g} or lower where the mechanics allow it",
+            )
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
         yield from self._input_conflicts()

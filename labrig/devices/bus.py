@@ -6,7 +6,7 @@ the failure by the silence of the drives.
 """
 
 import logging
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -41,6 +41,9 @@ _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
 _ECHOING = frozenset({"udp_multicast"})
 """Interfaces of python-can that deliver a frame to its sender too."""
 
+_ECHO_WITHIN_S = 0.1
+"""An echo comes so soon [s]."""
+
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
 # labrig raises what these libraries log; without a handler Python would also print it to stderr.
@@ -61,7 +64,7 @@ class BusNetwork(canopen.Network):
 
     def __init__(self, clock: Clock, *, echoes: bool = False) -> None:
         super().__init__()
-        self._echoes = Counter[tuple[int, bytes]]() if echoes else None
+        self._echoes: dict[tuple[int, bytes], deque[float]] | None = {} if echoes else None
         self._echoes_lock = Lock()
         self.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
         self.trouble: BusError | None = None
@@ -75,25 +78,32 @@ class BusNetwork(canopen.Network):
         self._frames.append((self._clock.now_s(), can_id, data, "T"))
         if self._echoes is not None:
             with self._echoes_lock:
-                self._echoes[can_id, data] += 1
+                self._echoes.setdefault((can_id, data), deque()).append(self._clock.now_s())
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Log a frame and pass it to its subscribers."""
         received = bytes(data)
         self._frames.append((self._clock.now_s(), can_id, received, "R"))
-        if self._echoes is not None and self._take_echo(self._echoes, can_id, received):
+        if self._is_echo(can_id, received):
             return
         for callback in self.subscribers.get(can_id, ()):
             callback(can_id, data, timestamp)
 
-    def _take_echo(self, echoes: Counter[tuple[int, bytes]], can_id: int, data: bytes) -> bool:
-        """Tell whether a frame is a copy of one that was sent from here, and take it off the list."""
+    def _is_echo(self, can_id: int, data: bytes) -> bool:
+        """Tell whether a frame is a copy of one sent from here of late; a lost copy hides no other's for long."""
+        if self._echoes is None:
+            return False
         with self._echoes_lock:
-            left = echoes.pop((can_id, data), 0)
-            if left > 1:
-                echoes[can_id, data] = left - 1
-            return left > 0
+            sent_s = self._echoes.pop((can_id, data), deque())
+            while sent_s and self._clock.now_s() - sent_s[0] > _ECHO_WITHIN_S:
+                sent_s.popleft()
+            found = bool(sent_s)
+            if found:
+                sent_s.popleft()
+            if sent_s:
+                self._echoes[can_id, data] = sent_s
+            return found
 
     def check(self) -> None:
         """Do nothing: `trouble` has the reason why receiving ended."""

@@ -251,9 +251,21 @@ class Camera:
         self._limit_s = _PATIENCE_S + _PATIENCE_PICTURES / description.rate_hz
         self._hanging: CameraError | None = None
         self._shape = (description.height_px, description.width_px)
+        self._description = description
         self._sequence = 0
         self._shown: tuple[bytes, tuple[float, float]] | None = None
         self.settings = _negotiate(source, description)
+
+    def describe(self) -> dict[str, object]:
+        """Return the camera and its settings, ready for JSON."""
+        return {
+            "driver": self._description.driver,
+            "device": self._description.address,
+            **({"recorded_pictures": True} if self._description.recorded else {}),
+            "asked": dict(self.settings.asked),
+            "readback": dict(self.settings.readback),
+            **({"reported": dict(self.settings.reported)} if self.settings.reported else {}),
+        }
 
     def read_settings(self, meanwhile: Callable[[], None] = _do_nothing) -> dict[str, Setting | None]:
         """Return the value in use of each setting that was requested or reported; None if the camera cannot tell.

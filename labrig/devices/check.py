@@ -18,12 +18,12 @@ from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.commands import CommandFormatter
 from labrig.devices.drive import find_drive_kind
-from labrig.devices.exclusive import find_owner
+from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
-from labrig.errors import InputError, LabrigError, OutputExistsError, SecondMasterError
+from labrig.errors import InputError, LabrigError, LockedError, OutputExistsError, SecondMasterError
 from labrig.text import format_count
 from labrig.vision.calibration_file import (
     load_intrinsics,
@@ -54,13 +54,7 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         CheckResult(key, CheckStatus.FAIL, problem.message, problem.hint)
         for key, problem in section_problems(rig)
     ]
-    owner = find_owner(rig.can, rig.state_path)
-    if owner is not None:
-        value = f"in use by {owner}: bus, drives and camera are not looked at"
-        solution = f"wait until it has ended, or: labrig devices stop {rig.option}"
-        results.append(CheckResult("rig", CheckStatus.WARN, value, solution))
-    else:
-        results += _check_devices(rig)
+    results += _check_devices(rig)
     now = SystemClock().utc()
     return [
         *results,
@@ -72,11 +66,16 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
 
 
 def _check_devices(rig: RigDescription) -> list[CheckResult]:
-    try:
-        hardware = make_hardware(rig, seed=0)
-    except LabrigError as error:
-        return [failed("rig", error)]
+    """Check bus, drives and camera while no other labrig can use them."""
     with ExitStack() as stack:
+        try:
+            stack.enter_context(acquire_rig(rig, "labrig devices check"))
+            hardware = make_hardware(rig, seed=0)
+        except LockedError as error:
+            value = f"{error.message}: bus, drives and camera are not looked at"
+            return [CheckResult("rig", CheckStatus.WARN, value, error.hint)]
+        except LabrigError as error:
+            return [failed("rig", error)]
         stack.callback(hardware.close)
         return [*check_bus(rig, hardware, stack), *_check_camera(rig, hardware, stack)]
 

@@ -8,7 +8,7 @@ from the gel. With a needle in tissue nothing is homed.
 
 from collections.abc import Collection
 
-from labrig.errors import SafetyStopError
+from labrig.errors import LimitError, SafetyStopError
 
 HOMING_HERE = 35
 """Method that makes the present position home, whatever its number in the drive; nothing moves."""
@@ -63,4 +63,28 @@ def require_homing_allowed(
         raise SafetyStopError(
             f"axis {axis} is not homed by method {method} before the linear module: it might stand in the frame",
             "first: labrig devices home --axis linear",
+        )
+
+
+def require_homing_current(axis: str, threshold_ma: int | None, limit_ma: int | None) -> None:
+    """Refuse a homing that could not end.
+
+    Parameters
+    ----------
+    axis : str
+        insertion, rotation or linear.
+    threshold_ma : int or None
+        Current by which the axis feels its stop [mA]; None if it does not.
+    limit_ma : int or None
+        Limit of its output current [mA]; None keeps the drive's own.
+
+    Raises
+    ------
+    LimitError
+    """
+    if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
+        raise LimitError(
+            f"axis {axis} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
+            f"{limit_ma} mA (the lower one of --current-ma and max_current_ma of the rig file)",
+            f"--current-ma {threshold_ma + threshold_ma // 2}, or a lower homing.current_threshold_ma",
         )

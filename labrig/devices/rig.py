@@ -18,7 +18,7 @@ from labrig.devices.drive import Homing, Identity, open_drive, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
-from labrig.devices.homing import HOMING_HERE, require_homing_allowed
+from labrig.devices.homing import HOMING_HERE, require_homing_allowed, require_homing_current
 from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_location import NeedleFinder, NeedleLocation
 from labrig.devices.needle_state import NeedleState, RigState
@@ -53,9 +53,9 @@ from labrig.errors import (
     InputError,
     InterruptedRunError,
     LabrigError,
-    LimitError,
     MachineError,
     SafetyStopError,
+    WireError,
 )
 
 _T = TypeVar("_T")
@@ -167,7 +167,7 @@ class Rig:
         self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._readings.positions)
         self._unknown_motion = ""
         self._stopped_for: Ended | None = None
-        self._is_ending = False
+        self._is_ending = self._is_stopping = False
 
     def _open_axes(self, link: CanLink) -> dict[str, Axis]:
         return {
@@ -236,36 +236,20 @@ class Rig:
                 axis.name: {**axis.describe(), "drive": self._identities[axis.name].document()}
                 for axis in self.axes
             },
-            "camera": None if self._camera is None else self._describe_camera(self._camera),
+            "camera": None if self._camera is None else self._camera.describe(),
             "snapshot": self.snapshot(),
             "state": {**asdict(self.state), "current_limits": self._limits_found},
         }
 
     def snapshot(self) -> dict[str, object]:
         """Return the present state of the devices, ready for JSON; for one that does not answer, the reason."""
-        camera = self._camera
+        camera, has_power = self._camera, self._supervisor.has_power
         return {
-            "axes": {axis.name: _ask_device(partial(self._read_axis, axis)) for axis in self.axes},
+            "axes": {
+                axis.name: _ask_device(partial(axis.snapshot, has_power=has_power)) for axis in self.axes
+            },
             "camera": None if camera is None else _ask_device(partial(camera.read_settings, self._hold)),
             "state": asdict(self.state),
-        }
-
-    def _read_axis(self, axis: Axis) -> dict[str, object]:
-        """Return position and state of an axis; the position alone while power is off."""
-        if not self._supervisor.has_power:
-            return {f"position_{axis.unit}": axis.drive.position()}
-        read = axis.read()
-        position = {f"position_{axis.unit}": read.position}
-        return {**position, "statusword": read.statusword, "drive_state": read.state.name}
-
-    def _describe_camera(self, camera: Camera) -> dict[str, object]:
-        return {
-            "driver": self.description.camera.driver,
-            "device": self.description.camera.address,
-            **({"recorded_pictures": True} if self.description.camera.recorded else {}),
-            "asked": dict(camera.settings.asked),
-            "readback": dict(camera.settings.readback),
-            **({"reported": dict(camera.settings.reported)} if camera.settings.reported else {}),
         }
 
     # Moving
@@ -306,8 +290,19 @@ class Rig:
         return Photograph(frame.image, frame.t_s, positions, frame.t_bound_s, frame.fraction)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
-        """Start a move of an axis [mm or rad, per s] and return at once. Raises as `Axis.start_move`."""
-        return self.axis(axis_name).start_move(position, speed)
+        """Start a move of an axis [mm or rad, per s] and return at once.
+
+        Raises
+        ------
+        LimitError, SafetyStopError
+            Before anything is sent.
+        DriveError, BusError, SecondMasterError
+            The axes have been stopped.
+        """
+        try:
+            return self.axis(axis_name).start_move(position, speed)
+        except WireError as error:
+            self._stop_because_of(error)
 
     def wait(self, duration_s: float) -> None:
         """Let rig time pass while axes move, and watch for signals and reports of the drives.
@@ -337,9 +332,14 @@ class Rig:
         self._supervisor.step()
 
     def _attend(self) -> None:
-        """Let the beat go on between two answers; without power, however long an exchange takes."""
+        """Look between two answers of drives: the beat goes on, and another master ends the exchange.
+
+        Without power, an exchange may take as long as it likes.
+        """
         if not self._supervisor.has_power:
             self._heartbeat.note_supervision()
+        elif not self._is_stopping:
+            self._watch.require_no_command()
         self._heartbeat.attend()
 
     def do_aside(self, call: Callable[[], _T]) -> _T:
@@ -446,12 +446,14 @@ class Rig:
         SafetyStopError
             When an axis may still move; names each such axis and the reason.
         """
+        self._is_stopping = True
         failures = _try_each(self.axes, lambda axis: axis.drive.post_stop())
         failures += _try_each(self.axes, Axis.halt)
         if not failures:
             self._heartbeat.note_supervision()  # every drive answers: none is lost
         still = {axis.name: axis.wait_until_still() for axis in self.axes}
         failures += wait_for_all(still, self._heartbeat).values()
+        self._is_stopping = self._is_ending
         self._unknown_motion = "not every axis is known to stand still" if failures else ""
         if failures:
             self._heartbeat.silence()
@@ -470,7 +472,7 @@ class Rig:
             if explained is error:
                 last = self._finder.find(_name_lost(error), ask=False)
                 self._alert(f"{last.motion}\nlast positions: {last.where}")
-        self._is_ending = True
+        self._is_ending = self._is_stopping = True
         for end in (self.stop, self._forget_lost_zeros):
             try:
                 end()
@@ -532,21 +534,14 @@ class Rig:
         Raises `SafetyStopError`, `LimitError`.
         """
         self.needle.refuse_in_tissue(f"axis {name} is not homed", self.description.option)
+        description = self.axis(name).description
+        direction = description.homing_direction(method)
         require_homing_allowed(
-            name,
-            method,
-            self.axis(name).description.homing_direction(method),
-            needle_mounted=needle_mounted,
-            referenced=self.state.referenced,
+            name, method, direction, needle_mounted=needle_mounted, referenced=self.state.referenced
         )
-        limit_ma = self._opening.limit_ma(self.axis(name))
-        threshold_ma = self.axis(name).description.homing_current_ma(method)
-        if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
-            raise LimitError(
-                f"axis {name} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
-                f"{limit_ma} mA (the lower one of --current-ma and max_current_ma of the rig file)",
-                f"--current-ma {threshold_ma + threshold_ma // 2}, or a lower homing.current_threshold_ma",
-            )
+        require_homing_current(
+            name, description.homing_current_ma(method), self._opening.limit_ma(self.axis(name))
+        )
 
     def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Home one axis by this method, with the settings of the rig file; the operator has confirmed it.

@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import can
 import pytest
 
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset
 from labrig.devices.rig import Rig, open_rig
-from labrig.errors import DriveFaultError, DriveSilentError, SafetyStopError
+from labrig.devices.simulated.bus import InProcessBus
+from labrig.errors import DriveFaultError, DriveSilentError, LimitError, SafetyStopError, SecondMasterError
 from tests.devices.beats import listening
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
 
@@ -98,3 +100,37 @@ def test_one_cause_is_one_refusal() -> None:
         with pytest.raises(DriveFaultError, match=r"insertion.*rotation.*linear") as refused:
             opened.rig.connect()
         assert refused.value.hint.count("labrig devices home --rig") == 1
+
+
+def test_another_master_ends_an_exchange_with_drives() -> None:
+    """While a slow drive is started, a foreign set-point of an axis is found at once."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        wire, clock, linear = opened.hardware.wire, opened.hardware.clock, opened.drives["linear"]
+        wire.delay(10**9, 0.01)
+        master = InProcessBus(wire, lambda _message: None)
+        heads = (b"\x23\x7a\x60\0\x00\xfa\0\0", b"\x2b\x40\x60\0\x0f\0\0\0", b"\x2b\x40\x60\0\x3f\0\0\0")
+        for data in heads:
+            master.send(can.Message(arbitration_id=0x603, data=data, is_extended_id=False))
+        struck_s = clock.now_s()
+        with pytest.raises(SecondMasterError):
+            opened.rig.start_move("insertion", 1.0, 1.0)
+        still = linear.journal.last("still")
+        assert still is not None
+        assert struck_s < still.t_s <= struck_s + 0.5
+        assert not any(drive.is_moving for drive in opened.drives.values())
+
+
+@pytest.mark.parametrize(("target", "goes"), [(0.0, True), (-1.5, True), (-1.6, False)])
+def test_a_move_that_cannot_end_from_below_is_refused(target: float, goes: bool) -> None:
+    """Backlash is taken up within the limits or not at all: nothing is clipped."""
+    with opened_rig(simulated_rig("axes.insertion.backlash=0.5")) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        if goes:
+            assert opened.rig.start_move("insertion", target, 5.0).position == pytest.approx(target)
+            return
+        with pytest.raises(LimitError, match="passes its target by the backlash"):
+            opened.rig.start_move("insertion", target, 5.0)
+        assert not opened.drives["insertion"].is_moving

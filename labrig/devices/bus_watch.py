@@ -62,6 +62,8 @@ class BusWatch:
 
     Attributes
     ----------
+    link : CanLink
+        The bus.
     without_zero : set of str
         Axes whose mode another program has changed: it may have homed them, and nobody knows their zero.
     """
@@ -73,6 +75,7 @@ class BusWatch:
         heartbeat: HeartbeatDescription,
         describe: CommandFormatter,
     ) -> None:
+        self.link = link
         self._axes = axes
         self._period_s = heartbeat.period_ms / 1000
         self._describe = describe

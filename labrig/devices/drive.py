@@ -280,6 +280,7 @@ class Drive(Protocol):
 
 
 Section = TypeVar("Section", bound=AxisDescription)
+_Thing = TypeVar("_Thing")
 
 
 @dataclass(frozen=True)
@@ -386,6 +387,17 @@ def require_all(checks: Iterable[Callable[[], object]]) -> None:
         except DriveError as error:
             failures.append(error)
     raise_together(failures)
+
+
+def try_all(things: Iterable[_Thing], action: Callable[[_Thing], object]) -> list[MachineError]:
+    """Do something with every one of them, and return the failures: that of one keeps nothing from the others."""
+    failures: list[MachineError] = []
+    for thing in things:
+        try:
+            action(thing)
+        except MachineError as error:
+            failures.append(error)
+    return failures
 
 
 def wait_for_all(waits: Mapping[str, Iterator[None]], clock: Clock) -> dict[str, str]:

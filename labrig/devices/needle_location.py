@@ -9,7 +9,14 @@ from dataclasses import asdict, dataclass
 from labrig.clock import Clock
 from labrig.devices.axis import Axis
 from labrig.devices.needle_state import NeedleState
-from labrig.errors import DriveRestartedError, DriveSilentError, MachineError
+from labrig.errors import (
+    BusError,
+    BusPassiveError,
+    DriveError,
+    DriveRestartedError,
+    DriveSilentError,
+    MachineError,
+)
 
 _JUST_NOW_S = 0.1
 """A position that is no older is told without its age [s]."""
@@ -100,6 +107,11 @@ class NeedleLocation:
         }
 
 
+def are_drives_lost(error: Exception) -> bool:
+    """Tell whether an error means that drives can no longer be told to stop."""
+    return isinstance(error, BusError | DriveSilentError) and not isinstance(error, BusPassiveError)
+
+
 class NeedleFinder:
     """Tells where the needle is.
 
@@ -141,6 +153,13 @@ class NeedleFinder:
         state = self._needle.state
         located = tuple(self._locate(axis) if ask else self._place_last(axis) for axis in self._axes)
         return NeedleLocation(unknown_motion, state.needle_in_tissue, state.doubt, located)
+
+    def tell_loss(self, error: Exception) -> str:
+        """Return what the person at the rig is told at once of drives that are lost, from what was read last."""
+        axis = error.axis if isinstance(error, DriveError) else ""
+        lost = f"the drive of axis {axis} does not answer" if axis else "the drives do not answer"
+        last = self.find(lost, ask=False)
+        return f"{last.motion}\nlast positions: {last.where}"
 
     def _locate(self, axis: Axis) -> AxisLocation:
         try:

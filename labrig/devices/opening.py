@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from labrig.devices.axis import Axis
 from labrig.devices.axis_description import AXES
-from labrig.devices.drive import Identity, raise_together
+from labrig.devices.drive import Identity, raise_together, try_all
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.operator import ConfirmFaultReset
 from labrig.devices.rig_file import RigDescription
@@ -104,24 +104,13 @@ def prepare_drives(
         faults.update((axis, fault) for fault in axis.drive.faults()[:1])
 
     faults: dict[Axis, DriveFaultError] = {}
-    raise_together([*_try_all(axes, identify), *_find_shared_cob_ids(axes)])
+    raise_together([*try_all(axes, identify), *_find_shared_cob_ids(axes)])
     raise_together(
-        [*_try_all(axes, find_faults), *_reset_faults(faults, description, opening, needle, confirms)]
+        [*try_all(axes, find_faults), *_reset_faults(faults, description, opening, needle, confirms)]
     )
-    raise_together([*_try_all(axes, configure), *_find_shared_cob_ids(axes)])
+    raise_together([*try_all(axes, configure), *_find_shared_cob_ids(axes)])
     _find_references(axes, needle)
     return identities
-
-
-def _try_all(axes: Sequence[Axis], step: Callable[[Axis], None]) -> list[MachineError]:
-    """Do something with every axis, and return the failures."""
-    failures: list[MachineError] = []
-    for axis in axes:
-        try:
-            step(axis)
-        except MachineError as error:
-            failures.append(error)
-    return failures
 
 
 def _reset_faults(
@@ -144,7 +133,7 @@ def _reset_faults(
             way_out = f"labrig devices {command} {description.option} resets it once you confirm"
             stay.append(first.reword(told, f"{first.hint}; {way_out}"))
         elif confirms(ConfirmFaultReset(told, first.remedy)):
-            stay += _try_all([axis for axis, _ in struck], lambda axis: axis.drive.reset_fault())
+            stay += try_all([axis for axis, _ in struck], lambda axis: axis.drive.reset_fault())
         else:
             stay.append(first.reword(f"{told}; the operator did not confirm its reset"))
     return stay

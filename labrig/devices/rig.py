@@ -14,42 +14,23 @@ from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.drive import Homing, Identity, open_drive, wait_for_all
+from labrig.devices.drive import Homing, Identity, open_drive, try_all, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed, require_homing_current
 from labrig.devices.motion_log import MotionLog
-from labrig.devices.needle_location import NeedleFinder, NeedleLocation
+from labrig.devices.needle_location import NeedleFinder, NeedleLocation, are_drives_lost
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, require_complete
-from labrig.devices.supervisor import (
-    Awake,
-    Beat,
-    BusTrouble,
-    Drives,
-    Inputs,
-    Interrupted,
-    NmtStates,
-    OtherMaster,
-    Positions,
-    Readings,
-    Requests,
-    Stalls,
-    Supervisor,
-    Targets,
-)
+from labrig.devices.supervisor import Interrupted, RigChecks, Supervisor
 from labrig.errors import (
-    BusError,
-    BusPassiveError,
     CameraError,
     DiskError,
-    DriveError,
-    DriveSilentError,
     InputError,
     InterruptedRunError,
     LabrigError,
@@ -89,8 +70,6 @@ class Rig:
         point may come. By default `interrupted`.
     opening : Opening
         Which parts are opened, and how.
-    needle : NeedleState or None
-        State across runs; by default that of its state file.
     doing : str
         What the rig is used for.
     alert : callable
@@ -113,7 +92,6 @@ class Rig:
         interrupted: Interrupted,
         insisted: Interrupted | None = None,
         opening: Opening = WHOLE,
-        needle: NeedleState | None = None,
         doing: str = "labrig",
         alert: Callable[[str], None] = lambda _text: None,
     ) -> None:
@@ -129,7 +107,7 @@ class Rig:
         self.operator = hardware.operator or person
         self.needs_person = hardware.operator is None
         self.state_period_s = 1 / description.recording.state_rate_hz
-        self.needle = needle or NeedleState(description.state_path, do=self.do_aside)
+        self.needle = NeedleState(description.state_path, do=self.do_aside)
         self._limits_found = self.needle.state.current_limits
         self._motions = MotionLog(description.state_path, hardware.clock.utc, doing, self.do_aside)
         self._identities: dict[str, Identity] = {}
@@ -137,34 +115,14 @@ class Rig:
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
         self._axes = self._open_axes(replace(link, attend=self._attend))
         self.axes = tuple(self._axes.values())
-        self._camera = (
-            None
-            if source is None
-            else Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
-        )
+        self._camera: Camera | None = None
+        if source is not None:
+            self._camera = Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
         nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
         self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
-        self._requests = Requests(interrupted)
-        self._positions = Positions(self._axes)
-        limited = {name: axis for name, axis in self._axes.items() if opening.limit_ma(axis) is not None}
-        self._stalls = Stalls(limited, self.clock)
-        inputs = [Inputs(self._axes)] if opening.hold_inputs else []
-        judges = (self._positions, Targets(self._axes), *inputs, self._stalls)
-        self._readings = Readings(self._axes, self.clock, judges)
-        self._supervisor = Supervisor(
-            (
-                Awake(self._heartbeat),
-                BusTrouble(link),
-                self._requests,
-                OtherMaster(self._watch),
-                Drives(self.axes),
-                NmtStates(self._watch),
-                Beat(self._heartbeat),
-                self._readings,
-                *judges,
-            )
-        )
-        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._readings.positions)
+        self._checks = RigChecks(self._axes, self._watch, self._heartbeat, interrupted, opening)
+        self._supervisor = Supervisor(self._checks.ordered)
+        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._checks.readings.positions)
         self._unknown_motion = ""
         self._stopped_for: Ended | None = None
         self._is_ending = self._is_stopping = False
@@ -248,7 +206,9 @@ class Rig:
             "axes": {
                 axis.name: _ask_device(partial(axis.snapshot, has_power=has_power)) for axis in self.axes
             },
-            "camera": None if camera is None else _ask_device(partial(camera.read_settings, self._hold)),
+            "camera": None
+            if camera is None
+            else _ask_device(partial(camera.read_settings, self._make_meanwhile())),
             "state": asdict(self.state),
         }
 
@@ -265,7 +225,7 @@ class Rig:
         try:
             for axis in self.axes:
                 axis.drive.expect_report()
-            return self._readings.take(Axis.read, lambda: self._link.send(_SYNC, b""))
+            return self._checks.readings.take(Axis.read, lambda: self._link.send(_SYNC, b""))
         except MachineError as error:
             self._stop_because_of(error)
 
@@ -281,9 +241,9 @@ class Rig:
             Also when the picture is identical to the last one although needle or sheath has moved.
         DriveError, BusError
         """
-        before, before_s = collect_axis_positions(self.read_states()), self._readings.last_s
+        before, before_s = collect_axis_positions(self.read_states()), self._checks.readings.last_s
         frame = self.camera.capture(self._make_meanwhile(self._insisted))
-        after, after_s = collect_axis_positions(self.read_states()), self._readings.last_s
+        after, after_s = collect_axis_positions(self.read_states()), self._checks.readings.last_s
         self.camera.require_new(frame, (after.insertion_mm, after.linear_mm))
         frame = frame.between(before_s, after_s)
         positions = before.interpolate_to(after, 0.5 if frame.fraction is None else frame.fraction)
@@ -314,8 +274,7 @@ class Rig:
         DriveError
             When a drive has reported a fault or has restarted; the axes have been stopped.
         """
-        step_s = min(self._step_s, self._stalls.period_s)
-        steps = max(1, math.ceil(duration_s / step_s))
+        steps = max(1, math.ceil(duration_s / min(self._step_s, self._checks.stalls.period_s)))
         try:
             self.supervise()
             for _ in range(steps):
@@ -356,32 +315,26 @@ class Rig:
         return self._hardware.disk_worker.do(call, self._make_meanwhile())
 
     def _make_meanwhile(self, interrupted: Interrupted | None = None) -> Callable[[], None]:
-        """Return what is to be called again and again while something is done aside that begins now."""
-        interrupted = interrupted or self._interrupted
-        if self._is_ending:
-            return self._hold
+        """Return what is to be called again and again while something is done aside that begins now.
+
+        Once the run is ending, the axes only stand still: if anything is wrong then, the beat ends.
+        """
         prompt_s = self.clock.now_s() + _PROMPT_S
+        requests = self._checks.requests
 
         def supervise() -> None:
-            self._requests.heeded = interrupted if self.clock.now_s() > prompt_s else None
+            is_prompt = self._is_ending or self.clock.now_s() <= prompt_s
+            requests.heeded = None if is_prompt else interrupted or self._interrupted
             try:
                 self.supervise()
             except (InterruptedRunError, MachineError) as error:
-                self._stop_because_of(error)
+                if not self._is_ending:
+                    self._stop_because_of(error)
+                self._heartbeat.silence()
             finally:
-                self._requests.heeded = self._interrupted
+                requests.heeded = self._interrupted
 
         return supervise
-
-    def _hold(self) -> None:
-        """Supervise axes that stand still and are not going to move; if anything is wrong, the beat ends."""
-        self._requests.heeded = None
-        try:
-            self.supervise()
-        except MachineError:
-            self._heartbeat.silence()
-        finally:
-            self._requests.heeded = self._interrupted
 
     def ask(
         self,
@@ -447,12 +400,12 @@ class Rig:
             When an axis may still move; names each such axis and the reason.
         """
         self._is_stopping = True
-        failures = _try_each(self.axes, lambda axis: axis.drive.post_stop())
-        failures += _try_each(self.axes, Axis.halt)
-        if not failures:
+        failed = try_all(self.axes, lambda axis: axis.drive.post_stop())
+        failed += try_all(self.axes, Axis.halt)
+        if not failed:
             self._heartbeat.note_supervision()  # every drive answers: none is lost
-        still = {axis.name: axis.wait_until_still() for axis in self.axes}
-        failures += wait_for_all(still, self._heartbeat).values()
+        moving = wait_for_all({axis.name: axis.wait_until_still() for axis in self.axes}, self._heartbeat)
+        failures = [*(failure.message for failure in failed), *moving.values()]
         self._is_stopping = self._is_ending
         self._unknown_motion = "not every axis is known to stand still" if failures else ""
         if failures:
@@ -467,11 +420,10 @@ class Rig:
         if error is self._stopped_for:
             raise error
         explained = self._heartbeat.explain(error)
-        if _has_lost_drives(error):
+        if are_drives_lost(error):
             self._heartbeat.note_loss()
             if explained is error:
-                last = self._finder.find(_name_lost(error), ask=False)
-                self._alert(f"{last.motion}\nlast positions: {last.where}")
+                self._alert(self._finder.tell_loss(error))
         self._is_ending = self._is_stopping = True
         for end in (self.stop, self._forget_lost_zeros):
             try:
@@ -485,7 +437,7 @@ class Rig:
 
     def _forget_lost_zeros(self) -> None:
         """Remember which axes have lost their reference. Raises `DiskError`."""
-        self.needle.forget_references(self._positions.jumped | self._watch.without_zero)
+        self.needle.forget_references(self._checks.positions.jumped | self._watch.without_zero)
 
     def locate_needle(self) -> NeedleLocation:
         """Return where the needle is: positions that are read now, also from drives in fault, or else the last ones."""
@@ -628,7 +580,7 @@ class Rig:
             self.stop()
         except SafetyStopError as error:
             failures.append(error.message)
-        powered = _try_each(self.axes, lambda axis: axis.drive.close())
+        powered = [failure.message for failure in try_all(self.axes, lambda axis: axis.drive.close())]
         if powered:
             failures.append(f"power not known to be off: {'; '.join(powered)}")
         else:
@@ -636,28 +588,6 @@ class Rig:
         self._forget_lost_zeros()
         if failures:
             raise SafetyStopError("; ".join(failures), "press the emergency stop")
-
-
-def _has_lost_drives(error: Ended) -> bool:
-    """Tell whether an error means that drives can no longer be told to stop."""
-    return isinstance(error, BusError | DriveSilentError) and not isinstance(error, BusPassiveError)
-
-
-def _name_lost(error: Ended) -> str:
-    """Return which drives do not answer, for a sentence."""
-    axis = error.axis if isinstance(error, DriveError) else ""
-    return f"the drive of axis {axis} does not answer" if axis else "the drives do not answer"
-
-
-def _try_each(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
-    """Do something with every axis; return the messages of the failures."""
-    failures = []
-    for axis in axes:
-        try:
-            action(axis)
-        except MachineError as error:
-            failures.append(error.message)
-    return failures
 
 
 def _ask_device(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:

@@ -4,7 +4,7 @@ It needs nothing but the bus and the node ids of the rig file: whatever else is 
 nothing from being stopped.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +17,10 @@ from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.clocks import SystemClock
-from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind, open_drive, wait_for_all
+from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind, open_drive, try_all, wait_for_all
 from labrig.devices.exclusive import find_owner
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.errors import BusError, FileFormatError, InputError, MachineError, SafetyStopError
+from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
 from labrig.posix import ask_to_end
 from labrig.protocol.yaml_tree import load_tree
 from labrig.record.lock import LockOwner
@@ -174,16 +174,9 @@ def stop_drives(target: StopTarget, link: CanLink, clock: Clock) -> tuple[str, .
     done = [f"opened {target.can.interface} {target.can.channel} directly".replace("  ", " ")]
     missing = [name for name in AXES if name not in target.sections]
     failures = [f"the node of axis {name} is not known" for name in missing]
-
-    def try_each(action: Callable[[Any], None]) -> None:
-        for drive in drives:
-            try:
-                action(drive)
-            except MachineError as error:
-                failures.append(error.message)
-
-    try_each(lambda drive: drive.post_stop(quick=True))
-    try_each(lambda drive: drive.stop(quick=True))
+    failed = try_all(drives, lambda drive: drive.post_stop(quick=True))
+    failed += try_all(drives, lambda drive: drive.stop(quick=True))
+    failures += [failure.message for failure in failed]
     moving = wait_for_all({drive.name: drive.wait_until_still(_STOP_TIME_S) for drive in drives}, clock)
     done += [f"{drive.name} stands still" for drive in drives if drive.name not in moving]
     failures += moving.values()

@@ -39,6 +39,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.drive import DriveReading, raise_together
 from labrig.devices.heartbeat import HeartbeatClock
+from labrig.devices.opening import Opening
 from labrig.devices.position_supervision import (
     TIME_MARGIN_S,
     AxisBounds,
@@ -429,3 +430,53 @@ class Stalls(Check):
             with suppress(MachineError):
                 drive.stop(quick=True)
             raise error
+
+
+class RigChecks:
+    """The checks of an opened rig.
+
+    Parameters
+    ----------
+    axes : mapping of str to Axis
+        The open axes.
+    watch : BusWatch
+        Listens on their bus.
+    heartbeat : HeartbeatClock
+        Rig time, and the heartbeat.
+    interrupted : callable
+        Returns a signal that has arrived.
+    opening : Opening
+        Whether limits of inputs hold, and which axes have a limit of their current.
+
+    Attributes
+    ----------
+    ordered : tuple of Check
+        All of them, in the order in which a `Supervisor` goes through them.
+    """
+
+    def __init__(
+        self,
+        axes: Mapping[str, Axis],
+        watch: BusWatch,
+        heartbeat: HeartbeatClock,
+        interrupted: Interrupted,
+        opening: Opening,
+    ) -> None:
+        limited = {name: axis for name, axis in axes.items() if opening.limit_ma(axis) is not None}
+        self.requests = Requests(interrupted)
+        self.positions = Positions(axes)
+        self.stalls = Stalls(limited, heartbeat)
+        inputs = [Inputs(axes)] if opening.hold_inputs else []
+        judges = (self.positions, Targets(axes), *inputs, self.stalls)
+        self.readings = Readings(axes, heartbeat, judges)
+        self.ordered: tuple[Check, ...] = (
+            Awake(heartbeat),
+            BusTrouble(watch.link),
+            self.requests,
+            OtherMaster(watch),
+            Drives(tuple(axes.values())),
+            NmtStates(watch),
+            Beat(heartbeat),
+            self.readings,
+            *judges,
+        )

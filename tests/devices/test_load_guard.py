@@ -24,7 +24,7 @@ def limit_of(opened: OpenedRig, axis: str = "linear") -> int:
 
 def open_again(opened: OpenedRig, opening: Opening | None = None, needle: NeedleState | None = None) -> Rig:
     """Return another rig over the same hardware, not yet connected."""
-    return Rig(
+    rig = Rig(
         opened.rig.description,
         hardware=opened.hardware,
         link=opened.hardware.open_link(),
@@ -32,8 +32,9 @@ def open_again(opened: OpenedRig, opening: Opening | None = None, needle: Needle
         person=Person(),
         interrupted=lambda: None,
         opening=opening or Opening(camera=False),
-        needle=needle,
     )
+    rig.needle = needle or rig.needle
+    return rig
 
 
 def go_on(rig: Rig) -> None:

@@ -45,9 +45,6 @@ _LONGEST_LINE = 65536
 _MOST_READS = 16
 """Limits for a line: a sender of single bytes, or of an endless line, delays nobody."""
 
-_HAS_FILE_LOCKS = sys.platform.startswith("linux")
-_WHOLE_FILE = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
-"""A lock of a whole file as struct flock: type, from where, start, length, process."""
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, account and group of a peer, as SO_PEERCRED gives them."""
@@ -209,32 +206,6 @@ def is_in_background(stream: TextIO) -> bool:
         return os.tcgetpgrp(stream.fileno()) != os.getpgrp()
     except OSError:  # a terminal that controls no process has no background
         return False
-
-
-def lock(descriptor: int, *, wait: bool) -> None:
-    """Lock an open file for this process; the kernel frees it with the last copy of its descriptor.
-
-    Parameters
-    ----------
-    wait : bool
-        Wait for a process that holds the lock. Without it, such a process is an `OSError`.
-    """
-    if _HAS_FILE_LOCKS:
-        fcntl.fcntl(descriptor, fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK, _WHOLE_FILE)
-    else:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def is_locked(descriptor: int) -> bool:
-    """Return whether another open file holds the lock of this one; on Linux nothing is locked to find that out."""
-    if _HAS_FILE_LOCKS:
-        found = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, _WHOLE_FILE)
-        return int.from_bytes(found[:2], sys.byteorder) != fcntl.F_UNLCK
-    try:
-        lock(descriptor, wait=False)
-    except OSError:
-        return True
-    return False
 
 
 @dataclass(frozen=True)

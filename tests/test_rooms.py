@@ -69,7 +69,7 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
     ("modules", "unneeded"),
     [
         (
-            "labrig.record.catalogue, labrig.record.annotations",
+            "labrig.record.catalogue, labrig.record.notes",
             ("numpy", "pandas", "cv2", "fsspec", "pydantic", "ruamel"),
         ),
         ("labrig.steering.parameters", ("numpy", "scipy")),

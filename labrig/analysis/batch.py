@@ -102,7 +102,7 @@ def _analyze(
 ) -> AnyResult:
     """Analyse a run in a worker."""
     _require_run(run)
-    opened = open_run(run, read_pictures=True)
+    opened = open_run(run)
     return analyze_run(
         opened,
         find_experiment(opened),

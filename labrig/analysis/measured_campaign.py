@@ -14,7 +14,7 @@ import pandas as pd
 from labrig.analysis.campaign_table import BY_RULE, FIXED, make_table, read_rows
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
-from labrig.record.fields import manifest_fields
+from labrig.record.catalogue import manifest_fields
 from labrig.record.layout import CAMPAIGN
 
 TABLE = "tasks"

@@ -18,10 +18,9 @@ from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.lab import choose_runs_dir
-from labrig.record.fields import manifest_fields
-from labrig.record.manifest import calibration_sha256, is_simulated
+from labrig.record.catalogue import find_runs, manifest_fields
+from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run, open_run
-from labrig.record.search import find_runs
 from labrig.record.tables import unescape_formula
 from labrig.text import format_count
 
@@ -104,7 +103,7 @@ class MeasuredRun:
     @property
     def calibration(self) -> Mapping[str, str]:
         """The SHA-256 of each calibration file of the run."""
-        return {name: str(sha) for name, sha in calibration_sha256(self.run.manifest).items()}
+        return self.run.calibration_hashes
 
     @property
     def is_simulated(self) -> bool:

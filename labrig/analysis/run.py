@@ -15,7 +15,7 @@ from labrig.errors import AnswerIsNoError, InputError, RecordError
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.record.digest import hash_file
+from labrig.record.layout import hash_file
 from labrig.record.reader import Run
 from labrig.vision.mask import Mask
 
@@ -83,7 +83,7 @@ def analyze_run(
         findings = experiment.analyze(run, protocol, request)
     # The folder is made last, so that an analysis that fails leaves nothing behind.
     result = write_result(run.new_result_dir(), findings)
-    run.seal_result(result.path, result.content.created)
+    run.finish_result(result.path)
     return result
 
 

@@ -21,7 +21,7 @@ from labrig.protocol.overrides import SET, apply_overrides
 from labrig.protocol.sections import ExperimentProtocol, Needle
 from labrig.protocol.tree import EntryPosition, Position, Tree
 from labrig.protocol.yaml_file import validate_tree
-from labrig.record.digest import hash_file
+from labrig.record.layout import hash_file
 
 RIG_PREFIX = "rig."
 

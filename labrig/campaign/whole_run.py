@@ -98,7 +98,7 @@ def _is_measurable(error: Exception) -> bool:
 
 def _measure(experiment: Experiment, run: Path, outcome: Outcome) -> TaskOutcome:
     """Measure a recorded run; one whose pictures cannot be measured has no values."""
-    analyze = partial(analyze_run, open_run(run, read_pictures=True), experiment, workers=1)
+    analyze = partial(analyze_run, open_run(run), experiment, workers=1)
     try:
         result: AnyResult = analyze(created=SystemClock().utc(), provenance=collect_provenance(_COMMAND))
     except AnswerIsNoError as error:

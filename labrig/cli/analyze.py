@@ -52,7 +52,7 @@ def analyze(
     path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
 ) -> AnyResult:
     """Analyse a run, with progress, and write a new numbered result."""
-    run = open_run(path, read_pictures=True)
+    run = open_run(path)
     experiment = find_run_experiment(run)
     with progress(f"measuring {path.name}", 1.0) as reporter:
         return analyze_run(

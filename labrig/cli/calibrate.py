@@ -103,7 +103,7 @@ def adopt(
     from labrig.record.reader import open_run
     from labrig.vision.calibration_file import load_intrinsics, load_plane
 
-    run = open_run(run_path, read_pictures=True)
+    run = open_run(run_path)
     require_undamaged(run.path, run.damage)
     result = load_run_result(run)
     if result is None or not all((result.path / name).exists() for name in _CALIBRATION):

@@ -110,8 +110,8 @@ def _find_campaign(named: Path) -> Path | None:
 
 def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
     """Write the comparison into a new folder, or into `out`, and return the folder."""
-    from labrig.record.opening import create_under_free_name
-    from labrig.record.urls import output_folder
+    from labrig.record.remote import output_folder
+    from labrig.record.writer import create_under_free_name
     from labrig.report.comparison_page import write_comparison
 
     now = SystemClock().utc()

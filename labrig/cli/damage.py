@@ -15,13 +15,6 @@ def report_damage(damage: Sequence[Problem | str]) -> str | None:
     return f"the record is damaged: {'; '.join(places)}" if places else None
 
 
-def note_unused(problems: Sequence[Problem], damage: Sequence[Problem]) -> None:
-    """Print the problems of a run that are no damage: torn ends, and results and annotations without a link."""
-    for problem in problems:
-        if problem not in damage:
-            say(f"note: {problem.where}: {problem.message}")
-
-
 def require_undamaged(
     run: Path | str, damage: Sequence[Problem], hint: str = "see: labrig runs check"
 ) -> None:

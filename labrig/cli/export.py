@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.damage import note_unused, report_damage, require_undamaged
+from labrig.cli.damage import report_damage, require_undamaged
 from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
@@ -52,14 +52,14 @@ def export(
 ) -> int:
     """Exit with 4 when the record is damaged; tables are written all the same, a copy only with --force."""
     from labrig.record.reader import fetch_folder
-    from labrig.record.urls import output_folder, require_apart
+    from labrig.record.remote import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures), (_FILM, film)) if wanted]
     _check_formats(formats, record=record, private=private)
     source = fetch_folder(run)
     write, damage = _prepare_copy(source) if record else _prepare_tables(source, formats, private=private)
-    require_apart(out, run, record=record)
+    require_apart(out, source, record=record)
     if record and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
     with output_folder(out, force=force) as folder:
@@ -76,7 +76,7 @@ def export(
 def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
     """Return what copies the record, and the damage of every file to copy."""
     from labrig.record.check import check_run
-    from labrig.record.copying import copy_record
+    from labrig.record.remote import copy_record
 
     return partial(copy_record, source), check_run(source).damage
 
@@ -87,8 +87,7 @@ def _prepare_tables(
     """Return what writes the tables, and the damage of what they are made from."""
     from labrig.record.reader import open_run
 
-    opened = open_run(source, read_pictures=True)
-    note_unused(opened.problems, opened.damage)
+    opened = open_run(source)
     shown = opened.without_personal_data() if private else opened
     tables = [name for name in formats if name not in _FOR_PAPER]
     # Drawn and refused before anything is written.

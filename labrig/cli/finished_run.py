@@ -15,7 +15,7 @@ from labrig.cli.output import (
     print_table,
     say,
 )
-from labrig.record.seal import find_root
+from labrig.record.manifest import read_checksum
 from labrig.runner.conduct import Outcome
 from labrig.runner.experiment import Experiment
 
@@ -40,14 +40,14 @@ class FinishedRun:
 def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool) -> int:
     """Print how a run ended, and return the exit code."""
     outcome, error = finished.outcome, finished.outcome.error
-    root = find_root(finished.path)
+    checksum = read_checksum(finished.path)
     document: dict[str, object] = {
         "run": str(finished.path),
         "exit_status": outcome.exit_status,
         "reason": outcome.reason or None,
         "report": None if finished.report is None else str(finished.report),
         "result": finished.result,
-        "root": root,
+        "checksum": checksum,
         "needle": None if finished.needle is None else finished.needle.document(),
     }
     place = shlex.quote(str(finished.path))
@@ -68,8 +68,10 @@ def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool)
     elif finished.result is not None:
         print_summary(experiment.summarise(finished.result))
         print_line(f"record  {finished.path}\nreport  {finished.report}")
-    if root is not None and not as_json:
-        print_line(f"root    {root}\n        write it in your notebook; labrig runs check --root compares")
+    if checksum is not None and not as_json:
+        print_line(
+            f"checksum {checksum}\n         write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"
+        )
     if error is not None:
         return error.exit_code
     result = {} if finished.result is None else finished.result

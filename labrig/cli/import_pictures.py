@@ -17,10 +17,9 @@ from labrig.input_file import read_file
 from labrig.protocol.model import Direction
 from labrig.protocol.yaml_file import dump_yaml, validate_values
 from labrig.record.json_lines import plain_text
-from labrig.record.opening import create_under_free_name
+from labrig.record.manifest import read_checksum
 from labrig.record.provenance import collect_provenance
-from labrig.record.seal import find_root
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.vision.mask import load_mask
 from labrig.vision.picture import MAX_PICTURE_BYTES, PICTURE_SUFFIXES, number_order, read_picture
 
@@ -87,18 +86,16 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
             "started": started.isoformat(timespec="seconds"),
             "trials_planned": 0,
             "provenance": collect_provenance(order.command_line),
-            "devices": {},
+            "protocol": protocol.model_dump(mode="json"),
         },
-        protocol_yaml=dump_yaml(protocol),
-        rig_yaml=None,
-        calibration_files=_find_kept_files(order),
+        files=RunFiles(dump_yaml(protocol), calibration=_find_kept_files(order)),
     )
     recorder = create_under_free_name(started, _make_run_name(folder), create)
     refused = _copy_pictures(pictures, recorder)
     reason = f"{len(refused)} of {len(pictures)} pictures could not be read" if refused else ""
     recorder.close("success", reason, clock.utc())
-    root = find_root(recorder.path)
-    return {"run": str(recorder.path), "ok": not refused, "reason": reason or None, "root": root}
+    checksum = read_checksum(recorder.path)
+    return {"run": str(recorder.path), "ok": not refused, "reason": reason or None, "checksum": checksum}
 
 
 def _find_kept_files(order: ImportOrder) -> dict[str, Path]:

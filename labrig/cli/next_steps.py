@@ -1,25 +1,24 @@
 """What to do about runs that were never closed."""
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from labrig.errors import InputError, RecordError
+from labrig.errors import InputError, LabrigError
 from labrig.record.catalogue import RunSummary
-from labrig.record.layout import run_lock
+from labrig.record.json_lines import read_lines
+from labrig.record.layout import EVENT_LINES, TRIAL_START, TRIAL_STOP, run_lock
 from labrig.record.lock import read_lock_owner
 from labrig.record.manifest import find_rig_option, is_simulated, read_manifest
 
 MOST = 3
 """How many of them are explained; the others are only listed as `incomplete`."""
 
-_WITHDRAWAL = "withdrawal"
-
 
 def list_next_steps(listed: Sequence[RunSummary]) -> Iterator[str]:
-    """Yield for each run that was never closed who writes it, or the command that continues or closes it."""
-    open_runs = [run for run in listed if run.exit_status == "incomplete"]
+    """Yield for each run that was never closed, and that nobody has judged, who writes it or what to do about it."""
+    open_runs = [run for run in listed if run.exit_status == "incomplete" and run.verdict is None]
     yield from (_find_next_step(run) for run in open_runs[:MOST])
     if len(open_runs) > MOST:
         yield f"... and {len(open_runs) - MOST} more are incomplete: labrig runs --where exit_status=incomplete"
@@ -30,37 +29,34 @@ def _find_next_step(summary: RunSummary) -> str:
     if owner is not None:
         return f"{summary.run.name} is going on: {owner}"
     place = shlex.quote(str(summary.run))
+    steps = []
+    if withdraw := _find_withdrawal(summary.run):
+        steps.append(f"take out a needle that is still in tissue: {withdraw}")
     if can_resume(summary.protocol):
-        return f"{summary.run.name} was interrupted; continue it: labrig resume {place}"
-    close = f"labrig runs check {place} --repair"
-    manifest = _read_manifest(summary.run)
-    if not _may_leave_a_needle(summary.protocol) or is_simulated(manifest):
-        return f"{summary.run.name} was interrupted; close it: {close}"
-    withdraw = f"labrig devices withdraw {find_rig_option(manifest)} --run {place}"
-    return (
-        f"{summary.run.name} was interrupted; take out a needle that is still in tissue: {withdraw}\n"
-        f"  then close it: {close}"
-    )
+        steps.append(f"continue it: labrig resume {place}")
+    if not steps:
+        steps.append(
+            f"what it holds can be used; judged, it is named no more: labrig runs annotate {place} --verdict bad"
+        )
+    return f"{summary.run.name} was interrupted; " + "\n  then ".join(steps)
 
 
-def _read_manifest(run: Path) -> Mapping[str, object]:
-    """Return the manifest of a run; an empty one if it cannot be read."""
+def _find_withdrawal(run: Path) -> str:
+    """Return the command that withdraws the needle of an interrupted run; empty if its needle is out."""
     try:
-        return read_manifest(run)
-    except RecordError:
-        return {}
+        manifest, events = read_manifest(run), read_lines(run / EVENT_LINES)
+    except LabrigError:
+        return ""
+    trials = [line.get("kind") for line in events if line.get("kind") in {TRIAL_START, TRIAL_STOP}]
+    if is_simulated(manifest) or manifest.get("rig") is None or trials[-1:] != [TRIAL_START]:
+        return ""
+    return f"labrig devices withdraw {find_rig_option(manifest)} --run {shlex.quote(str(run))}"
 
 
 def can_resume(experiment: str | None) -> bool:
     """Return whether an interrupted run of an experiment can be continued; the experiment must be installed."""
-    found = _find_installed(experiment)
+    found: Any = _find_installed(experiment)
     return found is not None and found.declaration.resume is not None
-
-
-def _may_leave_a_needle(experiment: str | None) -> bool:
-    """Return whether a needle may be in tissue; it may if the experiment is not installed."""
-    found = _find_installed(experiment)
-    return experiment == _WITHDRAWAL or found is None or found.declaration.puts_needle_in_tissue
 
 
 def _find_installed(experiment: str | None) -> Any:

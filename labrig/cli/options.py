@@ -56,9 +56,9 @@ def choose_local_runs_dir(given: Path | None) -> RunsDir:
     """
     chosen = choose_runs_dir(given)
     if ":" in str(chosen.path):
-        from labrig.record.urls import require_local
+        from labrig.record.remote import require_local
 
-        require_local(chosen.path, "--runs-dir" if given is not None else RUNS_DIR_VARIABLE)
+        require_local(chosen.path)
     return chosen
 
 
@@ -213,9 +213,9 @@ def _find_all(runs: list[Path]) -> list[Path]:
 def _find_local(run: Path) -> Path:
     """Refuse a URL: this command writes into the run."""
     if ":" in str(run):
-        from labrig.record.urls import require_local_run
+        from labrig.record.remote import require_local
 
-        require_local_run(run)
+        require_local(run)
     return _find_run(run)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.damage import note_unused, report_damage
+from labrig.cli.damage import report_damage
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     IntrinsicsOption,
@@ -50,18 +50,15 @@ def report(
     from labrig.analysis.run import name_damage
     from labrig.cli.reporting import write_page
     from labrig.experiments.registry import load_run_result
-    from labrig.record.annotations import find_damaged_annotations
     from labrig.record.reader import open_run
 
     def report_run(path: Path) -> dict[str, object]:
-        loaded = open_run(path, read_pictures=True)
-        note_unused(loaded.problems, loaded.damage)
+        loaded = open_run(path)
         with name_damage(loaded):
             page = write_page(loaded, load_run_result(loaded, result), private=private)
         if not as_json:
             print_line(str(page))
-        damage = (*loaded.damage, *find_damaged_annotations(path))
-        return add_damage({"report": str(page), "reason": None}, damage)
+        return add_damage({"report": str(page), "reason": None}, loaded.damage)
 
     return do_for_each_run(run_paths, report_run, as_json, key="report")
 
@@ -78,8 +75,7 @@ def view(
     from labrig.record.reader import open_run
     from labrig.report.viewer import open_view
 
-    run = open_run(run_path, read_pictures=True)
-    note_unused(run.problems, run.damage)
+    run = open_run(run_path)
     path = make_view_file(run)
     damage = report_damage(run.damage)
     if as_json:

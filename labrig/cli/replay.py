@@ -24,7 +24,7 @@ def replay(
     from labrig.record.reader import open_run
     from labrig.runner.replay import replay_run, replay_work
 
-    run = open_run(run_path, read_pictures=True)
+    run = open_run(run_path)
     require_undamaged(run.path, run.damage)
     experiment, protocol = find_run_experiment(run), load_run_protocol(run)
     with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:

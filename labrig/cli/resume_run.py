@@ -27,10 +27,11 @@ from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
-from labrig.record.events import INCOMPLETE, RunStop, TrialStart, TrialStop
-from labrig.record.manifest import calibration_sha256, find_rig_option, is_simulated
+from labrig.record.events import INCOMPLETE, TrialStart, TrialStop
+from labrig.record.manifest import find_rig_option, is_simulated
 from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
+from labrig.record.reopen import close_interrupted_run, reopen_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment
@@ -129,7 +130,7 @@ def _reopen_record(
     path: Path, started: datetime, command_line: tuple[str, ...], devices: Mapping[str, object]
 ) -> Recorder:
     """Reopen the record of a run that is continued now: with which code, by which command, on which devices."""
-    recorder, changes = Recorder.reopen(path, " ".join(("labrig", *command_line[1:]))), find_code_changes()
+    recorder, changes = reopen_run(path, " ".join(("labrig", *command_line[1:]))), find_code_changes()
     recorder.begin_session(
         started,
         code_diff=collect_code_diff(changes),
@@ -141,8 +142,8 @@ def _reopen_record(
 
 def _suggest_alternative(run: Run, experiment: Experiment) -> str:
     """Return what to do about a run that cannot be continued."""
-    if not run.manifest.get("devices"):
-        return "import the folder again, or close the run as it stands: labrig runs check --repair"
+    if run.manifest.get("rig") is None:
+        return "import the folder again"
     if is_simulated(run.manifest) or not experiment.puts_needle_in_tissue or not read_needle_path(run):
         return "run its protocol again"
     return (
@@ -212,7 +213,7 @@ def _find_problems(where: str, recorded: object, now: object) -> Iterator[Proble
 
 def _find_calibration_problems(run: Run, description: RigDescription) -> Iterator[Problem]:
     files = description.calibration_files()
-    recorded = calibration_sha256(run.manifest)
+    recorded = run.calibration_hashes
     for name in sorted({*recorded, *files}):
         now = read_file(files[name]) if name in files else b""
         digest = sha256(now).hexdigest() if name in files else None
@@ -233,8 +234,5 @@ def _shorten(digest: object) -> str:
 
 def _close_without_rig(path: Path, command_line: tuple[str, ...]) -> FinishedRun:
     """Close a run that was interrupted after its last insertion."""
-    clock = SystemClock()
-    recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
-    recorder.record_event(RunStop(exit_status="success", reason=""), 0.0)
-    recorder.close("success", "", clock.utc())
+    close_interrupted_run(path, " ".join(("labrig", *command_line[1:])), SystemClock().utc())
     return FinishedRun(path, Outcome("success", "", None))

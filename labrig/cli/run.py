@@ -87,7 +87,7 @@ def run(
 def _refuse_taken_name(runs_dir: Path, run_name: str | None) -> None:
     """Refuse `--run-name` before anything is said of the run if another run has the name."""
     if run_name is not None:
-        from labrig.record.opening import require_free_name
+        from labrig.record.writer import require_free_name
 
         require_free_name(runs_dir, run_name)
 

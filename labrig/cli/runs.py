@@ -1,52 +1,32 @@
-"""`labrig runs`: lists, searches, compares and annotates the runs of a folder."""
+"""`labrig runs`: lists and searches the runs of a folder, shows one, verifies runs, and annotates them."""
 
-import gc
 import getpass
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.damage import note_unused, report_damage
 from labrig.cli.next_steps import list_next_steps
 from labrig.cli.options import (
-    LocalRunArgument,
     LocalRunsArgument,
     RunArgument,
+    RunsArgument,
     RunsDirOption,
-    RunUrlArgument,
     find_runs_dir,
 )
 from labrig.cli.output import AsJson, format_cell, print_json, print_line, print_table, say
-from labrig.cli.progress import show_working
-from labrig.cli.runs_check import check
-from labrig.cli.runs_log import log
-from labrig.devices.clocks import SystemClock
-from labrig.errors import InputError, Problem, RecordError
+from labrig.cli.several_runs import do_for_each_run
+from labrig.errors import InputError, RecordError
 from labrig.lab import choose_runs_dir, find_lab_folder
-from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
-from labrig.record.catalogue import FoundRun, RunSummary, list_runs
+from labrig.record.catalogue import FoundRun, RunSummary, find_runs
+from labrig.text import format_count
 
 app = typer.Typer()
 
-
-app.command("check", help="Verify hashes, checksums and structure of runs, and report what is lost.")(check)
-
-app.command("log", help="Print the events of a run in words; --follow those of a run that is being made.")(
-    log
-)
-
-
-ByOption = Annotated[
-    str | None,
-    typer.Option(
-        "--by", metavar="NAME", help="Name of the author. Default: the account's name.", show_default=False
-    ),
-]
+# Fields that have a column of their own.
+_SHOWN = frozenset({"run", "exit_status", "experiment", "protocol", "tag", "verdict"})
 
 
 @app.callback(invoke_without_command=True)
@@ -73,50 +53,29 @@ def list_(
             show_default=False,
         ),
     ] = None,
-    reverse: Annotated[bool, typer.Option("--reverse", help="Reverse the order.")] = False,
     limit: Annotated[
         int | None,
         typer.Option(min=1, metavar="N", help="List only the first N of them.", show_default=False),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List every run of a folder that fits, damaged runs too."""
+    """List every run of a folder that fits, damaged runs too; nothing is verified."""
     if context.invoked_subcommand is not None:
         return
-
     folder = find_runs_dir(runs_dir)
-    with _no_collections():
-        with show_working("reading the runs", shown=not as_json):
-            every = _find(folder, where, sort, show or (), reverse)
-        if as_json:
-            print_json([_make_row(run) for run in every[:limit]])
-        elif every:
-            _print_list(every, limit)
-        elif where is not None and list_runs(folder):
-            say("no run matches")
-        else:
-            say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
-
-
-def _print_list(every: Sequence[FoundRun], limit: int | None) -> None:
-    """Print the first runs, what to do about those that were never closed, and how many more match."""
-    found = every[:limit]
-    _print_runs(found)
-    for line in list_next_steps([run.summary for run in found]):
-        say(line)
-    if len(found) < len(every):
-        say(f"{len(every) - len(found)} more match")
-
-
-@contextmanager
-def _no_collections() -> Iterator[None]:
-    """Collect no garbage during a list: it makes none, and collections take a tenth of the time of 5,000 runs."""
-    gc.freeze()  # the modules stay until the end
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
+    every = find_runs(folder, where, sort, show or ())
+    if as_json:
+        print_json([_make_row(run) for run in every[:limit]])
+    elif every:
+        _print_runs(every[:limit])
+        for line in list_next_steps([run.summary for run in every[:limit]]):
+            say(line)
+        if limit is not None and limit < len(every):
+            say(f"{len(every) - limit} more match")
+    elif where is not None and find_runs(folder):
+        say("no run matches")
+    else:
+        say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
 
 
 def _suggest_first_run() -> str:
@@ -125,43 +84,26 @@ def _suggest_first_run() -> str:
     return "make the first with: labrig run steerability"
 
 
-def _find(
-    runs_dir: Path,
-    where: str | None,
-    sort: str | None,
-    show: Sequence[str],
-    reverse: bool,
-) -> list[FoundRun]:
-    """Find the runs that fit, or list all runs, which needs no YAML reader."""
-    if where is None and sort is None and not show:
-        return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse)]
-    from labrig.record.search import find_runs
-
-    return find_runs(runs_dir, where, sort, show, reverse=reverse)
-
-
 def _make_row(found: FoundRun) -> dict[str, object]:
     asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
-    return {**asdict(found.summary), "run": str(found.summary.run), **asked}
-
-
-# Fields that have a column of their own.
-_SHOWN = frozenset({"run", "exit_status", "experiment", "protocol", "tag", "verdict"})
+    return {**found.summary.document(), **asked}
 
 
 def _print_runs(found: Sequence[FoundRun]) -> None:
-    """Print a table, with an additional column for each field that was searched, sorted by or asked for.
-
-    Verdict, notes and tags have columns too, or lines below each run if the terminal is too narrow.
-    """
+    """Print a table, with a column more for each field that was searched, sorted by or asked for, and for remarks."""
     asked = [name for name in found[0].fields if name not in _SHOWN]
-    heads = ["run", "experiment", "exit status", "trials", *asked]
-    rows = [[*_format_summary(run.summary), *(_join(run.fields[name]) for name in asked)] for run in found]
-    remarks = [_format_remarks(run.summary) for run in found]
-    wanted = [column for column in range(len(_REMARKS)) if any(cells[column] for cells in remarks)]
-    wide_heads = [*heads, *(_REMARKS[column] for column in wanted)]
-    wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, remarks, strict=True)]
-    print_table(wide_heads, wide)
+    columns = {name: [_join(run.fields[name]) for run in found] for name in asked}
+    remarks: dict[str, list[object]] = {
+        "verdict": [run.summary.verdict for run in found],
+        "notes": [run.summary.notes or None for run in found],
+        "tags": [", ".join(run.summary.tags) or None for run in found],
+    }
+    columns |= {name: cells for name, cells in remarks.items() if any(cells)}
+    rows = [_format_summary(run.summary) for run in found]
+    print_table(
+        ("run", "experiment", "exit status", "trials", *columns),
+        [[*row, *cells] for row, *cells in zip(rows, *columns.values(), strict=True)],
+    )
 
 
 def _format_summary(summary: RunSummary) -> list[object]:
@@ -170,127 +112,188 @@ def _format_summary(summary: RunSummary) -> list[object]:
     return [summary.run.name, summary.protocol, summary.exit_status, trials]
 
 
-_REMARKS = ("verdict", "notes", "tags")
-
-
-def _format_remarks(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
-    return summary.verdict, summary.notes or None, ", ".join(summary.tags) or None
-
-
 def _join(values: Sequence[object]) -> object:
     return values[0] if len(values) == 1 else ", ".join(map(format_cell, values)) or None
 
 
-@app.command("tag", help="Add a tag to runs, or remove it with --remove.")
-def tag(
-    runs: LocalRunsArgument,
-    tags: Annotated[list[str], typer.Option("--tag", "-t", metavar="TAG", help="The tag; repeatable.")],
-    remove: Annotated[bool, typer.Option("--remove", help="Remove the tag.")] = False,
-    by: ByOption = None,
-    as_json: AsJson = False,
-) -> None:
-    """Append to RUN/notes.jsonl; the record itself is not changed."""
-    at = _now()
-    tagged = [(run, tag_run(run, tags, remove=remove, by=_find_author(by), at=at)) for run in runs]
-    for run in runs:
-        _note_older_page(run)
-    if as_json:
-        print_json([_make_annotation_row(run, annotations) for run, annotations in tagged])
-        return
-    for run, annotations in tagged:
-        print_line(f"{run}: {', '.join(annotations.tags) or 'no tags'}")
-
-
-@app.command(
-    "note",
-    help="Add a note, or revise one with --revise; without TEXT print all notes with their history.",
-)
-def note(
+@app.command("show", help="Say what a run is and how it ended, and tell its events in words.")
+def show_run(
     run: RunArgument,
-    text: Annotated[
-        str | None, typer.Argument(metavar="[TEXT]", help="The note.", show_default=False)
-    ] = None,
-    revise: Annotated[
-        int | None, typer.Option(metavar="N", help="Number of the note to revise.", show_default=False)
-    ] = None,
-    by: ByOption = None,
-    as_json: AsJson = False,
-) -> None:
-    """Append to RUN/notes.jsonl; older revisions are kept."""
-    from labrig.record.reader import open_run
-    from labrig.record.urls import require_local_run
-
-    if text is None:
-        annotations = open_run(run).annotations
-    else:
-        require_local_run(run)
-        annotations = note_on_run(run, text, revises=revise, by=_find_author(by), at=_now())
-        _note_older_page(run)
-    if as_json:
-        print_json(_make_annotation_row(run, annotations))
-        return
-    for revision in annotations.revisions if text is None else annotations.notes:
-        # Further lines of a note are indented, so that they cannot pass for output of labrig.
-        text = revision.text.replace("\n", "\n    ")
-        print_line(f"{revision.note}.{revision.revision}  {revision.at}  {revision.by}: {text}")
-
-
-@app.command("verdict", help="State whether a run can be trusted; the last verdict counts.")
-def verdict(
-    run: LocalRunArgument,
-    judgement: Annotated[
-        Literal["good", "doubtful", "bad"], typer.Argument(metavar="good|doubtful|bad", help="The verdict.")
-    ],
-    reason: Annotated[str, typer.Option(help="Reason for the verdict.", show_default=False)] = "",
-    by: ByOption = None,
-    as_json: AsJson = False,
-) -> None:
-    """Append to RUN/notes.jsonl; earlier verdicts are kept."""
-    annotations = judge_run(run, judgement, reason, by=_find_author(by), at=_now())
-    _note_older_page(run)
-    if as_json:
-        print_json(_make_annotation_row(run, annotations))
-    else:
-        print_line(f"{run}: {annotations.verdict}" + (f" ({reason})" if reason else ""))
-
-
-@app.command("diff", help="Compare two runs: protocol, rig, calibration, versions, devices and results.")
-def diff(
-    a: RunUrlArgument,
-    b: RunUrlArgument,
+    every: Annotated[
+        bool, typer.Option("--all", help="Also each move of an axis and each sighting of the tip.")
+    ] = False,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Go on until the run has ended, with events as they come.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Print each value in which they differ; exit with 4 when a record is damaged."""
-    from labrig.cli.difference_tables import print_differences
-    from labrig.record.difference import compare_runs
+    """Print rig time and a sentence for each event; exit with 4 when the record is damaged."""
+    from labrig.cli.damage import report_damage
+    from labrig.experiments.registry import follow_run
     from labrig.record.reader import open_run
+    from labrig.report.event_words import describe_event
 
-    runs = open_run(a, read_pictures=True), open_run(b, read_pictures=True)
-    for run in runs:
-        note_unused(run.problems, run.damage)
-    differences = compare_runs(*(run.path for run in runs))
-    damage = report_damage([*_list_damage(a, runs[0].damage), *_list_damage(b, runs[1].damage)])
-    exit_code = 0 if damage is None else RecordError.exit_code
+    if follow and as_json:
+        raise InputError("--json prints one document, --follow lines as they come", "leave one of them out")
+    opened = open_run(run)
+    words = follow_run(opened).words
+    if follow:
+        _follow(opened.path, words, every=every)
+        return 0
+    told = [(event, describe_event(event, words)) for event in opened.lines("events")]
+    shown = [(event, entry) for event, entry in told if every or entry.level != "DEBUG"]
+    damage = report_damage(opened.damage)
     if as_json:
-        found = [asdict(difference) for difference in differences]
-        print_json({"a": a, "b": b, "identical": not found, "differences": found, "reason": damage})
-        return exit_code
-    print_differences(differences)
-    return exit_code
+        events = [
+            {"t_s": event.get("t_s"), "kind": event.get("kind"), "level": entry.level, "text": entry.text}
+            for event, entry in shown
+        ]
+        keys = (
+            "experiment",
+            "title",
+            "exit_status",
+            "reason",
+            "started",
+            "ended",
+            "trials_planned",
+            "operator",
+        )
+        about = {key: opened.manifest.get(key) for key in keys}
+        notes = asdict(opened.annotations)
+        print_json(
+            {"run": str(run), **about, **notes, "result": opened.result, "events": events, "damage": damage}
+        )
+    else:
+        _print_about(opened)
+        for event, entry in shown:
+            _print_event(event, entry)
+    return 0 if damage is None else RecordError.exit_code
 
 
-def _list_damage(name: str, damage: Sequence[Problem]) -> list[str]:
-    return [f"{name}: {problem.where}: {problem.message}" for problem in damage]
+def _print_about(run: Any) -> None:
+    """Print what a run is, how it ended, and what people say of it."""
+    manifest, notes = run.manifest, run.annotations
+    reason = f": {manifest['reason']}" if manifest.get("reason") else ""
+    print_line(f"{run.path}: {manifest.get('experiment')}, {manifest['exit_status']}{reason}")
+    print_line(f"  {manifest.get('title')}, started {manifest.get('started')}, ended {manifest.get('ended')}")
+    if run.checksum is not None:
+        print_line(f"  checksum {run.checksum}")
+    if notes.tags or notes.verdict:
+        print_line(f"  {' '.join(filter(None, (notes.verdict, *notes.tags)))}")
+    for note in notes.notes:
+        # Further lines of a note are indented, so that they cannot pass for output of labrig.
+        print_line(f"  {note.at} {note.by}: " + note.text.replace("\n", "\n    "))
 
 
-def _make_annotation_row(run: Path, annotations: Annotations) -> dict[str, object]:
-    return {"run": str(run), **asdict(annotations)}
+_MARKS: Mapping[str, str] = {"ERROR": "! ", "WARN": "? "}
 
 
-def _note_older_page(run: Path) -> None:
-    """Say that the report page of a run, if it has one, does not show the new remark."""
-    if (run / "report.html").exists():
-        say(f"note: {run}/report.html does not show this yet; write it again: labrig report {run}")
+def _print_event(event: Mapping[str, Any], entry: Any) -> None:
+    t_s = event.get("t_s")
+    time = f"{t_s:.3f} s" if isinstance(t_s, int | float) else "-"
+    print_line(f"{time:>11}  {_MARKS.get(entry.level, '')}{entry.text}")
+
+
+def _follow(path: Path, words: Any, *, every: bool) -> None:
+    """Print the events as they come, until no process writes the run any more."""
+    from labrig.devices.clocks import SystemClock
+    from labrig.record.following import GrowingRun
+    from labrig.report.event_words import describe_event
+
+    for lines in GrowingRun(path).follow(SystemClock()):
+        for event in lines.events:
+            entry = describe_event(event, words)
+            if every or entry.level != "DEBUG":
+                _print_event(event, entry)
+
+
+@app.command("check", help="Read every file of runs, and name what is missing, was changed or was added.")
+def check(runs: RunsArgument, as_json: AsJson = False) -> int:
+    """Exit with 0 when every run is sound, and with 4 when one is damaged."""
+
+    def check_one(path: Path) -> Mapping[str, object]:
+        from labrig.record.check import check_run
+        from labrig.record.reader import fetch_folder
+
+        found = check_run(fetch_folder(path))
+        if not as_json:
+            _print_check(path, found)
+        named = "; ".join(f"{problem.where}: {problem.message}" for problem in found.damage)
+        return {
+            "run": str(path),
+            "ok": not found.damage,
+            "reason": named or None,
+            "protocol": found.experiment,
+            "exit_status": found.exit_status,
+            "writer": None if found.writer is None else str(found.writer),
+            "damage": [asdict(problem) for problem in found.damage],
+            "notices": [asdict(problem) for problem in found.notices],
+            "frames": found.frames,
+            "states": found.states,
+            "events": found.events,
+            "trials_done": found.trials_done,
+        }
+
+    return do_for_each_run(runs, check_one, as_json)
+
+
+def _print_check(path: Path, found: Any) -> None:
+    """Print what a run holds, and a line for each problem."""
+    state = "interrupted" if found.exit_status == "incomplete" else f"closed as {found.exit_status}"
+    state = state if found.writer is None else f"being written by {found.writer}"
+    print_line(f"{path}: {'damaged' if found.damage else 'sound'}, {state}")
+    counts = (
+        format_count(found.frames, "frame"),
+        format_count(found.states, "state"),
+        format_count(found.events, "event"),
+    )
+    print_line(f"  it holds {', '.join(counts)}; {format_count(found.trials_done, 'trial')} done")
+    for name, problems in (("damage", found.damage), ("note", found.notices)):
+        for problem in problems:
+            print_line(f"  {name}: {problem.where}: {problem.message}\n    hint: {problem.hint}")
+
+
+@app.command("annotate", help="Tag runs, add a note to them, or judge whether they can be trusted.")
+def annotate(
+    runs: LocalRunsArgument,
+    tag: Annotated[
+        list[str] | None, typer.Option(metavar="TAG", help="Add a tag; repeatable.", show_default=False)
+    ] = None,
+    untag: Annotated[
+        list[str] | None, typer.Option(metavar="TAG", help="Take a tag off; repeatable.", show_default=False)
+    ] = None,
+    note: Annotated[str | None, typer.Option(metavar="TEXT", help="Add a note.", show_default=False)] = None,
+    verdict: Annotated[
+        Literal["good", "doubtful", "bad"] | None,
+        typer.Option(help="State whether they can be trusted; the last verdict counts.", show_default=False),
+    ] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the author. Default: the account's.", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write RUN/notes.json; what was recorded is not changed. Without an option print what is there."""
+    from labrig.record.notes import annotate_run, read_annotations
+
+    changes = bool(tag or untag or note is not None or verdict)
+
+    def annotate_one(run: Path) -> Mapping[str, object]:
+        if changes:
+            author = _find_author(by)
+            found = annotate_run(
+                run, tags=tag or (), untag=untag or (), note=note, verdict=verdict, by=author
+            )
+        else:
+            found = read_annotations(run)
+        if changes and (run / "report.html").exists():
+            say(f"note: {run}/report.html does not show this yet; write it again: labrig report {run}")
+        if not as_json:
+            told = (found.verdict, ", ".join(found.tags), format_count(len(found.notes), "note"))
+            print_line(f"{run}: {'; '.join(filter(None, told))}")
+        return asdict(found)
+
+    return do_for_each_run(runs, annotate_one, as_json)
 
 
 def _find_author(by: str | None) -> str:
@@ -298,7 +301,3 @@ def _find_author(by: str | None) -> str:
         return by or getpass.getuser()
     except (OSError, KeyError) as error:
         raise InputError("this account has no name", "say who you are with --by NAME") from error
-
-
-def _now() -> datetime:
-    return SystemClock().utc()

@@ -20,7 +20,7 @@ def require_runs_or_condition(named: Sequence[Path], where: str | None, command:
 
 def find_matching_runs(runs_dir: Path, where: str | None) -> list[Path]:
     """Return the runs of a folder that fit a condition. Raises `InputError` if there are none."""
-    from labrig.record.search import find_runs
+    from labrig.record.catalogue import find_runs
 
     found = [run.summary.run for run in find_runs(runs_dir, where)]
     if not found:

@@ -5,7 +5,6 @@ from pathlib import Path
 from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
 from labrig.cli.output import say
 from labrig.devices.cia402_states import describe_statusword
-from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError
 from labrig.experiments.registry import make_run_view
 from labrig.record.reader import Run
@@ -14,7 +13,7 @@ from labrig.report.view import NO_VIEW, View
 
 
 def make_view_file(run: Run) -> Path:
-    """Write and seal the view of a run, and return its path.
+    """Write the view of a run, and return its path.
 
     Raises
     ------
@@ -25,9 +24,7 @@ def make_view_file(run: Run) -> Path:
     """
     folder = find_newest_result_folder(run)
     lines = NO_LINES if folder is None else load_centre_lines(folder)
-    path = write_view(run, lines, _make_view(run), describe_statusword)
-    run.seal_page(path, SystemClock().utc())
-    return path
+    return write_view(run, lines, _make_view(run), describe_statusword)
 
 
 def _make_view(run: Run) -> View:

@@ -20,11 +20,10 @@ from labrig.errors import InputError, MachineError
 from labrig.input_file import read_file
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
-from labrig.record.opening import create_under_free_name
+from labrig.record.manifest import read_checksum
 from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
-from labrig.record.seal import find_root
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.conduct import Outcome, conduct_withdrawal
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
@@ -63,12 +62,12 @@ def withdraw_and_print(
             "look whether a needle is in tissue; the next labrig run asks to confirm that none is",
         )
     recorded, outcome, needle = _withdraw(description, left, path, replace(path[-1], **standing))
-    root = find_root(recorded)
+    checksum = read_checksum(recorded)
     document: dict[str, object] = {
         "run": str(recorded),
         "exit_status": outcome.exit_status,
         "reason": outcome.reason or None,
-        "root": root,
+        "checksum": checksum,
         "needle": needle.document(),
     }
     if outcome.error is not None:
@@ -80,7 +79,7 @@ def withdraw_and_print(
     if as_json:
         print_json(document)
     elif outcome.error is None:
-        print_line(f"the needle is out\nrecord  {recorded}\nroot    {root}")
+        print_line(f"the needle is out\nrecord  {recorded}\nchecksum {checksum}")
     return 0 if outcome.error is None else outcome.error.exit_code
 
 
@@ -155,16 +154,14 @@ def _begin_record(rig: Rig, left: Run, devices: Mapping[str, object]) -> Recorde
         "started": started.isoformat(timespec="seconds"),
         "provenance": collect_provenance(tuple(sys.argv), changes),
         "plugins": {plugin.title: plugin.origin for plugin in rig.description.plugins},
+        "protocol": dict(left.protocol),
         "devices": devices,
         WITHDRAWS: folder.name,
     }
-    create = partial(
-        Recorder.create,
-        folder.parent,
-        manifest=manifest,
-        protocol_yaml=read_file(left.protocol_path).decode(),
-        rig_yaml=dump_yaml(rig.description),
-        calibration_files={},
+    files = RunFiles(
+        read_file(left.protocol_path).decode(),
+        dump_yaml(rig.description),
         code_diff=collect_code_diff(changes),
     )
+    create = partial(Recorder.create, folder.parent, manifest=manifest, files=files)
     return create_under_free_name(started, "withdrawal", create)

@@ -57,8 +57,8 @@ class CameraDescription(Model):
     """Height of a picture [px]."""
     rate_hz: Annotated[float, Field(gt=0, le=1000)]
     """Pictures a second [Hz]."""
-    store: Literal["png", "raw"] = "png"
-    """How pictures are recorded: a PNG each, or all in frames.raw, for a camera too fast for PNG."""
+    store: Literal["png", "pgm"] = "png"
+    """How pictures are recorded: as PNG, or as PGM (PPM in colour) for a camera too fast for PNG."""
 
     @property
     def address(self) -> str:

@@ -7,10 +7,10 @@ from pathlib import Path
 from labrig.errors import LabrigError, Problem
 from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
 from labrig.protocol.specimen_file import SpecimenTrack, TracksBySpecimen
+from labrig.record.catalogue import find_runs
 from labrig.record.condition import BLOCK_NAME
 from labrig.record.manifest import is_simulated
 from labrig.record.reader import open_run
-from labrig.record.search import find_runs
 
 
 @dataclass(frozen=True)

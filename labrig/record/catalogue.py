@@ -1,24 +1,32 @@
-"""Lists the runs of a folder; `labrig.record.search` finds those that fit a condition."""
+"""Lists the runs of a folder, and finds those that fit a condition.
 
+A list reads the manifest of each run, which is small, and its notes; it verifies nothing. Only a condition on what a
+result holds reads results.
+"""
+
+import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from labrig.errors import InputError, RecordError
-from labrig.record.annotations import read_annotations
-from labrig.record.chain import scan_chain
-from labrig.record.json_lines import read_lines
-from labrig.record.layout import ANALYSIS, CHAIN, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
-from labrig.record.manifest import is_newer, read_document
-from labrig.record.results import require_unchanged_newest
-from labrig.record.run_index import NO_FILE, RunIndex, ShareDone, Value, ask_index, signature_of
-from labrig.record.seal import Seal, find_changes_since_sealing
-from labrig.record.trial_count import count_trials_done
+from labrig.record.condition import ALWAYS_KNOWN, Value, find_paths, parse_condition, require_field
+from labrig.record.json_lines import plain_text, read_lines
+from labrig.record.layout import ANALYSIS, EVENT_LINES, PROTOCOL, inside
+from labrig.record.manifest import has_ended, read_manifest
+from labrig.record.notes import Annotations, read_annotations
+from labrig.record.results import list_results, read_result
 
-# What a summary is read from. The manifest comes first: a folder without a manifest is no run.
-_SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES, CHAIN)
+# Hashes, lists of all pictures and old tracks differ between runs, but nobody searches for them.
+_LEFT_OUT = frozenset({"schema_version", "command_line", "packages", "inputs", "created", "tracks"})
+_LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", "measurements", "cells", "corners", "maps"})
+
+Fields = dict[str, list[Value]]
 
 
 @dataclass(frozen=True)
@@ -32,8 +40,7 @@ class RunSummary:
     protocol : str
         Which experiment: `steerability`, `camera-calibration`, `import` ...
     exit_status : str
-        `success`, `aborted`, `failed`, `incomplete`; `newer` if a newer labrig wrote the run; or `damaged` if the
-        manifest, the events, the notes or the newest result cannot be read or were changed since they were sealed.
+        `success`, `aborted`, `failed`, `incomplete`; or `damaged` if the manifest cannot be read.
     started : str
         When, ISO 8601 in UTC.
     trials_done, trials_planned : int
@@ -48,94 +55,147 @@ class RunSummary:
     """
 
     run: Path
-    protocol: str | None
-    exit_status: str
-    started: str | None
-    trials_done: int | None
-    trials_planned: int | None
+    protocol: str | None = None
+    exit_status: str = "damaged"
+    started: str | None = None
+    trials_done: int | None = None
+    trials_planned: int | None = None
     tags: tuple[str, ...] = ()
     verdict: str | None = None
     notes: int = 0
 
+    def document(self) -> dict[str, object]:
+        """Return it as JSON."""
+        return {**asdict(self), "run": str(self.run)}
+
 
 @dataclass(frozen=True)
 class FoundRun:
-    """A run that fits, with the values of the fields that it was searched and sorted by."""
+    """A run that fits, with the values of the fields that it was searched, sorted or asked for by."""
 
     summary: RunSummary
-    fields: Mapping[str, tuple[Value, ...]]
+    fields: Mapping[str, Sequence[Value]]
 
 
-def list_runs(
-    runs_dir: Path, *, reverse: bool = False, progress: ShareDone | None = None
-) -> list[RunSummary]:
+def list_runs(runs_dir: Path) -> list[RunSummary]:
     """List the runs of a folder, newest first, damaged runs last; other folders, exports and links are left out.
-
-    Parameters
-    ----------
-    runs_dir : Path
-        Folder of runs. A folder that does not exist yet holds none.
-    reverse : bool
-        Turn the order round.
-    progress : callable or None
-        Told the share that is done, while runs are read that the index does not have.
 
     Raises
     ------
     InputError
         When it is a file, or cannot be read.
     """
-    signatures = sign_runs(runs_dir)
-    if not signatures:
+    return [read.summary for read in _read_runs(runs_dir)]
+
+
+def find_runs(
+    runs_dir: Path,
+    where: str | None = None,
+    sort: str | None = None,
+    show: Sequence[str] = (),
+    *,
+    reverse: bool = False,
+) -> list[FoundRun]:
+    """Find the runs of a folder that fit a condition.
+
+    Parameters
+    ----------
+    runs_dir : Path
+        Folder of runs. A folder that does not exist yet holds none.
+    where : str or None
+        The condition, as `labrig.record.condition` describes it; None: every run.
+    sort : str or None
+        The field to sort by, smallest first, runs without it last; None: newest first.
+    show : sequence of str
+        Further fields whose values are returned.
+    reverse : bool
+        Turn that order round; runs without the field stay last.
+
+    Raises
+    ------
+    InputError
+        When the condition cannot be read, or names a field that no run has.
+    """
+    condition = None if where is None else parse_condition(where)
+    names = [] if condition is None else [name for name, _ in condition.names]
+    names = list(dict.fromkeys([*names, *([] if sort is None else [sort]), *show]))
+    runs = _read_runs(runs_dir)
+    if not runs:
         return []
-    summaries = ask_index(runs_dir, lambda index: read_summaries(index, runs_dir, signatures, progress))
-    listed = list(summaries.values())
-    return listed[::-1] if reverse else listed
+    known = {path for run in runs for path in run.fields} | ALWAYS_KNOWN if names else set()
+    if any(not find_paths(name, known) for name in names):
+        for run in runs:
+            run.fields |= run.result_fields
+        known |= {path for run in runs for path in run.fields}
+    if condition is not None:
+        condition.require_known(known)
+    if sort is not None:
+        require_field(sort, known, "--sort")
+    for name in show:
+        require_field(name, known, "--show")
+    paths = {name: find_paths(name, known) for name in names}
+
+    def look_up(run: _ReadRun) -> Callable[[str], list[Value]]:
+        return lambda name: list(
+            dict.fromkeys(value for path in paths[name] for value in run.fields.get(path, ()))
+        )
+
+    fitting = [run for run in runs if condition is None or condition.fits(look_up(run))]
+    found = [FoundRun(run.summary, {name: look_up(run)(name) for name in names}) for run in fitting]
+    return _in_order(found, sort, reverse)
 
 
-def sign_runs(runs_dir: Path) -> dict[str, str]:
-    """Return the signature of the files that each run's summary is read from, by the name of the run's folder."""
-    root = os.fspath(runs_dir)
-    signatures = {}
-    for name in _folders(runs_dir):
-        folder = f"{root}/{name}"
-        signature = _sign_run(folder)
-        if not signature.startswith(NO_FILE) and not _is_export(folder, signature):
-            signatures[name] = signature
-    return signatures
+def manifest_fields(manifest: Mapping[str, object]) -> Fields:
+    """Return the values of a manifest by dotted path, and `duration_s`."""
+    fields = _flatten(manifest, "", _LEFT_OUT)
+    with suppress(ValueError):
+        started, ended = (datetime.fromisoformat(str(manifest.get(key))) for key in ("started", "ended"))
+        fields["duration_s"] = [(ended - started).total_seconds()]
+    return fields
 
 
-def _is_export(folder: str, signature: str) -> bool:
-    """Return whether a folder with a manifest holds tables of a run, and nothing that a run begins with."""
-    has_events = signature.split(" ")[_SUMMARY_FILES.index(EVENT_LINES)] != NO_FILE
-    return not has_events and not os.path.lexists(f"{folder}/{PROTOCOL}")
+class _ReadRun:
+    """A run as its manifest and notes tell it."""
+
+    def __init__(self, run: Path, manifest: Mapping[str, object]) -> None:
+        self._manifest = manifest
+        self._annotations = Annotations()
+        if manifest:
+            with suppress(RecordError):
+                self._annotations = read_annotations(run)
+        self.summary = _summarise(run, manifest, self._annotations)
+
+    @cached_property
+    def fields(self) -> Fields:
+        """The values of manifest, protocol and notes by dotted path."""
+        shown = {
+            key: getattr(self.summary, key) for key in ("protocol", "exit_status", "started", "trials_done")
+        }
+        notes = self._annotations
+        return {
+            **manifest_fields(self._manifest),
+            "run": [self.summary.run.name],
+            **{key: [value] for key, value in shown.items()},
+            "tag": list(notes.tags),
+            "verdict": [] if notes.verdict is None else [notes.verdict],
+            "note": [note.text for note in notes.notes],
+        }
+
+    @property
+    def result_fields(self) -> Fields:
+        """The values of the newest result; a damaged one gives none."""
+        run = self.summary.run
+        with suppress(RecordError):
+            numbers = list_results(run)
+            result = read_result(run / ANALYSIS / f"{numbers[-1]:03d}") if numbers else {}
+            return _flatten(result, "result", _LEFT_OUT_OF_RESULTS)
+        return {}
 
 
-def _sign_run(run: str) -> str:
-    try:
-        results = sorted(os.listdir(f"{run}/{ANALYSIS}"))  # noqa: PTH208 - of thousands of runs
-    except OSError:
-        return signature_of(run, _SUMMARY_FILES)
-    return signature_of(run, [*_SUMMARY_FILES, *[f"{ANALYSIS}/{number}/result.json" for number in results]])
-
-
-def read_summaries(
-    index: RunIndex, runs_dir: Path, signatures: Mapping[str, str], progress: ShareDone | None
-) -> dict[str, RunSummary]:
-    """Return the summaries of the runs that `sign_runs` found, newest first, by the name of the run's folder."""
-    rows: Mapping[str, Mapping[str, Any]] = index.summaries(
-        signatures, lambda name: _summary_row(runs_dir / name), progress
-    )
-    newest_first = sorted(rows.items(), key=lambda item: item[1]["started"] or "", reverse=True)
-    return {
-        name: RunSummary(runs_dir / name, **{**row, "tags": tuple(row["tags"])}) for name, row in newest_first
-    }
-
-
-def _folders(runs_dir: Path) -> list[str]:
+def _read_runs(runs_dir: Path) -> list[_ReadRun]:
     try:
         with os.scandir(runs_dir) as entries:
-            return sorted(
+            folders = sorted(
                 entry.name
                 for entry in entries
                 if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False)
@@ -144,53 +204,85 @@ def _folders(runs_dir: Path) -> list[str]:
         return []
     except OSError as error:
         raise InputError(f"cannot list {runs_dir}: {error.strerror}", "give a folder of runs") from error
+    runs = [
+        _ReadRun(runs_dir / name, manifest)
+        for name in folders
+        if (manifest := _find_manifest(runs_dir / name)) is not None
+    ]
+    return sorted(runs, key=lambda run: run.summary.started or "", reverse=True)
 
 
-def _summary_row(run: Path) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "protocol": None,
-        "exit_status": "damaged",
-        "started": None,
-        "trials_done": None,
-        "trials_planned": None,
-        "tags": [],
-    }
+def _find_manifest(run: Path) -> Mapping[str, object] | None:
+    """Return the manifest of a run, empty if it is damaged; None for a folder that is no run."""
+    if not (run / PROTOCOL).exists():
+        return None
     try:
-        document = read_document(run)
-        if is_newer(document):
-            # What its other members mean may have changed.
-            return {**row, "protocol": _text(document.get("experiment")), "exit_status": "newer"}
-        return row | _intact_row(run, document)
+        return read_manifest(run)
     except RecordError:
-        return row
+        return {}
 
 
-def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
-    chain = scan_chain(run)
-    for problem in find_changes_since_sealing(run, manifest, chain):
-        raise RecordError(f"{run / problem.where}: {problem.message}", problem.hint)
-    seal = Seal(run, chain.links)
-    require_unchanged_newest(run, seal)
-    exit_status = str(manifest.get("exit_status"))
-    done = _whole(manifest.get("trials_done"))
-    if exit_status == "incomplete":  # its manifest was not brought up to date
-        done = count_trials_done(read_lines(inside(run, EVENT_LINES)))
-    annotations = read_annotations(run, seal)
-    return {
-        "protocol": _text(manifest.get("experiment")),
-        "exit_status": exit_status,
-        "started": _text(manifest.get("started")),
-        "trials_done": done,
-        "trials_planned": None if done is None else _whole(manifest.get("trials_planned")),
-        "tags": list(annotations.tags),
-        "verdict": annotations.verdict,
-        "notes": len(annotations.notes),
-    }
+def _summarise(run: Path, manifest: Mapping[str, Any], annotations: Annotations) -> RunSummary:
+    if not manifest:
+        return RunSummary(run)
+    summary = manifest.get("summary")
+    done = summary.get("trials_done") if isinstance(summary, Mapping) else None
+    if not has_ended(manifest):  # it has no summary yet
+        done = _count_trials(run)
+    planned = manifest.get("trials_planned")
+    return RunSummary(
+        run,
+        str(manifest.get("experiment")),
+        str(manifest["exit_status"]),
+        str(manifest.get("started")),
+        done if isinstance(done, int) else None,
+        planned if isinstance(planned, int) and isinstance(done, int) else None,
+        annotations.tags,
+        annotations.verdict,
+        len(annotations.notes),
+    )
 
 
-def _text(value: object) -> str | None:
-    return value if isinstance(value, str) else None
+def _count_trials(run: Path) -> int | None:
+    # Imported late: the models of events take longer to load than a list of runs.
+    from labrig.record.decisions import count_trials_done
+
+    try:
+        return count_trials_done(read_lines(inside(run, EVENT_LINES)))
+    except RecordError:
+        return None
 
 
-def _whole(value: object) -> int | None:
-    return value if isinstance(value, int) else None
+def _flatten(values: Mapping[str, object], prefix: str, left_out: frozenset[str]) -> Fields:
+    """Return the scalars of nested values by dotted path, each once; the items of a list share its path."""
+    found: dict[str, dict[Value, None]] = {}
+    _gather(values, prefix, left_out, found)
+    return {plain_text(path): list(held) for path, held in found.items()}
+
+
+def _gather(value: object, path: str, left_out: frozenset[str], found: dict[str, dict[Value, None]]) -> None:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            if key not in left_out:
+                _gather(item, f"{path}.{key}" if path else key, left_out, found)
+    elif isinstance(value, list):
+        for item in value:
+            _gather(item, path, left_out, found)
+    elif isinstance(value, str):
+        found.setdefault(path, {})[plain_text(value)] = None
+    elif value is None or isinstance(value, int | float):
+        found.setdefault(path, {})[value if value is None or math.isfinite(value) else None] = None
+
+
+def _in_order(found: list[FoundRun], sort: str | None, reverse: bool) -> list[FoundRun]:
+    if sort is None:
+        return found[::-1] if reverse else found
+    having = [run for run in found if any(value is not None for value in run.fields[sort])]
+    lacking = [run for run in found if all(value is None for value in run.fields[sort])]
+    return sorted(having, key=lambda run: _sort_key(run.fields[sort]), reverse=reverse) + lacking
+
+
+def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
+    """Order numbers before text; the first of several values counts."""
+    value = next(value for value in values if value is not None)
+    return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")

@@ -2,36 +2,38 @@
 
 .. code-block:: text
 
-    condition  = choice
-    choice     = union { "or" union }
+    condition  = union { "or" union }
     union      = negation { "and" negation }
-    negation   = "not" negation | "(" choice ")" | comparison
+    negation   = "not" negation | "(" condition ")" | comparison
     comparison = field ( "=" | "!=" | "<" | "<=" | ">" | ">=" | "~" ) value
     value      = a word, or any text in single or double quotes
 
 A field with several values, such as the gels of a sweep, fits if one of them does; `a != b` is `not a = b`. If both
 sides are numbers they are compared as numbers, else as text, so that ISO dates sort correctly. `~` tests whether the
 text is contained, ignoring case. A run without the field does not fit.
-
-A condition becomes an SQL expression over the tables of `run_index`; typed text goes only into its parameters.
 """
 
+import json
+import operator
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import TypeAlias
 
 from labrig.errors import InputError
-from labrig.record.json_lines import plain_text
+
+Value: TypeAlias = str | int | float | bool | None
+Lookup: TypeAlias = Callable[[str], Sequence[Value]]
+"""From the name of a field to its values in a run."""
 
 BLOCK_NAME = "block.name"
 """The field with the name of a specimen that has a file."""
 
-ALWAYS_KNOWN = frozenset({"tag", "verdict", "verdict_reason", "note", BLOCK_NAME})
+ALWAYS_KNOWN = frozenset({"tag", "verdict", "note", BLOCK_NAME})
 """Fields that may be searched for even if no run has them."""
 
 _MAX_DEPTH = 50
-_MAX_COMPARISONS = 1000
 # The usual fields; a hint names these out of the two hundred that a run has.
 _USUAL = (
     "run",
@@ -50,52 +52,33 @@ _USUAL = (
     "mean_radius_mm",
 )
 _LEAST_LIKENESS = 0.75
-_TOKEN = re.compile(
-    r"""\s*(?:(?P<symbol><=|>=|!=|=|<|>|~|\(|\))|(?P<quoted>"[^"]*"|'[^']*')|(?P<word>[^\s=!<>~()"']+))"""
-)
+_TOKEN = re.compile(r"""\s*(<=|>=|!=|[=<>~()]|"[^"]*"|'[^']*'|[^\s=!<>~()"']+)""")
 _JOINTS = frozenset({"and", "or", "not"})
-_SIGNS = frozenset({"=", "!=", "<", "<=", ">", ">=", "~"})
-_HAS = "run IN (SELECT run FROM held, json_each(held.leaf) AS each WHERE held.name = ?{})"
-_SHOWN = "iif(each.type = 'text', each.value, shown(each.value, each.type))"
+_ORDERS: dict[str, Callable[..., bool]] = {
+    "=": operator.eq,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+_SIGNS = (*_ORDERS, "!=", "~")
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A parsed condition.
-
-    Attributes
-    ----------
-    names : tuple of (str, int)
-        Its fields, and their columns in the text, from 1.
-    sql : str
-        An expression in `run`, over the table `held` (run, name, leaf) of the values of a run under each name, as JSON.
-    parameters : tuple of str, float or None
-        The values of its question marks.
-    """
+    """A parsed condition: the fields that it names with their columns in the text, from 1, and its test of a run."""
 
     names: tuple[tuple[str, int], ...]
-    sql: str
-    parameters: tuple[str | float | None, ...]
+    fits: Callable[[Lookup], bool]
 
     def require_known(self, known: Collection[str]) -> None:
-        """Refuse a name that no run has.
-
-        Raises
-        ------
-        InputError
-            Names the place, the name, and the existing fields.
-        """
+        """Refuse a name that no run has. Raises `InputError`, which names its place and the existing fields."""
         for name, column in self.names:
             require_field(name, known, f"--where, character {column}")
 
 
 def require_field(name: str, known: Collection[str], where: str) -> None:
-    """Refuse a name that matches no known path; `where` begins the message.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a name that matches no known path; `where` begins the message. Raises `InputError`."""
     if find_paths(name, known):
         return
     by_depth = sorted(known, key=lambda path: (path.count("."), path))
@@ -117,136 +100,122 @@ def find_paths(name: str, known: Collection[str]) -> tuple[str, ...]:
 
 
 def parse_condition(text: str) -> Condition:
-    """Read a condition.
-
-    Raises
-    ------
-    InputError
-        Names the first invalid character, and what was expected there.
-    """
+    """Read a condition. Raises `InputError`, which names the first invalid character, and what was expected there."""
     parser = _Parser(text)
-    sql = parser.parse_choice(0)
+    fits = parser.parse_condition(0)
     parser.expect_end()
-    return Condition(tuple(parser.names), sql, tuple(parser.parameters))
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    column: int
-
-    def __str__(self) -> str:
-        return "the end" if self.kind == "end" else repr(self.text)
-
-
-def _split_tokens(text: str) -> list[_Token]:
-    tokens: list[_Token] = []
-    position = 0
-    end = len(text.rstrip())
-    while position < end:
-        match = _TOKEN.match(text, position)
-        if match is None or match.lastgroup is None:
-            raise _make_error(text, position + 1, "this cannot be read; is a quote open?")
-        kind = match.lastgroup
-        tokens.append(_Token(kind, match[kind], match.start(kind) + 1))
-        position = match.end()
-    return [*tokens, _Token("end", "", end + 1)]
+    return Condition(tuple(parser.names), fits)
 
 
 class _Parser:
-    """A parser in one pass; each method reads one rule of the grammar and returns its SQL."""
+    """A parser in one pass; each method reads one rule of the grammar and returns its test."""
 
     def __init__(self, text: str) -> None:
         self.names: list[tuple[str, int]] = []
-        self.parameters: list[str | float | None] = []
         self._text = text
-        self._tokens = iter(_split_tokens(text))
-        self._next = next(self._tokens)
-        self._after_number = False
+        self._tokens: list[tuple[str, int]] = []
+        position, end = 0, len(text.rstrip())
+        while position < end:
+            match = _TOKEN.match(text, position)
+            if match is None:
+                raise self._error(position + 1, "this cannot be read; is a quote open?")
+            self._tokens.append((match[1], match.start(1) + 1))
+            position = match.end()
+        self._tokens.append(("", end + 1))
 
     def expect_end(self) -> None:
-        if self._next.kind != "end":
-            goes_alone = " (a number goes alone: its unit stands in the name of the field)"
-            unit = goes_alone if self._after_number and self._next.kind == "word" else ""
-            raise self._refuse_token(f"and, or, or the end{unit}")
+        if self._next:
+            raise self._refuse(
+                "and, or, or the end (a number goes alone: its unit stands in the field's name)"
+            )
 
-    def parse_choice(self, depth: int) -> str:
-        return self._parse_joined(
-            "or", lambda: self._parse_joined("and", lambda: self._parse_negation(depth))
-        )
+    def parse_condition(self, depth: int) -> Callable[[Lookup], bool]:
+        tests = [self._parse_union(depth)]
+        while self._accept("or"):
+            tests.append(self._parse_union(depth))
+        return lambda lookup: any(test(lookup) for test in tests)
 
-    def _parse_joined(self, joint: str, part: Callable[[], str]) -> str:
-        parts = [part()]
-        while self._accept(joint):
-            parts.append(part())
-        # In pairs, because SQLite limits the depth of an expression.
-        while len(parts) > 1:
-            pairs = (parts[start : start + 2] for start in range(0, len(parts), 2))
-            parts = [f"({f' {joint} '.join(pair)})" for pair in pairs]
-        return parts[0]
+    def _parse_union(self, depth: int) -> Callable[[Lookup], bool]:
+        tests = [self._parse_negation(depth)]
+        while self._accept("and"):
+            tests.append(self._parse_negation(depth))
+        return lambda lookup: all(test(lookup) for test in tests)
 
-    def _parse_negation(self, depth: int) -> str:
+    def _parse_negation(self, depth: int) -> Callable[[Lookup], bool]:
         if depth > _MAX_DEPTH:
-            raise _make_error(self._text, self._next.column, f"more than {_MAX_DEPTH} levels")
+            raise self._error(self._tokens[0][1], f"more than {_MAX_DEPTH} levels")
         if self._accept("not"):
-            return f"NOT {self._parse_negation(depth + 1)}"
+            test = self._parse_negation(depth + 1)
+            return lambda lookup: not test(lookup)
         if self._accept("("):
-            inner = self.parse_choice(depth + 1)
+            inner = self.parse_condition(depth + 1)
             if not self._accept(")"):
-                raise self._refuse_token("a closing bracket")
-            return f"({inner})"
+                raise self._refuse("a closing bracket")
+            return inner
         return self._parse_comparison()
 
-    def _parse_comparison(self) -> str:
-        name = self._next
-        if name.kind != "word" or name.text in _JOINTS:
-            raise self._refuse_token("the name of a field")
-        if len(self.names) == _MAX_COMPARISONS:
-            raise _make_error(self._text, name.column, f"more than {_MAX_COMPARISONS} comparisons")
-        self._advance()
-        sign = self._next
-        if sign.text not in _SIGNS or sign.kind != "symbol":
-            raise self._refuse_token("one of = != < <= > >= ~")
-        self._advance()
-        value = self._next
-        if value.kind not in {"word", "quoted"}:
-            raise self._refuse_token("a value (equal is one =)" if value.text == "=" else "a value")
-        self._advance()
-        number = _parse_number(value.text) if value.kind == "word" else None
-        self._after_number = number is not None
-        self.names.append((name.text, name.column))
-        text = plain_text(value.text[1:-1] if value.kind == "quoted" else value.text)
-        return self._format_comparison(plain_text(name.text), sign.text, text, number)
+    def _parse_comparison(self) -> Callable[[Lookup], bool]:
+        if not self._is_word or self._next in _JOINTS:
+            raise self._refuse("the name of a field")
+        name, column = self._take()
+        if self._next not in _SIGNS:
+            raise self._refuse("one of = != < <= > >= ~")
+        sign, _ = self._take()
+        if not self._is_word and self._next[:1] not in {'"', "'"}:
+            raise self._refuse("a value (equal is one =)" if self._next == "=" else "a value")
+        is_quoted = not self._is_word
+        value, _ = self._take()
+        self.names.append((name, column))
+        number = None if is_quoted else _parse_number(value)
+        return _make_test(name, sign, value[1:-1] if is_quoted else value, number)
 
-    def _format_comparison(self, name: str, sign: str, text: str, number: float | None) -> str:
-        if sign == "!=":
-            self.parameters.append(name)
-            return f"({_HAS.format('')} AND NOT {self._format_comparison(name, '=', text, number)})"
-        if sign == "~":
-            self.parameters += [name, text.casefold()]
-            return _HAS.format(f" AND instr(casefold({_SHOWN}), ?)")
-        if sign == "=" and number is None:
-            self.parameters += [name, text]
-            return _HAS.format(f" AND {_SHOWN} = ?")
-        # A number and a word have no order, and null has none with any value.
-        self.parameters += [name, number, text]
-        return _HAS.format(
-            f" AND CASE WHEN each.type IN ('integer', 'real') THEN each.value {sign} ?"
-            f" ELSE each.type <> 'null' AND {_SHOWN} {sign} ? END"
-        )
+    @property
+    def _next(self) -> str:
+        return self._tokens[0][0]
+
+    @property
+    def _is_word(self) -> bool:
+        return self._next != "" and self._next[0] not in "=!<>~()\"'"
 
     def _accept(self, text: str) -> bool:
-        if self._next.kind == "quoted" or self._next.text != text:
-            return False
-        self._advance()
-        return True
+        return self._next == text and bool(self._take())
 
-    def _advance(self) -> None:
-        self._next = next(self._tokens)
+    def _take(self) -> tuple[str, int]:
+        return self._tokens.pop(0)
 
-    def _refuse_token(self, expected: str) -> InputError:
-        return _make_error(self._text, self._next.column, f"expected {expected}, found {self._next}")
+    def _refuse(self, expected: str) -> InputError:
+        found = repr(self._next) if self._next else "the end"
+        return self._error(self._tokens[0][1], f"expected {expected}, found {found}")
+
+    def _error(self, column: int, what: str) -> InputError:
+        return InputError(
+            f"--where {self._text!r}, character {column}: {what}",
+            'for example: --where "gelatin_percent=13 and exit_status=success"',
+        )
+
+
+def _make_test(name: str, sign: str, text: str, number: float | None) -> Callable[[Lookup], bool]:
+    if sign == "!=":
+        equals = _make_test(name, "=", text, number)
+        return lambda lookup: bool(lookup(name)) and not equals(lookup)
+    if sign == "~":
+        sought = text.casefold()
+        return lambda lookup: any(sought in _show(value).casefold() for value in lookup(name))
+    order = _ORDERS[sign]
+
+    def fits(value: Value) -> bool:
+        if value is None:  # it has no order; `=` finds it by name
+            return sign == "=" and text == "null"
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return number is not None and order(value, number)
+        return order(_show(value), text)
+
+    return lambda lookup: any(fits(value) for value in lookup(name))
+
+
+def _show(value: Value) -> str:
+    """Return a value as the files have it."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _parse_number(text: str) -> float | None:
@@ -254,10 +223,3 @@ def _parse_number(text: str) -> float | None:
         return float(text)
     except ValueError:
         return None
-
-
-def _make_error(text: str, column: int, what: str) -> InputError:
-    return InputError(
-        f"--where {text!r}, character {column}: {what}",
-        'for example: --where "gelatin_percent=13 and exit_status=success"',
-    )

@@ -3,11 +3,21 @@
 The same fold of the events tells it while the run is made, when it is resumed, and when it is evaluated.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from labrig.record.events import Continue, Event, MarkBad, OperatorNote, Pause, Repeat, Skip, Undo
+from labrig.record.events import (
+    Continue,
+    Event,
+    MarkBad,
+    OperatorNote,
+    Pause,
+    Repeat,
+    Skip,
+    TrialStop,
+    Undo,
+)
 
 DECISIONS = (Skip, Repeat, MarkBad, OperatorNote)
 """The events that an `Undo` can take back."""
@@ -87,3 +97,19 @@ def list_pauses(events: Iterable[Pause | Continue]) -> tuple[PastPause, ...]:
         for event, following in pairwise((*listed, None))
         if isinstance(event, Pause)
     )
+
+
+def count_trials_done(lines: Sequence[Mapping[str, object]]) -> int:
+    """Return how many trials ended in success and are evaluated, from the lines of the events in their order.
+
+    A trial that was made again, or marked as bad, counts for nothing.
+    """
+    kinds = {model.kind: model for model in READ}
+    read = [kinds[str(line["kind"])].read(line) for line in lines if line.get("kind") in kinds]
+    decisions = fold_decisions(read)
+    done = [
+        line.get("trial")
+        for line in lines
+        if line.get("kind") == TrialStop.kind and line.get("exit_status") == "success"
+    ]
+    return sum(not decisions.explain_left_out(int(str(trial))) for trial in done)

@@ -1,18 +1,11 @@
-"""Compare two runs: endings, protocols, rigs, calibrations, versions, devices and results."""
+"""What differs between two runs: endings, protocols, rigs, calibrations, versions, devices and results."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
-from typing import TypeGuard
 
-from labrig.errors import RecordError
-from labrig.input_file import parse_json, read_file
 from labrig.protocol.yaml_tree import load_yaml_values
-from labrig.record.layout import CALIBRATION, COPY_HINT, PROTOCOL, RIG, inside
-from labrig.record.manifest import calibration_sha256, read_manifest
-from labrig.record.results import latest_result
-from labrig.record.run_index import Value
+from labrig.record.condition import Value
+from labrig.record.reader import Run
 
 _RUN_KEYS = (
     "experiment",
@@ -20,7 +13,7 @@ _RUN_KEYS = (
     "exit_status",
     "reason",
     "trials_planned",
-    "trials_done",
+    "summary",
     "seed",
     "operator",
     "recording",
@@ -49,69 +42,22 @@ class Difference:
     b: Value
 
 
-def compare_runs(a: Path, b: Path) -> tuple[Difference, ...]:
+def list_differences(a: Run, b: Run) -> tuple[Difference, ...]:
     """Compare the records of two runs section by section.
 
     Raises
     ------
     RecordError
-        When a folder is no run, or a file in it cannot be read.
+        When a file of a run is missing or was changed.
     FileFormatError
         When a protocol or rig file is no YAML.
     """
-    sections_a, sections_b = _read_sections(a), _read_sections(b)
+    ours, theirs = _read_sections(a), _read_sections(b)
     return tuple(
-        chain.from_iterable(
-            _compare_section(section, sections_a[section], sections_b[section]) for section in sections_a
-        )
+        Difference(section, *found)
+        for section in ours
+        for found in find_differences(ours[section], theirs[section])
     )
-
-
-@dataclass(frozen=True)
-class DifferenceGroup:
-    """The differences of the items of a list in one value.
-
-    Attributes
-    ----------
-    key : str
-        Dotted path, with `*` in place of the numbers of items.
-    first : Difference
-        The first of them.
-    count : int
-        How many differ.
-    mean, largest : float or None
-        Mean and largest size of the differences of those that are numbers in both runs; None without any.
-    """
-
-    key: str
-    first: Difference
-    count: int
-    mean: float | None
-    largest: float | None
-
-
-def group_differences(differences: Iterable[Difference]) -> tuple[DifferenceGroup, ...]:
-    """Return differences with those of a list's items together, in the order in which each first occurs."""
-    groups: dict[str, list[Difference]] = {}
-    for difference in differences:
-        parts = difference.key.split(".")
-        key = ".".join("*" if part.isdigit() else part for part in parts)
-        groups.setdefault(key, []).append(difference)
-    return tuple(_summarise(key, group) for key, group in groups.items())
-
-
-def _summarise(key: str, group: Sequence[Difference]) -> DifferenceGroup:
-    sizes = [
-        abs(difference.b - difference.a)
-        for difference in group
-        if _is_number(difference.a) and _is_number(difference.b)
-    ]
-    mean = sum(sizes) / len(sizes) if sizes else None
-    return DifferenceGroup(key, group[0], len(group), mean, max(sizes, default=None))
-
-
-def _is_number(value: Value) -> TypeGuard[int | float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:
@@ -122,51 +68,20 @@ def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]
             yield key, before, after
 
 
-def _compare_section(section: str, a: object, b: object) -> Iterator[Difference]:
-    return (Difference(section, *found) for found in find_differences(a, b))
-
-
-def _read_sections(run: Path) -> dict[str, Mapping[str, object]]:
-    manifest = read_manifest(run)
+def _read_sections(run: Run) -> dict[str, Mapping[str, object]]:
+    manifest = run.manifest
     provenance = _as_mapping(manifest.get("provenance"))
-    result = latest_result(run) or {}
+    rig = run.rig_path
+    calibration = {name: {"sha256": sha256} for name, sha256 in run.calibration_hashes.items()}
     return {
         "run": {key: manifest.get(key) for key in _RUN_KEYS},
-        "protocol": _read_yaml(run, PROTOCOL),
-        "rig": _read_yaml(run, RIG),
-        "calibration": _read_calibration(run, manifest),
-        "versions": {
-            **{key: value for key, value in provenance.items() if key != "command_line"},
-            # Shows whether two modified checkouts of one commit were modified alike.
-            "code_diff_sha256": _as_mapping(manifest.get("hashes")).get("code_diff_sha256"),
-        },
-        "devices": _as_mapping(manifest.get("devices")),
-        "results": {key: value for key, value in result.items() if key not in _STAMP},
+        "protocol": run.protocol,
+        "rig": {} if rig is None else load_yaml_values(rig),
+        "calibration": calibration,
+        "versions": {key: value for key, value in provenance.items() if key != "command_line"},
+        "devices": run.devices,
+        "results": {key: value for key, value in (run.result or {}).items() if key not in _STAMP},
     }
-
-
-def _read_yaml(run: Path, name: str) -> Mapping[str, object]:
-    path = inside(run, name)
-    return load_yaml_values(path) if path.exists() else {}
-
-
-def _read_calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:
-    """Return the SHA-256 of each calibration file, and its content if it is JSON."""
-    return {
-        name: {"sha256": sha256, **_read_document(run, name)}
-        for name, sha256 in calibration_sha256(manifest).items()
-    }
-
-
-def _read_document(run: Path, name: str) -> Mapping[str, object]:
-    path = inside(run, f"{CALIBRATION}/{name}")
-    if path.suffix != ".json":
-        return {}
-    try:
-        document = _as_mapping(parse_json(read_file(path)))
-    except (OSError, ValueError) as error:
-        raise RecordError(f"cannot read {path}: {error}", COPY_HINT) from error
-    return {key: value for key, value in document.items() if key not in {*_STAMP, "views"}}
 
 
 def _as_mapping(value: object) -> Mapping[str, object]:

@@ -53,7 +53,7 @@ class RecordLines:
 
 def list_lines(run: Run) -> RecordLines:
     """Return all lines of a run. Raises `RecordError` when one is damaged."""
-    pictures = map(LinedPicture, run.frame_lines, run.pictures)
+    pictures = map(LinedPicture, run.frame_lines, run.pictures.places)
     return RecordLines(run.lines("events"), run.lines("states"), tuple(pictures))
 
 

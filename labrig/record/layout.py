@@ -1,9 +1,11 @@
 """The names of files in a run, and the rules for names; writer and reader share them."""
 
+import hashlib
 import unicodedata
 from pathlib import Path
 
 from labrig.errors import InputError, RecordError
+from labrig.input_file import open_file
 
 SCHEMA_VERSION = 1
 COPY_HINT = "take the file from a copy of the run"
@@ -14,11 +16,7 @@ RIG = "rig.yaml"
 CODE_DIFF = "code.diff"
 CALIBRATION = "calibration"
 FRAMES = "frames"
-RAW_PICTURES = "frames.raw"
 SHA256SUMS = "SHA256SUMS"
-CHAIN = "chain.jsonl"
-CLOSING = ".manifest.closing"
-"""The manifest of a run that is being closed, until the link that seals it is written."""
 ANALYSIS = "analysis"
 REPORT, VIEW = "report.html", "view.rrd"
 
@@ -28,32 +26,26 @@ EVENT_LINES = "events.jsonl"
 TRIAL_START, TRIAL_STOP, RUN_STOP = "trial_start", "trial_stop", "run_stop"
 SKIP, REPEAT, MARK_BAD, NOTE, UNDO = "skip", "repeat", "mark_bad", "note", "undo"
 TRUTH_LINES = "truth.jsonl"
+DEVICE_LINES = "devices.jsonl"
+"""What the devices said of themselves when a session began and when it ended."""
 ALWAYS_PRESENT = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 SEQUENCED = frozenset({FRAME_LINES, STATE_LINES, EVENT_LINES, TRUTH_LINES})
 """Files whose lines say their place in the order of all lines, `seq`: what was asked and answered, in order."""
 CAN_LOG = "can.log"
-NOTES = "notes.jsonl"
-CAN_SUMS = "can.sums.jsonl"
+NOTES = "notes.json"
 LOCK = ".lock"
 RESERVE = ".reserve"
 CONTROL = ".control"
 CAMPAIGN = "campaign.json"
 """In the folder of a campaign, which is no run, but is locked and takes requests as one."""
-TORN = "torn"
 
 # ext4, XFS and most others allow 255 bytes; the rest is for the suffix of a temporary name.
 _MAX_NAME_BYTES = 200
 
 
-def picture_file(frame: int) -> str:
+def picture_file(frame: int, suffix: str = ".png") -> str:
     """Return the file of the picture with this number, relative to the run."""
-    return f"{FRAMES}/{frame:06d}.png"
-
-
-def is_picture_file(name: str) -> bool:
-    """Return whether `picture_file` gives some picture this name."""
-    number = name.removeprefix(f"{FRAMES}/").removesuffix(".png")
-    return number.isascii() and number.isdecimal() and name == picture_file(int(number))
+    return f"{FRAMES}/{frame:06d}{suffix}"
 
 
 def run_lock(run: Path) -> Path:
@@ -123,3 +115,12 @@ def _is_link(path: Path) -> bool:
 
 WITHDRAWS = "withdraws"
 """Key in the manifest of a withdrawal: the run whose needle it withdraws."""
+
+
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file. Raises `RecordError` if it cannot be read."""
+    try:
+        with open_file(path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error

@@ -1,25 +1,25 @@
 """Locks with an owner: one writer for a run, one labrig for a rig.
 
-A lock is a file that its owner keeps locked in the kernel (`flock`), with a JSON text that names the owner. The kernel
-frees it when the owner ends, however it ends. So the text in an unlocked file is stale and is replaced.
+The lock is that of `filelock`, which the kernel frees when its owner ends, however it ends. A file beside it names the
+owner; without the lock that text is stale.
 """
 
-import errno
 import json
 import os
 import platform
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
-from labrig.durable import disk_errors, write_fully
+import filelock
+
+from labrig.durable import disk_errors, write_and_rename
 from labrig.errors import LockedError
 from labrig.input_file import parse_json, read_file
-from labrig.posix import NO_LINKS, is_locked, lock
 
-_BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
+_PATIENCE_S = 0.5
+"""Whoever asks for the owner holds the lock for an instant; it is waited for."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,7 @@ class FileLock:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._descriptor: int | None = None
-        self.stale: LockOwner | None = None
-        """The previous owner, if it died and left its text."""
+        self._lock = filelock.FileLock(path, thread_local=False)
 
     def acquire(self, doing: str) -> Self:
         """Take the lock.
@@ -66,43 +64,27 @@ class FileLock:
             When the file cannot be made.
         """
         with disk_errors(self.path):
-            self._descriptor = self._open_locked()
             try:
-                self.stale = _parse_owner(os.read(self._descriptor, 4096))
-                _write_owner(self._descriptor, LockOwner(doing, os.getpid(), platform.node()))
-            except OSError:
-                self.release()
-                raise
+                self._lock.acquire(timeout=_PATIENCE_S)
+            except filelock.Timeout as error:
+                owner = _read_owner(self.path) or "another labrig"
+                raise LockedError(
+                    f"{self.path.parent} is in use by {owner}", "wait until it has ended, or stop it"
+                ) from error
+        try:
+            owner = LockOwner(doing, os.getpid(), platform.node())
+            write_and_rename(_owner_path(self.path), json.dumps(asdict(owner)).encode() + b"\n", sync=False)
+        except BaseException:
+            self._lock.release()
+            raise
         return self
-
-    def _open_locked(self) -> int:
-        """Open and lock the file; again if its last owner removed it meanwhile."""
-        while True:
-            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | NO_LINKS, 0o666)
-            try:
-                lock(descriptor, wait=False)
-                if _is_current(self.path, descriptor):
-                    return descriptor
-            except OSError as error:
-                os.close(descriptor)
-                if error.errno in _BUSY:
-                    raise self._make_refusal() from error
-                raise
-            os.close(descriptor)
-
-    def _make_refusal(self) -> LockedError:
-        owner = _parse_owner(_read_text(self.path))
-        who = "another labrig" if owner is None else str(owner)
-        return LockedError(f"{self.path.parent} is in use by {who}", "wait until it has ended, or stop it")
 
     def release(self) -> None:
         """Release the lock; a second call does nothing."""
-        if self._descriptor is None:
-            return
-        with suppress(OSError):
-            self.path.unlink()
-        os.close(self._descriptor)
-        self._descriptor = None
+        if self._lock.is_locked:
+            with suppress(OSError):
+                _owner_path(self.path).unlink()
+            self._lock.release()
 
     def __enter__(self) -> Self:
         """Return the acquired lock."""
@@ -114,43 +96,27 @@ class FileLock:
 
 
 def read_lock_owner(path: Path) -> LockOwner | None:
-    """Return the owner of a lock; None if nobody holds it, whatever a dead owner left in the file."""
+    """Return the owner of a lock; None if nobody holds it, whatever a dead owner left."""
+    if not _owner_path(path).exists():
+        return None
+    probe = filelock.FileLock(path, thread_local=False)
     try:
-        descriptor = os.open(path, os.O_RDWR | NO_LINKS)
+        probe.acquire(timeout=0)
+    except filelock.Timeout:
+        return _read_owner(path) or LockOwner("another labrig", 0, platform.node())
     except OSError:
         return None
+    probe.release()
+    return None
+
+
+def _owner_path(path: Path) -> Path:
+    return path.with_name(f"{path.name}.owner")
+
+
+def _read_owner(path: Path) -> LockOwner | None:
     try:
-        if not is_locked(descriptor):
-            return None
-        return _parse_owner(_read_text(path)) or LockOwner("another labrig", 0, platform.node())
-    finally:
-        os.close(descriptor)
-
-
-def _write_owner(descriptor: int, owner: LockOwner) -> None:
-    os.lseek(descriptor, 0, os.SEEK_SET)
-    os.ftruncate(descriptor, 0)
-    write_fully(descriptor, (json.dumps(asdict(owner)) + "\n").encode())
-
-
-def _is_current(path: Path, descriptor: int) -> bool:
-    """Return whether the locked file is still the one at the path."""
-    with suppress(OSError):
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    return False
-
-
-def _read_text(path: Path) -> bytes:
-    with suppress(OSError):
-        return read_file(path)
-    return b""
-
-
-def _parse_owner(text: bytes) -> LockOwner | None:
-    try:
-        fields = parse_json(text)
-    except ValueError:
+        fields: Any = parse_json(read_file(_owner_path(path)))
+        return LockOwner(str(fields["doing"]), int(fields["pid"]), str(fields["host"]))
+    except (OSError, ValueError, TypeError, KeyError):
         return None
-    if not isinstance(fields, Mapping) or not isinstance(fields.get("pid"), int):
-        return None
-    return LockOwner(str(fields.get("doing")), fields["pid"], str(fields.get("host")))

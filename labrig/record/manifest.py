@@ -1,4 +1,8 @@
-"""Read and check the manifest of a run."""
+"""The manifest of a run, and SHA256SUMS beside it.
+
+SHA256SUMS covers what the run begins with from its start, and everything that was recorded, the manifest too, from its
+end. `sha256sum -c SHA256SUMS` in the folder of a run, or of one of its results, verifies it without labrig.
+"""
 
 import re
 import shlex
@@ -6,50 +10,34 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
-from labrig.input_file import parse_json, read_file
-from labrig.record.json_lines import checksum
+from labrig.input_file import MAX_LOG_BYTES, parse_json, read_file
+from labrig.record.json_lines import encode_line
 from labrig.record.layout import (
     CALIBRATION,
-    CODE_DIFF,
     COPY_HINT,
     MANIFEST,
     PROTOCOL,
     RIG,
     SCHEMA_VERSION,
+    SHA256SUMS,
+    hash_file,
     inside,
 )
 
-DAMAGED_WHEN_CLOSED = "damaged_when_closed"
-"""Key in the manifest of a run that was damaged when it was closed: what was damaged, `where: what` each."""
+INCOMPLETE = "incomplete"
+"""`exit_status` of a run that has not ended."""
 
-_SESSION_DIFF = re.compile(r"code\.\d{3,}\.diff")
+_CODE_DIFF = re.compile(r"code(\.\d{3,})?\.diff")
+_SUM = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
 
 def read_manifest(run: Path) -> dict[str, object]:
-    """Read the manifest of a run, its checksum included.
+    """Read the manifest of a run.
 
     Raises
     ------
     RecordError
-        When `run` is no run, or its manifest is damaged or has a newer schema.
-    """
-    manifest = read_document(run)
-    if is_newer(manifest):
-        raise RecordError(
-            f"{run / MANIFEST} has schema version {manifest['schema_version']}; "
-            f"this labrig reads up to {SCHEMA_VERSION}",
-            "read it with a newer labrig",
-        )
-    return manifest
-
-
-def read_document(run: Path) -> dict[str, object]:
-    """Read the manifest of a run of any schema, even a newer one.
-
-    Raises
-    ------
-    RecordError
-        When `run` is no run, or its manifest is damaged.
+        When `run` is no run, or its manifest is damaged or has another schema.
     """
     if run.is_symlink():
         raise RecordError(f"{run} is a symbolic link and is not followed", "give the folder itself")
@@ -62,19 +50,80 @@ def read_document(run: Path) -> dict[str, object]:
             "give the folder of a run; labrig runs lists them",
         ) from error
     except ValueError as error:
-        raise RecordError(f"{path} is damaged: {error}", _HINT) from error
-    if not isinstance(manifest, dict):
-        raise RecordError(f"{path} is damaged: it holds no JSON object", _HINT)
-    version = manifest.get("schema_version")
-    if not isinstance(version, int) or version < 1:
-        raise RecordError(f"{path} is damaged: schema_version is {version!r}", _HINT)
+        raise RecordError(f"{path} is damaged: {error}", COPY_HINT) from error
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("exit_status"), str):
+        raise RecordError(f"{path} is damaged: it is no manifest of a run", COPY_HINT)
+    if manifest.get("schema_version") != SCHEMA_VERSION:
+        raise RecordError(
+            f"{path} has schema version {manifest.get('schema_version')!r}; this labrig reads {SCHEMA_VERSION}",
+            "read it with the labrig that wrote it",
+        )
     return manifest
 
 
-def is_newer(manifest: Mapping[str, object]) -> bool:
-    """Return whether a manifest has a schema that this labrig does not know."""
-    version = manifest["schema_version"]
-    return isinstance(version, int) and version > SCHEMA_VERSION
+def encode_manifest(manifest: Mapping[str, object]) -> bytes:
+    """Encode a manifest: a member a line, each compact, so that a list of runs reads little."""
+    members = (encode_line({key: value}).decode().strip()[1:-1] for key, value in manifest.items())
+    return ("{" + ",\n".join(members) + "}\n").encode()
+
+
+def has_ended(manifest: Mapping[str, object]) -> bool:
+    """Return whether a run has ended, so that SHA256SUMS covers all of it."""
+    return manifest["exit_status"] != INCOMPLETE
+
+
+def read_sums(folder: Path) -> tuple[dict[str, str], tuple[int, ...]]:
+    """Return the SHA-256 of each file by its name, and the numbers of the lines that are no checksum.
+
+    Raises
+    ------
+    RecordError
+        When SHA256SUMS cannot be read.
+    """
+    path = inside(folder, SHA256SUMS)
+    try:
+        lines = read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines()
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
+    found = [(number, _SUM.fullmatch(line)) for number, line in enumerate(lines, start=1)]
+    wrong = tuple(number for number, match in found if match is None or not _is_inner(match[2]))
+    return {match[2]: match[1] for _, match in found if match is not None and _is_inner(match[2])}, wrong
+
+
+def check_file(folder: Path, name: str, sha256: str, by: str) -> Iterator[Problem]:
+    """Yield why a file is not what was recorded; without a SHA-256 only whether it is there."""
+    try:
+        path = inside(folder, name)
+        if not path.is_file():
+            yield Problem(name, f"it is missing, though {by} lists it", COPY_HINT)
+        elif sha256 and hash_file(path) != sha256:
+            yield Problem(name, f"it does not fit {by}: one of the two was changed", COPY_HINT)
+    except RecordError as error:
+        yield Problem(name, error.message, error.hint)
+
+
+def read_checksum(run: Path) -> str | None:
+    """Return the SHA-256 of SHA256SUMS, which stands for a whole record; None of a run that has not ended."""
+    return hash_file(inside(run, SHA256SUMS)) if has_ended(read_manifest(run)) else None
+
+
+def encode_sums(sums: Mapping[str, str]) -> bytes:
+    """Encode SHA256SUMS."""
+    return "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)).encode()
+
+
+def _is_inner(name: str) -> bool:
+    """Return whether a name leads to no place outside of its folder."""
+    return all(part not in {"", ".", ".."} for part in name.split("/"))
+
+
+def is_opening_file(name: str) -> bool:
+    """Return whether a session begins with this file: protocol, rig, calibration, changes of the code."""
+    return (
+        name in {PROTOCOL, RIG}
+        or name.startswith(f"{CALIBRATION}/")
+        or _CODE_DIFF.fullmatch(name) is not None
+    )
 
 
 def find_rig_option(manifest: Mapping[str, object]) -> str:
@@ -84,54 +133,7 @@ def find_rig_option(manifest: Mapping[str, object]) -> str:
     return f"--rig {shlex.quote(rig) if isinstance(rig, str) else 'FILE'}"
 
 
-def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:
-    """Return a problem if the checksum of a manifest does not fit its content, and what was damaged on closing."""
-    content = {key: value for key, value in manifest.items() if key != "crc32"}
-    marks = manifest.get(DAMAGED_WHEN_CLOSED)
-    marked = tuple(
-        Problem(MANIFEST, f"it says that the run was damaged when labrig closed it: {mark}", COPY_HINT)
-        for mark in (marks if isinstance(marks, list) else ())
-    )
-    if manifest.get("crc32") == checksum(content):
-        return marked
-    message = "its CRC-32 does not fit its content: it was changed after labrig wrote it"
-    return (Problem(MANIFEST, message, _HINT), *marked)
-
-
 def is_simulated(manifest: Mapping[str, object]) -> bool:
     """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
-    devices = manifest.get("devices")
-    return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
-
-
-def calibration_sha256(manifest: Mapping[str, object]) -> dict[str, object]:
-    """Return the SHA-256 of each calibration file that the run began with, by its name."""
-    hashes = manifest.get("hashes")
-    files = hashes.get("calibration") if isinstance(hashes, Mapping) else None
-    return {str(name): sha256 for name, sha256 in files.items()} if isinstance(files, Mapping) else {}
-
-
-def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
-    """Return the SHA-256 of each file that the run or a later session began with, by its name in the run."""
-    hashes = manifest.get("hashes")
-    if not isinstance(hashes, dict):
-        return {}
-    sometimes = {RIG: hashes.get("rig_sha256"), CODE_DIFF: hashes.get("code_diff_sha256")}
-    return {
-        PROTOCOL: hashes.get("protocol_sha256"),
-        **{name: sha256 for name, sha256 in sometimes.items() if sha256 is not None},
-        **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in calibration_sha256(manifest).items()},
-        **dict(_list_session_diffs(manifest)),
-    }
-
-
-def _list_session_diffs(manifest: Mapping[str, object]) -> Iterator[tuple[str, object]]:
-    """Yield the file with the code differences of each later session that has one, and its SHA-256."""
-    sessions = manifest.get("sessions")
-    for session in sessions if isinstance(sessions, list) else ():
-        name = session.get("code_diff") if isinstance(session, Mapping) else None
-        if isinstance(name, str) and _SESSION_DIFF.fullmatch(name):
-            yield name, session.get("code_diff_sha256")
-
-
-_HINT = "take the file from a copy of the run; labrig repairs no manifest"
+    rig = manifest.get("rig")
+    return isinstance(rig, Mapping) and rig.get("kind") == "simulated"

@@ -2,15 +2,16 @@
 
 import atexit
 import math
+import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
-from itertools import chain
+from html import escape
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 import pandas as pd
@@ -18,19 +19,8 @@ from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
 from labrig.protocol.yaml_tree import load_yaml_values
-from labrig.record.annotations import Annotations, read_annotations, without_authors
-from labrig.record.can_log import CanFrame, read_can_log
-from labrig.record.chain import scan_chain
-from labrig.record.check import (
-    as_damage,
-    find_changes_since_closing,
-    find_changes_since_start,
-    find_links,
-    find_picture_problems,
-    leave_out_named,
-)
+from labrig.record.check import find_damage
 from labrig.record.decisions import READ, Decisions, PastPause, fold_decisions, list_pauses
-from labrig.record.digest import hash_file
 from labrig.record.events import (
     Continue,
     Event,
@@ -45,16 +35,17 @@ from labrig.record.events import (
     parse_frame_lines,
     parse_truth_lines,
 )
-from labrig.record.json_lines import check_lines, make_readable, read_lines
+from labrig.record.json_lines import make_readable, read_lines, split_whole_lines
 from labrig.record.layout import (
-    ANALYSIS,
     CALIBRATION,
+    CAN_LOG,
     COPY_HINT,
+    DEVICE_LINES,
     EVENT_LINES,
     FRAME_LINES,
-    FRAMES,
     PROTOCOL,
     RIG,
+    SHA256SUMS,
     STATE_LINES,
     TRIAL_START,
     TRIAL_STOP,
@@ -63,21 +54,13 @@ from labrig.record.layout import (
     inside,
     require_name,
 )
-from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
-from labrig.record.notebook import make_html_table
+from labrig.record.manifest import check_file, is_opening_file, read_checksum, read_manifest, read_sums
+from labrig.record.notes import Annotations, read_annotations, without_authors
 from labrig.record.pictures import RecordedPicture, locate_picture
 from labrig.record.provenance import leave_out_personal
-from labrig.record.results import (
-    latest_result,
-    list_results,
-    new_result_dir,
-    require_unchanged_result,
-)
-from labrig.record.seal import find_changes_since_sealing, find_unused
-from labrig.record.sealing import list_files, seal_files
-from labrig.record.structure import find_clock_problems, find_frame_problems
-from labrig.record.tables import add_axis_units
-from labrig.record.urls import fetch_run, is_url, restore_url
+from labrig.record.remote import fetch_run, is_url, restore_url
+from labrig.record.results import finish_result, latest_result, list_results, new_result_dir, open_result
+from labrig.record.tables import add_axis_units, unescape_formula
 
 _Event = TypeVar("_Event", bound=Event)
 _Truth = TypeVar("_Truth", bound=TruthLine)
@@ -94,10 +77,21 @@ _COLUMNS = {
 _TRIAL_COLUMNS = ("trial", "start_t_s", "stop_t_s", "exit_status", "final_frame")
 # Whole numbers that may be missing; pandas would make them floats.
 _WHOLE_NUMBERS = ("trial", "frame", "final_frame")
-_MOVE_OUT = "move it out of the run; labrig runs check lists all such files"
+_CAN_LINE = re.compile(rb"\((\d+\.\d{6})\) can ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8}) ([TR])")
+_ONE_ROW_A_MEASUREMENT = ("measurements.csv", "insertions.csv")
+_STEPS = re.compile(r"steps-(\d+)\.csv")
 
 
-def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
+class CanFrame(NamedTuple):
+    """A CAN frame of the record: rig time [s], COB-ID, data, and T or R for sent or received."""
+
+    t_s: float
+    can_id: int
+    data: bytes
+    way: str
+
+
+def open_run(path: Path | str) -> "Run":
     """Open a run that is closed, interrupted or cut short.
 
     Parameters
@@ -105,42 +99,20 @@ def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
     path : Path or str
         Its folder, or a URL that fsspec knows. A run behind a URL is copied into a temporary folder, which lasts until
         the process ends.
-    read_pictures : bool
-        Also read every picture and compare its hash, so that `damage` names those that were changed. Without it, a
-        changed picture is refused when it is read.
 
     Returns
     -------
     Run
-        `problems` lists what is missing or was changed.
+        `damage` lists what is missing or was changed. A changed picture is refused when it is read.
 
     Raises
     ------
     RecordError
-        When it is no run, has a newer schema, or has a damaged line; names file and line.
+        When it is no run, or its manifest is damaged.
     """
     folder = fetch_folder(path)
     manifest = read_manifest(folder)
-    for name in recorded_sha256(manifest):
-        inside(folder, name)  # refuses a link
-    lines = _find_line_files(folder)
-    can_log = read_can_log(folder)
-    torn = (*(problem for file in lines.values() for problem in check_lines(file)), *can_log.torn)
-    damage = (
-        *can_log.damaged,
-        *check_manifest(manifest),
-        *find_changes_since_start(folder, manifest),
-        *find_links(folder, inside(folder, FRAMES)),
-        *find_picture_problems(
-            folder, read_lines(lines[FRAME_LINES]), look="once" if read_pictures else "presence"
-        ),
-    )
-    if manifest.get("exit_status") != "incomplete":
-        damage = (*damage, *as_damage(torn), *find_changes_since_closing(folder, lines_only=True))
-        torn = ()
-    chain = scan_chain(folder)
-    seal = leave_out_named(find_changes_since_sealing(folder, manifest, chain), damage)
-    return Run(folder, manifest, (*damage, *seal), (*torn, *find_unused(folder, chain)))
+    return Run(folder, manifest, tuple(find_damage(folder, manifest, read_pictures=False)))
 
 
 def fetch_folder(path: Path | str) -> Path:
@@ -162,49 +134,40 @@ class Run:
     manifest : dict
         The content of manifest.json.
     damage : tuple of Problem
-        What is missing or was changed after it was written. A changed picture is found when it is read, or on opening
-        with `read_pictures`.
-    problems : tuple of Problem
-        The damage, and what is no damage: the torn last lines of a killed run, and results and annotations without a
-        link in chain.jsonl, which are not used. Empty for a run that is as it was written.
+        What is missing or was changed after it was written; a changed picture is found when it is read.
     private : bool
         Whether personal data is left out; see `without_personal_data`.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        manifest: dict[str, object],
-        damage: tuple[Problem, ...],
-        torn: tuple[Problem, ...] = (),
-        *,
-        until_s: float = math.inf,
-    ) -> None:
+    def __init__(self, path: Path, manifest: dict[str, object], damage: tuple[Problem, ...] = ()) -> None:
         self.path = path
         self.manifest = make_readable(manifest)
         self.damage = damage
-        self.problems = (*damage, *torn)
-        self._torn = torn
-        self._until_s = until_s
         self.private = False
+        self._until_s = math.inf
 
     def _repr_html_(self) -> str:
         """Return what the run is as a table, for a notebook."""
         about = ("experiment", "title", "exit_status", "reason", "started", "ended")
         rows: list[tuple[str, object]] = [(key, self.manifest.get(key)) for key in about]
-        rows.append(
-            ("trials", f"{self.manifest.get('trials_done')} of {self.manifest.get('trials_planned')}")
-        )
+        rows.append(("trials", f"{len(self.trials)} of {self.manifest.get('trials_planned')}"))
         rows.append(("results", ", ".join(map(str, self.result_numbers)) or "none"))
-        rows += [("problem", f"{problem.where}: {problem.message}") for problem in self.problems]
-        return make_html_table(f"Run {self.shown_path}", rows)
+        rows += [("damaged", f"{problem.where}: {problem.message}") for problem in self.damage]
+        cells = "".join(
+            f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(str(value))}</td>'
+            for name, value in rows
+            if value not in {None, ""}
+        )
+        return f"<table><caption>{escape(f'Run {self.shown_path}')}</caption>{cells}</table>"
 
     def until(self, t_s: float) -> "Run":
         """Return this run as it was before rig time `t_s` [s]; pictures and truths stay."""
-        return Run(self.path, self.manifest, self.damage, self._torn, until_s=t_s)
+        before = Run(self.path, self.manifest, self.damage)
+        before.private, before._until_s = self.private, t_s
+        return before
 
     def without_personal_data(self) -> "Run":
-        """Return this run without host, account, command line, its own folder, and the authors of remarks."""
+        """Return this run without host, account, command line, its own folder, and the authors of notes."""
         private = copy(self)
         private.manifest = leave_out_personal(self.manifest)
         private.private = True
@@ -217,7 +180,7 @@ class Run:
 
     @property
     def sessions(self) -> tuple[Mapping[str, Any], ...]:
-        """The sessions after the first: start, rig time zero `t0_s` [s], code and devices of each."""
+        """The sessions after the first: start, rig time zero `t0_s` [s], and code of each."""
         sessions = self.manifest.get("sessions", [])
         if not isinstance(sessions, list) or not all(isinstance(session, dict) for session in sessions):
             raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", COPY_HINT)
@@ -237,27 +200,42 @@ class Run:
         except ValueError:
             return None
 
+    @cached_property
+    def devices(self) -> Mapping[str, Any]:
+        """What the devices said of themselves when the run began; empty without a rig."""
+        return self._find_devices("begin")
+
+    @cached_property
+    def devices_after(self) -> Mapping[str, Any]:
+        """What they said when it ended; empty without a rig, and of a run that was cut short."""
+        return self._find_devices("end")
+
+    def _find_devices(self, when: str) -> Mapping[str, Any]:
+        lines = [line for line in read_lines(inside(self.path, DEVICE_LINES)) if line.get("when") == when]
+        devices = lines[0 if when == "begin" else -1].get("devices") if lines else None
+        return devices if isinstance(devices, Mapping) else {}
+
     def lines(self, stream: str) -> list[dict[str, Any]]:
         """Return the lines of `states`, `events`, `frames` or `truth` as they were recorded.
 
         Raises
         ------
         RecordError
-            When a line is damaged, the clock goes backwards, or a picture is missing, listed twice or in the wrong
-            place; names file and line.
+            When a line is damaged, a time is no number, or a picture is out of order; names file and line.
         """
         name = f"{stream}.jsonl"
-        path = self._lines.get(name)
-        lines = [] if path is None else read_lines(path)
-        numbered = tuple(enumerate(lines, start=1))
-        timed = "t_s" in _COLUMNS[name]
-        problems = chain(
-            find_clock_problems(name, numbered) if timed else (),
-            find_frame_problems(numbered) if name == FRAME_LINES else (),
-        )
-        if (first := next(problems, None)) is not None:
-            raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
-        return [line for line in lines if float(str(line["t_s"])) < self._until_s] if timed else lines
+        path = inside(self.path, name)
+        if name == TRUTH_LINES and not path.exists():
+            return []
+        lines: list[dict[str, Any]] = read_lines(path)
+        for number, line in enumerate(lines):
+            if name != TRUTH_LINES and not _is_number(line.get("t_s")):
+                raise RecordError(f"{path}:{number + 1}: t_s is {line.get('t_s')!r}, no time [s]", COPY_HINT)
+            if name == FRAME_LINES and (
+                line.get("frame") != number or locate_picture(self.path, line) is None
+            ):
+                raise RecordError(f"{path}:{number + 1}: it is not the line of picture {number}", COPY_HINT)
+        return lines if name == TRUTH_LINES else [line for line in lines if line["t_s"] < self._until_s]
 
     def read_events(self, *models: type[_Event]) -> tuple[_Event, ...]:
         """Return the events of the models' kinds, in the order of the record.
@@ -307,7 +285,7 @@ class Run:
 
     @property
     def annotations(self) -> Annotations:
-        """Tags, notes and verdict of the run as they are now. Raises `RecordError` when a line is damaged."""
+        """Tags, notes and verdict of the run as they are now. Raises `RecordError` when notes.json is damaged."""
         annotations = read_annotations(self.path)
         return without_authors(annotations) if self.private else annotations
 
@@ -342,12 +320,18 @@ class Run:
     @property
     def rig_path(self) -> Path | None:
         """The rig file as resolved for this run; None without a rig. Raises as `protocol_path`."""
-        return self._require_unchanged(RIG) if RIG in recorded_sha256(self.manifest) else None
+        return self._require_unchanged(RIG) if RIG in self.hashes else None
 
     @property
     def can_frames(self) -> Iterator[CanFrame]:
-        """The CAN frames sent and received, in order. Raises `RecordError` when they are damaged."""
-        return read_can_log(self.path).frames()
+        """The CAN frames sent and received, in order; none without a bus. Raises `RecordError` for another line."""
+        path = inside(self.path, CAN_LOG)
+        for number, line in enumerate(split_whole_lines(path) if path.exists() else (), start=1):
+            found = _CAN_LINE.fullmatch(line)
+            if found is None:
+                raise RecordError(f"{path}:{number}: the line is no CAN frame", COPY_HINT)
+            t_s, can_id, data, way = found.groups()
+            yield CanFrame(float(t_s), int(can_id, 16), bytes.fromhex(data.decode()), way.decode())
 
     @cached_property
     def states(self) -> pd.DataFrame:
@@ -360,8 +344,7 @@ class Run:
 
         Names of positions and speeds carry the unit of the axis: `position_mm`, `position_rad`.
         """
-        lines = self.lines("events")
-        rows = [add_axis_units(line) for line in lines]
+        rows = [add_axis_units(line) for line in self.lines("events")]
         return _make_table(rows, _COLUMNS[EVENT_LINES], self.path / EVENT_LINES)
 
     @cached_property
@@ -375,12 +358,6 @@ class Run:
         return self._read_table(FRAME_LINES)
 
     @cached_property
-    def pictures(self) -> tuple[RecordedPicture, ...]:
-        """The place of each picture, by its number."""
-        places = (locate_picture(self.path, line) for line in self.lines("frames"))
-        return tuple(place for place in places if place is not None)
-
-    @cached_property
     def trials(self) -> pd.DataFrame:
         """One row a trial: the fields of its `trial_start` and of its `trial_stop`.
 
@@ -388,21 +365,17 @@ class Run:
         `final_frame` and the further fields of the two events. The last start of a repeated trial counts.
         """
         rows = _join_trial_rows(self.lines("events"))
-        return _make_table(rows, _TRIAL_COLUMNS, self._lines[EVENT_LINES])
+        return _make_table(rows, _TRIAL_COLUMNS, self.path / EVENT_LINES)
 
     @cached_property
-    def frames(self) -> "Frames":
-        """The pictures in order, each read on access."""
-        return Frames(self.pictures)
+    def pictures(self) -> "Pictures":
+        """The pictures in order, each an array (H, W) or (H, W, 3) of uint8, read and verified on access."""
+        places = (locate_picture(self.path, line) for line in self.lines("frames"))
+        return Pictures(tuple(place for place in places if place is not None))
 
     def frame_line(self, frame: int) -> FrameLine:
         """Return the line of the picture with this number. Raises `RecordError` when it is not in the record."""
-        if not 0 <= frame < len(self.frame_lines):
-            raise RecordError(
-                f"{self.path / FRAME_LINES} holds no frame {frame}; it holds {len(self.frame_lines)}",
-                COPY_HINT,
-            )
-        return self.frame_lines[frame]
+        return self.frame_lines[self._require_frame(frame)]
 
     def read_frame(self, frame: int) -> NDArray[np.uint8]:
         """Return the picture with this number, an array (H, W) or (H, W, 3) of uint8.
@@ -412,19 +385,36 @@ class Run:
         RecordError
             When it is not in the record, is missing on disk, or was changed.
         """
-        if not 0 <= frame < len(self.frames):
-            raise RecordError(
-                f"{self.path} holds no frame {frame}; it holds {len(self.frames)}",
-                "it was interrupted before",
-            )
-        return self.frames[frame]
+        return self.pictures[self._require_frame(frame)]
+
+    def _require_frame(self, frame: int) -> int:
+        if 0 <= frame < len(self.pictures):
+            return frame
+        holds = f"{self.path / FRAME_LINES} holds no frame {frame}; it holds {len(self.pictures)}"
+        raise RecordError(holds, "it was interrupted before")
+
+    @cached_property
+    def hashes(self) -> Mapping[str, str]:
+        """The SHA-256 of each file that the run or a later session began with, by its name in the run."""
+        return {name: sha256 for name, sha256 in read_sums(self.path)[0].items() if is_opening_file(name)}
+
+    @property
+    def checksum(self) -> str | None:
+        """The SHA-256 of SHA256SUMS, which stands for the whole record; None of a run that has not ended."""
+        return read_checksum(self.path)
+
+    @property
+    def calibration_hashes(self) -> Mapping[str, str]:
+        """The SHA-256 of each calibration file that the run began with, by its name."""
+        folder = f"{CALIBRATION}/"
+        return {
+            name.removeprefix(folder): sha for name, sha in self.hashes.items() if name.startswith(folder)
+        }
 
     @property
     def calibration_files(self) -> tuple[str, ...]:
         """The names of the calibration files that the run began with; no other file in the folder is used."""
-        folder = f"{CALIBRATION}/"
-        names = recorded_sha256(self.manifest)
-        return tuple(sorted(name.removeprefix(folder) for name in names if name.startswith(folder)))
+        return tuple(sorted(self.calibration_hashes))
 
     def calibration_path(self, name: str) -> Path:
         """Return the path of a calibration file of this run, also if it has none of this name.
@@ -439,7 +429,8 @@ class Run:
             return self._require_unchanged(relative)
         path = inside(self.path, relative)
         if path.is_file():
-            raise RecordError(f"{path} is no part of the record: the run began without it", _MOVE_OUT)
+            message = f"{path} is no part of the record: the run began without it"
+            raise RecordError(message, "move it out of the run")
         return path
 
     def own(self, relative: str) -> Path:
@@ -458,67 +449,97 @@ class Run:
 
     @property
     def result_numbers(self) -> tuple[int, ...]:
-        """The numbers of the results in order. Raises `RecordError` when the chain is damaged."""
+        """The numbers of the results in order."""
         return list_results(self.path)
 
     def result_dir(self, number: int) -> Path:
         """Return the folder of a result. Raises `RecordError` when a file in it was changed or added; names it."""
-        require_unchanged_result(self.path, number)
-        return inside(self.path, f"{ANALYSIS}/{number:03d}")
+        return open_result(self.path, number)
 
-    def seal_result(self, folder: Path, created: str) -> None:
-        """Append the link over a result that is complete. Raises `DiskError`."""
-        names = list_files(self.path, folder.relative_to(self.path).as_posix())
-        seal_files(self.path, "result", names, created)
+    def finish_result(self, folder: Path) -> None:
+        """Write the checksums of a result that is complete; until then it is not used. Raises `DiskError`."""
+        finish_result(folder)
 
-    def seal_page(self, path: Path, created: datetime) -> None:
-        """Append the link over a page or view that was written into the run. Raises `DiskError`."""
-        seal_files(self.path, "page", (path.name,), created)
-
-    def latest_result(self) -> dict[str, object] | None:
-        """Return the newest result.json; None without one. Raises `RecordError` when it is damaged."""
+    @property
+    def result(self) -> Mapping[str, Any] | None:
+        """The newest result, a document; None without one. Raises `RecordError` when it is damaged."""
         return latest_result(self.path)
 
-    @cached_property
-    def _lines(self) -> dict[str, Path]:
-        return _find_line_files(self.path)
+    @property
+    def measurements(self) -> pd.DataFrame:
+        """The newest result's table of one row a measurement, with units in the names; empty without one.
+
+        Raises `RecordError` when the result is damaged.
+        """
+        folder = self._newest_result_dir()
+        named = () if folder is None else (folder / name for name in _ONE_ROW_A_MEASUREMENT)
+        return next((read_result_table(path) for path in named if path.exists()), pd.DataFrame())
+
+    @property
+    def steps(self) -> pd.DataFrame:
+        """The newest result's steps of steered insertions, one row each, in order of their trial.
+
+        `depth_mm`, what was measured, estimated and believed of the tip, with units in the names; empty for other
+        experiments, and without a result. Raises `RecordError` when the result is damaged.
+        """
+        folder = self._newest_result_dir()
+        found = [] if folder is None else [(_STEPS.fullmatch(path.name), path) for path in folder.iterdir()]
+        steps = sorted((int(match[1]), path) for match, path in found if match is not None)
+        tables = [read_result_table(path).assign(trial=trial) for trial, path in steps]
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+    def _newest_result_dir(self) -> Path | None:
+        numbers = self.result_numbers
+        return self.result_dir(numbers[-1]) if numbers else None
 
     def _read_table(self, name: str) -> pd.DataFrame:
         return _make_table(self.lines(name.removesuffix(".jsonl")), _COLUMNS[name], self.path / name)
 
     def _require_unchanged(self, relative: str) -> Path:
-        path = inside(self.path, relative)
-        if hash_file(path) != recorded_sha256(self.manifest).get(relative):
-            changed = "is not what the run began with: its SHA-256 does not fit the manifest"
-            raise RecordError(f"{path} {changed}", COPY_HINT)
-        return path
+        for problem in check_file(self.path, relative, self.hashes.get(relative, ""), SHA256SUMS):
+            raise RecordError(f"{self.path / problem.where}: {problem.message}", problem.hint)
+        return inside(self.path, relative)
 
 
-class Frames(Sequence[NDArray[np.uint8]]):
-    """The pictures of a run, each read and checked against its SHA-256 on access; a slice reads none."""
+class Pictures(Sequence[NDArray[np.uint8]]):
+    """The pictures of a run, each read and compared with its SHA-256 on access; a slice reads none.
 
-    def __init__(self, pictures: tuple[RecordedPicture, ...]) -> None:
-        self._pictures = pictures
+    `places` are their files, for processes that read them.
+    """
+
+    def __init__(self, places: tuple[RecordedPicture, ...]) -> None:
+        self.places = places
 
     def __len__(self) -> int:
-        return len(self._pictures)
+        return len(self.places)
 
     @overload
     def __getitem__(self, index: int) -> NDArray[np.uint8]: ...
 
     @overload
-    def __getitem__(self, index: slice) -> "Frames": ...
+    def __getitem__(self, index: slice) -> "Pictures": ...
 
-    def __getitem__(self, index: int | slice) -> "NDArray[np.uint8] | Frames":
+    def __getitem__(self, index: int | slice) -> "NDArray[np.uint8] | Pictures":
         if isinstance(index, slice):
-            return Frames(self._pictures[index])
-        return self._pictures[index].read()
+            return Pictures(self.places[index])
+        return self.places[index].read()
 
 
-def _find_line_files(run: Path) -> dict[str, Path]:
-    """Return the line files of a run by name; only a simulated run has truth."""
-    files = {name: inside(run, name) for name in _COLUMNS}
-    return {name: path for name, path in files.items() if name != TRUTH_LINES or path.exists()}
+def read_result_table(path: Path) -> pd.DataFrame:
+    """Return a table of a result, as the analysis wrote it. Raises `RecordError` when it is no table."""
+    try:
+        table = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error
+    texts = [name for name in table.columns if not pd.api.types.is_numeric_dtype(table[name])]
+    return table.assign(**{
+        name: table[name].map(lambda cell: unescape_formula(cell) if isinstance(cell, str) else cell)
+        for name in texts
+    })  # fmt: skip
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _make_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:

@@ -1,33 +1,32 @@
-"""The numbered results of a run: made from the record, stored in it, never overwritten."""
+"""The numbered results of a run: made from the record, stored in it, never overwritten.
+
+A result is finished when its SHA256SUMS is there, which is written last; an analysis that was stopped leaves none.
+"""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
-from labrig.durable import disk_errors
-from labrig.errors import RecordError
+from labrig.durable import disk_errors, write_atomically
+from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.json_lines import make_readable
-from labrig.record.layout import ANALYSIS, inside
-from labrig.record.seal import Seal, read_seal
-from labrig.record.sealing import list_files
+from labrig.record.layout import ANALYSIS, SHA256SUMS, hash_file, inside
+from labrig.record.manifest import check_file, encode_sums, read_sums
 
 _RESULT = "result.json"
 _NUMBER = re.compile(r"[0-9]{3}|[1-9][0-9]{3,8}")
+_AGAIN = "make a new one with labrig reanalyze"
 
 
 def new_result_dir(run: Path) -> Path:
-    """Make and return the folder of the next result. Raises `DiskError`."""
-    return make_numbered_folder(inside(run, ANALYSIS))
-
-
-def make_numbered_folder(parent: Path) -> Path:
-    """Make the next of the folders 001, 002 ...; two callers at once get a folder each. Raises `DiskError`."""
+    """Make and return the next of analysis/001, 002 ...; two callers at once get a folder each. Raises `DiskError`."""
+    parent = inside(run, ANALYSIS)
     with disk_errors(parent):
         parent.mkdir(exist_ok=True)
-        for number in count(max(list_numbered_folders(parent), default=0) + 1):
+        for number in count(max(_list_folders(parent), default=0) + 1):
             with suppress(FileExistsError):
                 folder = parent / f"{number:03d}"
                 folder.mkdir()
@@ -35,95 +34,68 @@ def make_numbered_folder(parent: Path) -> Path:
     raise AssertionError("count() has no end")
 
 
-def latest_result(
-    run: Path, without: Iterable[str] = (), seal: Seal | None = None
-) -> dict[str, object] | None:
-    """Return the newest result.json. Raises `RecordError` when it was changed or is damaged.
-
-    Top-level lists named in `without` come back empty, which saves most of the time when they are long. The seal of the
-    run, here and below, is read if it is not given.
-    """
-    name = require_unchanged_newest(run, seal)
-    return None if name is None else _read_result(inside(run, name), without)
+def finish_result(folder: Path) -> None:
+    """Write SHA256SUMS of a result that is complete. Raises `DiskError`."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    sums = {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
+    write_atomically(folder / SHA256SUMS, encode_sums(sums))
 
 
-def require_unchanged_newest(run: Path, seal: Seal | None = None) -> str | None:
-    """Return the newest result.json relative to its run; None without one. Raises `RecordError` when it was changed."""
-    seal = seal or read_seal(run)
-    numbers = list_results(run, seal)
-    if not numbers:
-        return None
-    name = f"{ANALYSIS}/{numbers[-1]:03d}/{_RESULT}"
-    require_unchanged_result(run, numbers[-1], (name,), seal)
-    return name
-
-
-def list_results(run: Path, seal: Seal | None = None) -> tuple[int, ...]:
-    """Return the numbers of the results in order; of a run with a chain, those that it covers.
-
-    Raises
-    ------
-    RecordError
-        When the chain is damaged, or the folder of results is a link.
-    """
+def list_results(run: Path) -> tuple[int, ...]:
+    """Return the numbers of the finished results in order. Raises `RecordError` if the folder of results is a link."""
     parent = inside(run, ANALYSIS)
-    seal = seal or read_seal(run)
-    if seal.links:
-        return seal.results
-    # The file is written last, so an analysis that was stopped has none.
     return tuple(
-        sorted(
-            number
-            for number in list_numbered_folders(parent)
-            if (parent / f"{number:03d}/{_RESULT}").exists()
-        )
+        sorted(number for number in _list_folders(parent) if (parent / f"{number:03d}" / SHA256SUMS).exists())
     )
 
 
-def require_unchanged_result(
-    run: Path, number: int, names: Iterable[str] | None = None, seal: Seal | None = None
-) -> None:
-    """Refuse a result that is not as the chain of its run has it; `names` of its files, or all of them.
-
-    Raises
-    ------
-    RecordError
-        When one of them is missing, a link, or was changed, or a file was added to all of them; names it.
-    """
-    seal = seal or read_seal(run)
-    sealed = seal.result_files(number)
-    for name in sealed if names is None else names:
-        inside(run, name)
-        if seal.links:
-            seal.require_unchanged(name)
-    for name in list_files(run, f"{ANALYSIS}/{number:03d}") if seal.links and names is None else ():
-        if name not in sealed:
-            raise RecordError(f"{run / name} is no part of that result", "move it out of the run")
-
-
-def _empty_list(content: bytes, name: bytes) -> bytes:
-    """Return a document with a top-level list emptied, if it is indented as by `encode_document`; else unchanged."""
-    start = content.find(b'\n  "%s": [\n' % name)
-    end = content.find(b"\n  ]", start)
-    return content if min(start, end) < 0 else b'%s\n  "%s": [%s' % (content[:start], name, content[end:])
+def find_result_problems(run: Path, number: int) -> Iterator[Problem]:
+    """Yield what is missing from a result, was changed in it, or was added to it."""
+    name = f"{ANALYSIS}/{number:03d}"
+    try:
+        folder = inside(run, name)
+        sums, wrong = read_sums(folder)
+    except RecordError as error:
+        yield Problem(f"{name}/{SHA256SUMS}", error.message, _AGAIN)
+        return
+    for line in wrong:
+        yield Problem(f"{name}/{SHA256SUMS}:{line}", "the line is no checksum and file name", _AGAIN)
+    for file, sha256 in sums.items():
+        for problem in check_file(folder, file, sha256, f"{SHA256SUMS} of the result"):
+            yield Problem(f"{name}/{file}", problem.message, _AGAIN)
+    for path in sorted(folder.rglob("*")):
+        file = path.relative_to(folder).as_posix()
+        if path.is_file() and file not in sums and file != SHA256SUMS and not path.name.startswith("."):
+            yield Problem(f"{name}/{file}", "it is no part of that result", "move it out of the run")
 
 
-def list_numbered_folders(parent: Path) -> list[int]:
+def open_result(run: Path, number: int) -> Path:
+    """Return the folder of a result. Raises `RecordError` when a file in it was changed, added or is missing."""
+    first = next(find_result_problems(run, number), None)
+    if first is not None:
+        raise RecordError(f"{run / first.where}: {first.message}", first.hint)
+    return inside(run, f"{ANALYSIS}/{number:03d}")
+
+
+def latest_result(run: Path) -> dict[str, object] | None:
+    """Return the newest result.json; None without one. Raises `RecordError` when the result was changed."""
+    numbers = list_results(run)
+    return read_result(open_result(run, numbers[-1])) if numbers else None
+
+
+def read_result(folder: Path) -> dict[str, object]:
+    """Return result.json of a result as it stands. Raises `RecordError` when it cannot be read."""
+    path = folder / _RESULT
+    try:
+        result = parse_json(read_file(path, MAX_RESULT_BYTES))
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path} is damaged: {error}", _AGAIN) from error
+    if not isinstance(result, dict):
+        raise RecordError(f"{path} is damaged: it holds no JSON object", _AGAIN)
+    return make_readable(result)
+
+
+def _list_folders(parent: Path) -> list[int]:
     """Return the numbers of the folders 001, 002 ...; whatever else stands there is not labrig's."""
     folders = parent.iterdir() if parent.is_dir() else ()
     return [int(folder.name) for folder in folders if _NUMBER.fullmatch(folder.name)]
-
-
-def _read_result(path: Path, without: Iterable[str]) -> dict[str, object]:
-    try:
-        content = read_file(path, MAX_RESULT_BYTES)
-        for name in without:
-            content = _empty_list(content, name.encode())
-        result = parse_json(content)
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error
-    if not isinstance(result, dict):
-        raise RecordError(
-            f"{path} is damaged: it holds no JSON object", "make a new one with labrig reanalyze"
-        )
-    return make_readable(result) if b"\\ud" in content else result

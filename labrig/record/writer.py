@@ -4,38 +4,41 @@ import hashlib
 import math
 import os
 import shutil
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 from itertools import count
 from pathlib import Path
 from threading import Lock
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.durable import (
-    disk_errors,
-    free_bytes,
-    write_atomically,
-)
-from labrig.errors import DiskError, InputError, LabrigError, RecordError
-from labrig.posix import sync_directory
-from labrig.record.closing import write_closing_manifest
+from labrig.durable import disk_errors, free_bytes, open_descriptor, write_and_rename, write_atomically
+from labrig.errors import DiskError, InputError, LabrigError, OutputExistsError, RecordError
+from labrig.input_file import read_file
+from labrig.posix import reserve, sync_directory
+from labrig.record.decisions import count_trials_done
 from labrig.record.events import Event
+from labrig.record.json_lines import LineFile, encode_line
 from labrig.record.layout import (
     ALWAYS_PRESENT,
+    CALIBRATION,
     CAN_LOG,
-    CAN_SUMS,
-    CHAIN,
+    CODE_DIFF,
+    DEVICE_LINES,
     EVENT_LINES,
     FRAME_LINES,
+    FRAMES,
     LOCK,
     MANIFEST,
+    PROTOCOL,
     RESERVE,
+    RIG,
+    SCHEMA_VERSION,
     SEQUENCED,
     SHA256SUMS,
     STATE_LINES,
@@ -43,28 +46,64 @@ from labrig.record.layout import (
     require_name,
     session_diff,
 )
-from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
-from labrig.record.opening import (
-    collect_opening_files,
-    encode_manifest,
-    make_opening_manifest,
-    make_run_directory,
-    write_opening_files,
-)
-from labrig.record.pictures import Store, open_picture_writer
-from labrig.record.reopening import OpenRecord, reopen_files
-from labrig.record.sealing import first_link
+from labrig.record.manifest import INCOMPLETE, encode_manifest, encode_sums
+from labrig.record.pictures import PictureWriter, Store
 from labrig.record.syncing import Rounds, sync_in_order
-from labrig.record.trial_count import COUNTED, count_trials_done
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 
 # How many periods the disk may take for one round of fsyncs. A wait holds up the procedure, and a disk that other
 # programs keep busy is usually fast again after some seconds.
 _MOST_PERIODS_BEHIND = 10
+_RESERVE_BYTES = 2**20
+_OF_A_PICTURE = frozenset({"frame", "file", "sha256", "t_s"})
+# Only the recorder knows these.
+_OWN_KEYS = ("schema_version", "run", "exit_status", "reason", "ended", "recording", "summary")
 
-_OF_A_PICTURE = frozenset({"frame", "file", "sha256", "offset", "shape", "t_s"})
+_Created = TypeVar("_Created")
+
+
+@dataclass(frozen=True)
+class OpenRecord:
+    """A run on disk, locked and open for appending.
+
+    It holds `frames` pictures and `events` already, and `sums`, the SHA-256 of what is final; rig time goes on from
+    `t0_s` [s], and the order of its lines from `seq`.
+    """
+
+    manifest: Mapping[str, object]
+    sums: dict[str, str]
+    lines: dict[str, LineFile]
+    lock: FileLock
+    pictures: PictureWriter
+    t0_s: float = 0.0
+    frames: int = 0
+    events: tuple[Mapping[str, object], ...] = ()
+    seq: int = 0
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """What a run begins with: protocol and rig as resolved (None without a rig), calibration, changes of the code.
+
+    `calibration` is file name to content, or to the file to copy; `code_diff` is as from `collect_code_diff`.
+    """
+
+    protocol_yaml: str
+    rig_yaml: str | None = None
+    calibration: Mapping[str, Path | bytes] = field(default_factory=dict)
+    code_diff: bytes = b""
+
+    def read(self) -> dict[str, bytes]:
+        """Return the content of each file by its name in the run. Raises `InputError`."""
+        files = {PROTOCOL: self.protocol_yaml.encode()}
+        files |= {} if self.rig_yaml is None else {RIG: self.rig_yaml.encode()}
+        files |= {CODE_DIFF: self.code_diff} if self.code_diff else {}
+        for name, source in self.calibration.items():
+            file = f"{CALIBRATION}/{require_name(name, 'the calibration file name')}"
+            files[file] = source if isinstance(source, bytes) else _read_source(source)
+        return files
 
 
 class Recorder:
@@ -95,32 +134,27 @@ class Recorder:
         recording = record.manifest["recording"]
         assert isinstance(recording, Mapping)
         self._fsync_period_s = float(recording["fsync_period_s"])
-        self._least_free_bytes = int(recording.get("least_free_bytes", 0))
+        self._least_free_bytes = int(recording["least_free_bytes"])
         self._t0_s = record.t0_s
         self._period = int(record.t0_s // self._fsync_period_s)
         self._frames = record.frames
-        self._counted = list(record.counted)
+        self._events = list(record.events)
         self._seq = record.seq
-        self._can_length = 0
-        self._can_crc32 = 0
         self._appending = Lock()
         self._rounds = Rounds(_MOST_PERIODS_BEHIND)
         self._closed = False
 
     @classmethod
-    def create(  # noqa: PLR0917 - the parts of a run, in the order of its folder
+    def create(
         cls,
         runs_dir: Path,
         run_name: str,
         manifest: Mapping[str, object],
-        protocol_yaml: str,
-        rig_yaml: str | None,
-        calibration_files: Mapping[str, Path | bytes],
+        files: RunFiles,
         *,
         fsync_period_s: float = 1.0,
         least_free_bytes: int = 0,
         picture_store: Store = "png",
-        code_diff: bytes = b"",
     ) -> Self:
         """Begin a run: make its folder and write everything that is known before anything moves.
 
@@ -131,20 +165,16 @@ class Recorder:
         run_name : str
             Name of the new folder in it.
         manifest : Mapping
-            `experiment` and `started` (an aware datetime or ISO text) at least; `title`, `trials_planned`,
-            `seed`, `operator`, `provenance` and `devices` are expected, others are kept.
-        protocol_yaml, rig_yaml : str
-            As resolved; None without a rig.
-        calibration_files : Mapping
-            File name to content, or to the file to copy.
+            `experiment` and `started` (an aware datetime or ISO text) at least; `title`, `trials_planned`, `seed`,
+            `operator`, `protocol` and `provenance` are expected, others are kept. `devices` goes into devices.jsonl.
+        files : RunFiles
+            What the run begins with.
         fsync_period_s : float
             Rig time between two fsyncs [s].
         least_free_bytes : int
             The run ends when the disk has less free space than this; checked with each fsync.
-        picture_store : {"png", "raw"}
+        picture_store : {"png", "pgm"}
             How pictures are kept; see `labrig.record.pictures`.
-        code_diff : bytes
-            Changes of the running code since its commit, as from `collect_code_diff`; stored as code.diff.
 
         Raises
         ------
@@ -155,70 +185,51 @@ class Recorder:
         DiskError
             When it cannot be written; nothing is left behind.
         """
-        texts = collect_opening_files(protocol_yaml, rig_yaml, calibration_files, code_diff)
+        contents = files.read()
         if not (math.isfinite(fsync_period_s) and fsync_period_s > 0):
             raise InputError(f"fsync_period_s is {fsync_period_s}; it must be finite and above 0")
+        if missing := [key for key in ("experiment", "started") if not manifest.get(key)]:
+            raise InputError(f"the manifest of {run_name} lacks {' and '.join(missing)}")
         path = runs_dir / require_name(run_name, "the run name")
-        sums = {name: hashlib.sha256(content).hexdigest() for name, content in texts.items()}
+        sums = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
         recording = {
             "fsync_period_s": fsync_period_s,
             "least_free_bytes": least_free_bytes,
             "picture_store": picture_store,
         }
-        link, first_link_sha256 = first_link(sums, manifest.get("started"))
-        opening = make_opening_manifest(run_name, manifest, sums, recording, first_link_sha256)
-        document = encode_manifest(opening)
-        make_run_directory(path)
+        opening = _make_opening_manifest(run_name, manifest, recording)
+        document, devices = encode_manifest(opening), encode_line(_at_begin(manifest.get("devices")))
+        _make_run_directory(path)
         try:
             with disk_errors(path):
                 lock = FileLock(path / LOCK).acquire("labrig run")
-                write_opening_files(path, texts)
-                write_atomically(path / CHAIN, link)
-                lines = {name: LineFile.create(path / name) for name in ALWAYS_PRESENT}
-                pictures = open_picture_writer(path, picture_store, 0)
+                _write_opening_files(path, contents)
+                write_atomically(path / SHA256SUMS, encode_sums(sums))
+                lines = {name: LineFile.create(path / name) for name in (*ALWAYS_PRESENT, DEVICE_LINES)}
+                lines[DEVICE_LINES].append(devices)
                 # Written last, so that a folder with a manifest has everything else.
                 write_atomically(path / MANIFEST, document)
                 sync_directory(runs_dir)
         except DiskError:
             shutil.rmtree(path, ignore_errors=True)
             raise
-        return cls(path, OpenRecord(opening, sums, lines, lock, pictures))
+        return cls(path, OpenRecord(opening, sums, lines, lock, PictureWriter(path, picture_store)))
 
-    @classmethod
-    def reopen(cls, path: Path, doing: str) -> Self:
-        """Continue an interrupted run: torn ends are set aside, everything else is kept.
-
-        Rig time goes on from the next whole second after the last one recorded.
-
-        Parameters
-        ----------
-        path : Path
-            Folder of a run that has not ended in success.
-        doing : str
-            The command that asks, as others read it in the lock.
-
-        Raises
-        ------
-        RecordError
-            When it is no run, has succeeded, or is damaged; nothing is changed.
-        LockedError
-            When another process writes it.
-        DiskError
-            When it cannot be written.
-        """
-        return cls(path, reopen_files(path, doing))
-
-    def begin_session(self, started: datetime, *, code_diff: bytes = b"", **fields: object) -> float:
-        """Add a session to the manifest, with its code and devices, and return its rig time zero [s].
+    def begin_session(
+        self, started: datetime, *, code_diff: bytes = b"", devices: object = None, **fields: object
+    ) -> float:
+        """Add a session to a reopened run, with its code and devices, and return its rig time zero [s].
 
         Parameters
         ----------
         started : datetime
             Aware.
         code_diff : bytes
-            As for `create`; stored as code.002.diff, 003 ...
+            As in `RunFiles`; stored as code.002.diff, 003 ...
+        devices : object
+            What the devices say of themselves.
         **fields
-            Further members of the session: `provenance` and `devices` are expected.
+            Further members of the session in the manifest: `provenance` is expected.
 
         Raises
         ------
@@ -231,10 +242,11 @@ class Recorder:
         self._manifest = {**self._manifest, "sessions": [*sessions, session]}
         with self._guard_disk(self.path):
             write_atomically(self.path / MANIFEST, encode_manifest(self._manifest))
+        self._write_line(DEVICE_LINES, _at_begin(devices, self._t0_s))
         return self._t0_s
 
     def _write_session_diff(self, code_diff: bytes) -> dict[str, str]:
-        """Write the code.diff of a later session and return its members in the manifest."""
+        """Write the code.diff of a later session and return its member in the manifest."""
         if not code_diff:
             return {}
         # A number is skipped if a process was killed before its manifest named the file.
@@ -243,7 +255,7 @@ class Recorder:
         with self._guard_disk(self.path):
             write_atomically(self.path / name, code_diff)
         self._sums[name] = hashlib.sha256(code_diff).hexdigest()
-        return {"code_diff": name, "code_diff_sha256": self._sums[name]}
+        return {"code_diff": name}
 
     def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
         """Record a picture and return its number.
@@ -265,19 +277,20 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._require_open()
-        clash = sorted(_OF_A_PICTURE & fields.keys())
-        if clash:
+        if clash := sorted(_OF_A_PICTURE & fields.keys()):
             raise InputError(f"the recorder itself writes {', '.join(clash)}", "give the field another name")
         number = self._frames
         with self._guard_disk(self.path):
             place = self._pictures.write(number, image)
+        file = str(place["file"])
         try:
             self._append(FRAME_LINES, t_s, {"frame": number, **place, "t_s": self._t0_s + t_s, **fields})
         except LabrigError:
-            # A picture that no line lists is damage in a closed run.
+            # A picture that no line lists is no part of the record.
             with self._guard_disk(self.path):
-                self._pictures.withdraw(number)
+                (self.path / file).unlink()
             raise
+        self._sums[file] = str(place["sha256"])
         self._frames += 1
         self._sync_each_period(t_s)
         return number
@@ -296,8 +309,7 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
-        if kind in COUNTED:
-            self._counted.append({"kind": kind, **fields})
+        self._events.append({"kind": kind, **fields})
         self._sync_each_period(t_s)
 
     def record_event(self, event: Event, t_s: float) -> None:
@@ -306,12 +318,10 @@ class Recorder:
 
     def truth(self, **fields: object) -> None:
         """Append what a simulated world drew; the first line makes the file. Raises as `event` does."""
-        self._require_open()
-        self._create_file(TRUTH_LINES)
         self._write_line(TRUTH_LINES, fields)
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
-        """Append CAN frames to can.log in candump's format; can.sums.jsonl gets its length and the CRC-32 of the part.
+        """Append CAN frames to can.log in candump's format; the first makes the file.
 
         Parameters
         ----------
@@ -326,30 +336,14 @@ class Recorder:
         lines = "".join(
             f"({self._t0_s + t_s:.6f}) can {i:03X}#{data.hex().upper()} {way}\n"
             for t_s, i, data, way in frames
-        ).encode()
-        if not lines:
-            return
-        self._require_open()
-        self._create_file(CAN_LOG)
-        self._create_file(CAN_SUMS)
-        can_log = self._lines[CAN_LOG]
-        with self._guard_disk(can_log.path):
-            self._can_length = can_log.append_raw(lines)
-        # If this sum cannot be written, the next one covers this part too.
-        self._can_crc32 = zlib.crc32(lines, self._can_crc32)
-        self._write_can_sum()
-
-    def _write_can_sum(self) -> None:
-        self._write_line(CAN_SUMS, {"bytes": self._can_length, "part_crc32": f"{self._can_crc32:08x}"})
-        self._can_crc32 = 0
-
-    def _create_file(self, name: str) -> None:
-        if name not in self._lines:
-            with self._guard_disk(self.path / name):
-                self._lines[name] = LineFile.create(self.path / name)
+        )
+        if lines:
+            self._write(CAN_LOG, lines.encode())
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
-        """End the run: write SHA256SUMS, check and seal the record, write how it ended. A second call does nothing.
+        """End the run: write SHA256SUMS of everything, then the manifest that says how it ended.
+
+        A second call does nothing.
 
         Parameters
         ----------
@@ -360,12 +354,10 @@ class Recorder:
         ended : datetime
             Aware.
         **manifest_updates
-            Further keys of the manifest.
+            Further keys of the manifest; `devices_after` goes into devices.jsonl.
 
         Raises
         ------
-        BugError
-            When the record is damaged; the manifest says so, and that the run failed.
         DiskError
             When it cannot be written; the run stays `incomplete`, and readable.
         """
@@ -373,40 +365,53 @@ class Recorder:
             raise InputError(f"exit_status is {exit_status!r}; it must be one of {', '.join(EXIT_STATUSES)}")
         if self._closed:
             return
-        ending = {
-            "exit_status": exit_status,
-            "reason": reason,
-            "ended": ended,
-            "trials_done": count_trials_done(self._counted),
-        }
+        after = manifest_updates.pop("devices_after", None)
+        ending = {"exit_status": exit_status, "reason": reason, "ended": ended}
         try:
-            if self._can_crc32:
-                self._write_can_sum()
-            self._finish({**self._manifest, **ending, **manifest_updates}, ended)
+            if after is not None:
+                self._write_line(DEVICE_LINES, {"when": "end", "devices": after})
+            self._finish({**self._manifest, **ending, **manifest_updates, "summary": self._summarise()})
         finally:
             self._closed = True
             self._rounds.close()
             for lines in self._lines.values():
                 lines.close()
-            self._pictures.close()
             self._lock.release()
 
-    def _finish(self, manifest: Mapping[str, object], ended: datetime) -> None:
+    def _summarise(self) -> dict[str, object]:
+        """Return what a list of runs shows beside how the run ended."""
+        return {"trials_done": count_trials_done(self._events), "pictures": self._frames}
+
+    def _finish(self, manifest: Mapping[str, object]) -> None:
         with self._guard_disk(self.path):
             self._rounds.finish()
             self._make_round()()
         self._release_reserve()
-        sums = self._sums | self._pictures.sums(self._frames)
-        sums |= {name: lines.sha256 for name, lines in self._lines.items()}
-        text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
-        write_atomically(self.path / SHA256SUMS, text.encode())
-        write_closing_manifest(self.path, manifest, sums, ended)
+        document = encode_manifest(manifest)
+        sums = self._sums | {name: lines.sha256 for name, lines in self._lines.items()}
+        sums[MANIFEST] = hashlib.sha256(document).hexdigest()
+        write_atomically(self.path / SHA256SUMS, encode_sums(sums))
+        write_atomically(self.path / MANIFEST, document)
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
         """Append a line of rig time `t_s`."""
         if not math.isfinite(t_s):
             raise InputError(f"a line of {name} has the time {t_s}; rig time is a finite number of seconds")
         self._write_line(name, fields)
+
+    def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
+        self._write(name, encode_line({**fields, "seq": self._seq} if name in SEQUENCED else fields))
+        self._seq += name in SEQUENCED
+
+    def _write(self, name: str, lines: bytes) -> None:
+        """Append lines to a file, which the first of them makes."""
+        if self._closed:
+            self._require_open()
+        held = self._appending if name == FRAME_LINES else nullcontext()
+        with self._guard_disk(self.path / name), held:
+            if name not in self._lines:
+                self._lines[name] = LineFile.create(self.path / name)
+            self._lines[name].append(lines)
 
     def _sync_each_period(self, t_s: float) -> None:
         """Start an fsync when rig time `t_s` begins a new period."""
@@ -430,14 +435,6 @@ class Recorder:
         if self._closed:
             raise RecordError(f"{self.path} is closed; nothing can be added to it")
 
-    def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
-        self._require_open()
-        held = self._appending if name == FRAME_LINES else nullcontext()
-        lines = self._lines[name]
-        with self._guard_disk(lines.path), held:
-            lines.append({**fields, "seq": self._seq} if name in SEQUENCED else fields)
-        self._seq += name in SEQUENCED
-
     @contextmanager
     def _guard_disk(self, path: Path) -> Iterator[None]:
         """Turn a fault of the disk into a `DiskError` and free the reserve for the last lines of the run."""
@@ -457,3 +454,105 @@ class Recorder:
         # If even this fails, the fault of the disk is being raised already.
         with suppress(OSError):
             (self.path / RESERVE).unlink()
+
+
+def require_free_name(runs_dir: Path, run_name: str) -> None:
+    """Refuse the name of a run that exists already, before any work. Raises `OutputExistsError`, `InputError`."""
+    path = runs_dir / require_name(run_name, "the run name")
+    if path.exists():
+        raise _make_name_error(path)
+
+
+def create_under_free_name(started: datetime, what: str, create: Callable[[str], _Created]) -> _Created:
+    """Create a run under the first name that is free: TIME-WHAT, TIME-WHAT-2 ...
+
+    A name belongs to whoever makes its folder, so runs that start in the same second get different names.
+
+    Parameters
+    ----------
+    create : callable
+        Creates a run of a name. Its `OutputExistsError` has the next name tried; other errors are raised.
+    """
+    name = f"{started:%Y%m%d-%H%M%S}-{what}"
+    for number in count(1):
+        with suppress(OutputExistsError):
+            return create(name if number == 1 else f"{name}-{number}")
+    raise AssertionError("count() has no end")
+
+
+def make_reserve(path: Path) -> None:
+    """Reserve disk space for the end of the run.
+
+    When the disk is full, it still holds the last lines, SHA256SUMS (83 bytes a picture) and the manifest, so that the
+    record states that the run failed and why.
+    """
+    with open_descriptor(path / RESERVE, os.O_WRONLY | os.O_CREAT) as descriptor:
+        reserve(descriptor, _RESERVE_BYTES)
+
+
+def _make_opening_manifest(
+    run_name: str, given: Mapping[str, object], recording: Mapping[str, object]
+) -> dict[str, object]:
+    """Return the manifest that a run begins with, in the order of the file."""
+    defaults = {
+        "schema_version": SCHEMA_VERSION,
+        "run": run_name,
+        "experiment": None,
+        "title": "",
+        "exit_status": INCOMPLETE,
+        "reason": None,
+        "started": None,
+        "ended": None,
+        "trials_planned": None,
+        "summary": None,
+        "seed": None,
+        "operator": None,
+        "recording": recording,
+        "rig": _name_rig(given.get("devices")),
+    }
+    chosen = {key: value for key, value in given.items() if key != "devices"}
+    return defaults | chosen | {key: defaults[key] for key in _OWN_KEYS}
+
+
+def _name_rig(devices: object) -> dict[str, object] | None:
+    """Return name and kind of the rig, of all that the devices say; None without a rig."""
+    known = devices if isinstance(devices, Mapping) and devices else None
+    return None if known is None else {"name": known.get("rig"), "kind": known.get("kind")}
+
+
+def _at_begin(devices: object, t_s: float = 0.0) -> dict[str, object]:
+    """Return the line of devices.jsonl of a session that begins at rig time `t_s` [s]."""
+    return {"when": "begin", "t_s": t_s, "devices": devices or {}}
+
+
+def _read_source(source: Path) -> bytes:
+    try:
+        return read_file(source)
+    except OSError as error:
+        raise InputError(
+            f"cannot read the calibration file {source}: {error.strerror}", "check the rig file"
+        ) from error
+
+
+def _make_run_directory(path: Path) -> None:
+    """Make the folder of a run; an existing one is refused and left alone."""
+    with disk_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir()
+        except FileExistsError as error:
+            raise _make_name_error(path) from error
+
+
+def _make_name_error(path: Path) -> OutputExistsError:
+    return OutputExistsError(f"{path} exists already", "give the run another name")
+
+
+def _write_opening_files(path: Path, contents: Mapping[str, bytes]) -> None:
+    """Write what is known before anything moves, except the manifest."""
+    (path / FRAMES).mkdir()
+    (path / CALIBRATION).mkdir()
+    for name, content in contents.items():
+        write_and_rename(path / name, content)
+    sync_directory(path / CALIBRATION)
+    make_reserve(path)

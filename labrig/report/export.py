@@ -40,7 +40,7 @@ def write_tables(run: Run, formats: Iterable[str], folder: Path) -> None:
     DiskError
         When a file cannot be written.
     """
-    tables = run_tables(run, run.latest_result())
+    tables = run_tables(run, run.result)
     for name in formats:
         for file, content in FORMATS[name](run, tables).items():
             write_atomically(folder / file, content)

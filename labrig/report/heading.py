@@ -14,7 +14,6 @@ from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
 from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run
-from labrig.record.seal import find_root
 from labrig.report.decisions import list_decisions
 from labrig.report.formatting import UNKNOWN, Rows, format_time, format_value
 from labrig.text import format_count
@@ -73,7 +72,7 @@ def make_heading(
     """
     problems = tuple(
         (problem.where, problem.message.replace(str(run.path), run.shown_path), problem.hint)
-        for problem in run.problems
+        for problem in run.damage
     )
     known = {f"{where}: {message}" for where, message, _ in problems}
     measured = () if result is None else result.content.damage
@@ -138,12 +137,11 @@ def _list_annotations(run: Run) -> tuple[tuple[str, str], ...]:
         annotations = run.annotations
     except RecordError as error:
         return (("Notes", error.message.replace(f"{run.path}/", "")),)
-    verdict = ": ".join(filter(None, (annotations.verdict, annotations.verdict_reason)))
     notes = [
-        (", ".join(filter(None, (f"Note {note.note}", note.by, format_time(note.at)))), note.text)
-        for note in annotations.notes
+        (", ".join(filter(None, (f"Note {number}", note.by, format_time(note.at)))), note.text)
+        for number, note in enumerate(annotations.notes, start=1)
     ]
-    rows = (("Verdict", verdict), ("Tags", ", ".join(annotations.tags)), *notes)
+    rows = (("Verdict", annotations.verdict or ""), ("Tags", ", ".join(annotations.tags)), *notes)
     return tuple((term, text) for term, text in rows if text)
 
 
@@ -153,8 +151,7 @@ def _is_simulated(run: Run) -> bool:
 
 def _has_recorded_pictures(run: Run) -> bool:
     """Return whether the pictures came from a film or a folder instead of a camera."""
-    devices = run.manifest.get("devices")
-    camera = devices.get("camera") if isinstance(devices, Mapping) else None
+    camera = run.devices.get("camera")
     return isinstance(camera, Mapping) and bool(camera.get("recorded_pictures"))
 
 
@@ -233,7 +230,7 @@ def _list_facts(run: Run, facts: Rows) -> list[tuple[str, str]]:
         *facts,
         ("Pictures recorded", _count_pictures(run)),
         ("Seed", format_value(manifest.get("seed"))),
-        ("Root of the record, for a notebook", find_root(run.path) or UNKNOWN),
+        ("Checksum of the record, for a notebook", run.checksum or UNKNOWN),
     ]
 
 

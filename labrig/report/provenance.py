@@ -48,8 +48,7 @@ def describe_code(provenance: object) -> str:
 
 def _list_essentials(run: Run, result: AnyResult | None) -> Rows:
     """Return the code, the rig and the result in a line each."""
-    devices = run.manifest.get("devices")
-    rig = devices.get("rig") if isinstance(devices, Mapping) else None
+    rig = run.devices.get("rig")
     # A run may be resumed many times with the same code.
     resumed = dict.fromkeys(describe_code(session.get("provenance")) for session in run.sessions)
     return (
@@ -76,7 +75,7 @@ def _make_details(run: Run, result: AnyResult | None) -> tuple[Section, ...]:
         Section("Measured with", measured),
         Section("Analysis", () if result is None else _list_analysis(result)),
         Section("SHA-256 of what was used", _list_hashes(run, result)),
-        Section("Devices", _list_devices(run.manifest.get("devices"))),
+        Section("Devices", _list_devices(run.devices)),
     )
 
 
@@ -97,7 +96,7 @@ def _list_analysis(result: AnyResult) -> Rows:
 
 def _list_hashes(run: Run, result: AnyResult | None) -> Rows:
     inputs = {} if result is None else result.content.inputs
-    recorded = (row for row in _list_rows(run.manifest.get("hashes")) if row[1] not in inputs.values())
+    recorded = (row for row in run.hashes.items() if row[1] not in inputs.values())
     return (*inputs.items(), *recorded)
 
 

@@ -65,7 +65,7 @@ def write_view(run: Run, lines: CentreLines, view: View, describe_status: Descri
     """
     path = run.path / VIEW
     # rerun does not report a full disk. JPEG needs less space than the lossless pictures.
-    files = {run.path / picture.file for picture in run.pictures}
+    files = {run.path / picture.file for picture in run.pictures.places}
     require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
     with disk_errors(path), temporary_file(path) as unfinished:
         # Made here, because rerun does not report a folder that it cannot write either.

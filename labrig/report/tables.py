@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from labrig.record.annotations import Annotations
+from labrig.record.notes import Annotations
 from labrig.record.reader import Run
 from labrig.record.tables import split_vectors
 
@@ -16,7 +16,7 @@ Tables = dict[str, pd.DataFrame]
 _Known = Sequence[Mapping[str, object]]
 
 _ABOUT = ("run", "experiment", "title", "exit_status", "reason", "started", "ended", "seed", "operator")
-_NOTE = ("note", "revision", "text", "by", "at")
+_NOTE = ("text", "by", "at")
 # The provenance of a result and the variations of a plane map stay in result.json; rolls have a table.
 _LEFT_OUT = frozenset({"schema_version", "inputs", "provenance", "rolls_rad", "deflections_mm", "variations"})
 
@@ -63,7 +63,6 @@ def _make_run_table(run: Run, annotations: Annotations) -> pd.DataFrame:
     row |= {
         "tags": ", ".join(annotations.tags),
         "verdict": annotations.verdict,
-        "verdict_reason": annotations.verdict_reason,
     }
     return pd.DataFrame([row])
 

@@ -53,7 +53,6 @@ def write_report(
     shown = {"heading": heading, "load": load, "provenance": provenance, **page.shown}
     content = render(TEMPLATES / "bare.html.jinja" if page.template is None else page.template, shown)
     write_atomically(path, content.encode("utf-8"))
-    run.seal_page(path, created)
     return path
 
 

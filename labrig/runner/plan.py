@@ -153,7 +153,7 @@ def estimate_disk_bytes(plan: RunPlan, rig: RigDescription | None) -> int:
     """Return the disk space that a run will take [bytes]; 0 without a rig (None)."""
     if rig is None:
         return 0
-    share = 1.0 if rig.camera.store == "raw" else _PNG_SHARE
+    share = 1.0 if rig.camera.store == "pgm" else _PNG_SHARE
     frame_bytes = int(share * rig.camera.width_px * rig.camera.height_px)
     states_bytes = int(plan.duration_s * rig.recording.state_rate_hz * _BYTES_A_STATE)
     return plan.pictures * frame_bytes + states_bytes

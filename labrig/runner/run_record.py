@@ -9,9 +9,8 @@ from labrig.clock import Clock
 from labrig.devices.rig_file import RigDescription
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import CodeChanges, collect_code_diff, collect_provenance
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.experiment import Experiment
 
 
@@ -78,17 +77,16 @@ def open_record(
             plugin.title: plugin.origin
             for plugin in (order.experiment.plugin, *(() if rig is None else rig.plugins))
         },
+        "protocol": order.protocol.model_dump(mode="json", exclude_none=True),
         "devices": devices,
     }
-    create = partial(
-        Recorder.create,
-        order.runs_dir,
-        manifest=manifest,
-        protocol_yaml=dump_yaml(order.protocol),
-        rig_yaml=None if rig is None else dump_yaml(rig),
-        calibration_files={} if rig is None else rig.calibration_files(),
-        code_diff=collect_code_diff(changes),
+    files = RunFiles(
+        dump_yaml(order.protocol),
+        None if rig is None else dump_yaml(rig),
+        {} if rig is None else rig.calibration_files(),
+        collect_code_diff(changes),
     )
+    create = partial(Recorder.create, order.runs_dir, manifest=manifest, files=files)
     if rig is not None:
         create = partial(
             create,

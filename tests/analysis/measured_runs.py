@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from tests.record.runs import ENDED, STARTED, picture
 
 COLUMNS = [
@@ -54,7 +54,7 @@ def write_measured_run(
     manifest = {"experiment": "import", "started": STARTED, "title": name, "trials_planned": 3, "seed": 7}
     blocks = ", ".join(f'{{block: {{name: "{specimen}"}}}}' for specimen in with_file)
     protocol = f"{PROTOCOL_YAML}specimens: [{blocks}]\n" if with_file else PROTOCOL_YAML
-    recorder = Recorder.create(runs_dir, name, manifest, protocol, None, calibration)
+    recorder = Recorder.create(runs_dir, name, manifest, RunFiles(protocol, None, calibration))
     rows: list[list[object]] = []
     for (specimen, gelatin), values in radii_mm.items():
         for hole, radius_mm in enumerate(values):
@@ -95,4 +95,4 @@ def add_result(
     (folder / "tables.json").write_text(json.dumps(listed), encoding="utf-8")
     document = {"settings": dict(settings), "overrides": list(overrides), "not_in_interval": ["surface"]}
     (folder / "result.json").write_text(json.dumps(document), encoding="utf-8")
-    opened.seal_result(folder, "2026-03-02T10:00:00+00:00")
+    opened.finish_result(folder)

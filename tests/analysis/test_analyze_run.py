@@ -34,7 +34,6 @@ from tests.analysis.synthetic import (
     record_sweep,
 )
 from tests.disks import full_disk
-from tests.record.runs import without_chain
 
 
 def _raw_bytes(run: Path) -> dict[str, str]:
@@ -133,15 +132,13 @@ def test_a_picture_with_a_flipped_bit_is_told_by_its_hash(folder: Path) -> None:
 
 
 def test_damage_of_the_record_is_in_the_result(folder: Path) -> None:
-    """A closed run that lost the end of its states and its sums is measured, and both are named."""
+    """A closed run that lost the end of its states is measured, and they are named."""
     run = record_sweep(folder)
     states = run.path / "states.jsonl"
     states.write_bytes(states.read_bytes()[:-10])
-    (run.path / "SHA256SUMS").unlink()
     measured = measure(open_run(run.path))
-    torn, sums = measured.result.document["damage"]
+    (torn,) = measured.result.document["damage"]
     assert torn.startswith("states.jsonl:")
-    assert sums == "SHA256SUMS: it is missing, though the run was closed"
     assert measured.content.mean_radius_mm is not None
 
 
@@ -175,7 +172,6 @@ def test_a_torn_last_line_of_a_killed_run_is_no_damage(folder: Path) -> None:
     with (run.path / "states.jsonl").open("ab") as file:
         file.write(b'{"t_s":')
     again = open_run(run.path)
-    assert len(again.problems) == 1
     assert measure(again).content.damage == ()
 
 
@@ -266,12 +262,12 @@ def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
     file = result.path / "result.json"
     content = file.read_bytes()
     file.write_bytes(content.replace(b"27.", b"99."))
-    with pytest.raises(RecordError, match=r"001/result\.json: it was changed"):
+    with pytest.raises(RecordError, match=r"001/result\.json: it does not fit"):
         load_run_result(run)
-    file.write_bytes(content)
-    without_chain(run.path)
-    document = json.loads(file.read_text())
+    document = json.loads(content)
     file.write_text(json.dumps({**document, "schema_version": 2}))
+    (result.path / "SHA256SUMS").unlink()
+    run.finish_result(result.path)
     with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
         load_run_result(run)
 
@@ -320,8 +316,6 @@ def test_a_folder_beside_the_results_is_none_of_them(folder: Path) -> None:
     run = record_sweep(folder)
     result = measure(run).result
     shutil.copytree(result.path, result.path.with_name("001.bak"))
-    assert run.result_numbers == (1,)
-    without_chain(run.path)
     assert run.result_numbers == (1,)
 
 

@@ -22,7 +22,7 @@ from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
 
-FIRST = Path(__file__).parents[2] / "data" / "first-record"
+FIRST = Path(__file__).parents[2] / "tests" / "records" / "steerability"
 
 
 def analyze(runs: Sequence[Path], **options: Any) -> list[Outcome]:
@@ -43,7 +43,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
         [*runs, tmp_path / "none"],
         progress=lambda done, total, run: updates.append((done, total, run.name)),
     )
-    pictures = [len(open_run(run).frames) for run in runs]
+    pictures = [len(open_run(run).pictures) for run in runs]
     assert updates == sorted(updates)
     assert [update for update in updates if update[0] == 0] == []
     assert updates[-1] == (sum(pictures) + 1, sum(pictures) + 1, "none")

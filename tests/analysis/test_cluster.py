@@ -27,7 +27,7 @@ from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 
 ROOT = Path(__file__).parents[2]
-FIRST = ROOT / "data" / "first-record"
+FIRST = ROOT / "tests" / "records" / "steerability"
 
 _LOOPBACK = {
     "host": "127.0.0.1",

@@ -26,8 +26,7 @@ from labrig.devices.rig import open_rig
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.repair import repair_run
-from labrig.record.writer import Recorder
+from labrig.record.reopen import reopen_run
 from labrig.runner.conduct import conduct_remainder
 from labrig.runner.session import Session
 from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, SHORT, UNKILLED, never, rig, short_protocol
@@ -139,7 +138,7 @@ def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
         if (folder / ACKNOWLEDGED).exists()
         else Counter()
     )
-    run = open_run(path, read_pictures=True)
+    run = open_run(path)
     opened = not run.damage and not check_run(path).damage
     lines = {stream: run.lines(stream) for stream in _STREAMS}
     nothing_lost = all(len(lines[stream]) >= acknowledged[stream] for stream in _STREAMS)
@@ -153,10 +152,10 @@ def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
 
 def _is_repaired(path: Path, lines: Mapping[str, list[dict[str, object]]]) -> bool:
     """Close a copy of a killed run, and return whether it is sound and holds the same lines."""
-    repair_run(path, _STARTED)
-    verdict, run = check_run(path), open_run(path, read_pictures=True)
+    reopen_run(path, "benchmark").close("aborted", "killed", _STARTED)
+    verdict, run = check_run(path), open_run(path)
     same = all(run.lines(stream) == lines[stream] for stream in _STREAMS)
-    return same and not verdict.damage and not run.problems and verdict.exit_status != "incomplete"
+    return same and not verdict.damage and not run.damage and verdict.exit_status != "incomplete"
 
 
 def _is_resumed(path: Path, unkilled: RunSource) -> tuple[bool, bool]:
@@ -178,11 +177,11 @@ def _resume(path: Path, name: str) -> None:
     experiment = find_run_experiment(run)
     remainder = experiment.resume(protocol, run)
     if not remainder.left:
-        recorder = Recorder.reopen(path, "benchmark")
+        recorder = reopen_run(path, "benchmark")
         recorder.close("success", "", _STARTED)
         return
     with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
-        recorder = Recorder.reopen(path, "benchmark")
+        recorder = reopen_run(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
         conduct_remainder(experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
 

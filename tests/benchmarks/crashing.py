@@ -20,7 +20,7 @@ from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import conduct
 from labrig.runner.session import Session
 from tests.cli.example_runs import SHORTENED
@@ -97,9 +97,11 @@ def run_once(name: str, folder: Path) -> None:
                 "seed": protocol.seed,
                 "devices": opened.describe(),
             },
-            dump_yaml(protocol),
-            dump_yaml(description),
-            {name: CALIBRATION / f"simulated-{name}" for name in ("intrinsics.json", "plane.json")},
+            RunFiles(
+                dump_yaml(protocol),
+                dump_yaml(description),
+                {name: CALIBRATION / f"simulated-{name}" for name in ("intrinsics.json", "plane.json")},
+            ),
         )
         conduct(
             find_experiment(protocol.experiment),

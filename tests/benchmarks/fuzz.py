@@ -48,12 +48,12 @@ from labrig.posix import WORKER_START_METHOD
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol
 from labrig.protocol.specimen_file import load_specimen
-from labrig.record.annotations import note_on_run
+from labrig.record.catalogue import find_runs
 from labrig.record.check import check_run
-from labrig.record.json_lines import checksum, encode_line
+from labrig.record.json_lines import encode_line
 from labrig.record.lock import read_lock_owner
+from labrig.record.notes import annotate_run
 from labrig.record.reader import open_run
-from labrig.record.search import find_runs
 from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
 from labrig.vision.mask import load_mask
 from labrig.vision.picture import read_picture
@@ -383,7 +383,7 @@ def _record(name: str) -> Mapping[str, bytes]:
             scale = ("--px-per-mm", "5", "--origin-px", "1", "2", "--insertion", "right")
             run_command(["import", str(RECORDS / "import" / "frames"), *scale, "--runs-dir", folder])
             (run,) = (path for path in Path(folder).iterdir() if path.is_dir())
-            run_command(["runs", "note", str(run), "cloudy"])
+            run_command(["runs", "annotate", str(run), "--note", "cloudy"])
         return {
             path.relative_to(run).as_posix(): path.read_bytes()
             for path in sorted(run.rglob("*"))
@@ -439,14 +439,6 @@ def _reseal(files: Mapping[str, bytes]) -> dict[str, bytes]:
     with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
         listed = [line[66:] for line in files["SHA256SUMS"].decode().splitlines()]
         sealed["SHA256SUMS"] = b"".join(f"{sums[file]}  {file}\n".encode() for file in listed if file in sums)
-    with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        manifest = json.loads(files["manifest.json"])
-        del manifest["crc32"]
-        hashes = manifest["hashes"]
-        hashes["protocol_sha256"] = sums["protocol.yaml"]
-        hashes["rig_sha256"] = hashes["rig_sha256"] and sums["rig.yaml"]
-        hashes["calibration"] = {file: sums[f"calibration/{file}"] for file in hashes["calibration"]}
-        sealed["manifest.json"] = json.dumps({**manifest, "crc32": checksum(manifest)}, indent=2).encode()
     return sealed
 
 
@@ -459,7 +451,7 @@ def _read_record(place: FuzzPlace) -> int:
         lambda run: run.states,
         lambda run: run.events,
         lambda run: run.trials,
-        lambda run: [*run.frames],
+        lambda run: [*run.pictures],
         lambda run: run.frame_lines,
         lambda run: run.annotations,
         lambda run: run.sessions,
@@ -467,7 +459,7 @@ def _read_record(place: FuzzPlace) -> int:
         lambda run: find_run_experiment(run).result_model,
         load_run_result,
         lambda run: check_run(run.path),
-        lambda run: note_on_run(run.path, "x", revises=None, by="x", at=_NOW),
+        lambda run: annotate_run(run.path, note="x", by="x", at=_NOW),
     )
     try:
         run = open_run(path)
@@ -487,10 +479,10 @@ _QUICK = (
     ("runs", "check", "RUN", "--repair"),
     ("runs", "--runs-dir", "RUNS"),
     ("runs", "--runs-dir", "RUNS", "--where", "gelatin_percent=13 or trials_done>0", "--sort", "duration_s"),
-    ("runs", "diff", "RUN", "GOOD"),
-    ("runs", "note", "RUN"),
-    ("runs", "tag", "RUN", "--tag", "x"),
-    ("runs", "verdict", "RUN", "bad"),
+    ("runs", "show", "RUN"),
+    ("runs", "annotate", "RUN", "--note", "x"),
+    ("runs", "annotate", "RUN", "--tag", "x"),
+    ("runs", "annotate", "RUN", "--verdict", "bad"),
     ("resume", "RUN", "--rig", "RIG"),
     ("calibrate", "adopt", "RUN", "--rig", "RIG"),
     ("design", "--from-run", "RUN", "--grid-points", "3"),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from labrig.cli.live import follow_in_viewer
 from labrig.devices.clocks import SystemClock
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from labrig.report.viewer import find_viewer
 from tests.analysis.synthetic import needle_picture, plane_file
 from tests.benchmarks.table import print_rows
@@ -86,7 +86,9 @@ def _begin(folder: Path, name: str) -> Recorder:
         "trials_planned": 1,
         "seed": 1,
     }
-    return Recorder.create(folder, name, manifest, protocol, None, {"plane.json": plane_file(folder)})
+    return Recorder.create(
+        folder, name, manifest, RunFiles(protocol, None, {"plane.json": plane_file(folder)})
+    )
 
 
 def _write_stalled_viewer(folder: Path) -> str:

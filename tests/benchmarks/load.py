@@ -16,9 +16,8 @@ from pathlib import Path
 from labrig.devices.rig import Rig
 from labrig.errors import MachineError
 from labrig.posix import count_usable_cores
-from labrig.record.can_log import CanFrame
 from labrig.record.check import check_run
-from labrig.record.reader import Run, open_run
+from labrig.record.reader import CanFrame, Run, open_run
 from labrig.runner.supervised_record import begin_session
 from tests.benchmarks.can_load import open_served_rig
 from tests.benchmarks.table import print_rows

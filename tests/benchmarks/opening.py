@@ -34,7 +34,7 @@ from pathlib import Path
 from labrig.record.reader import open_run
 started_s = time.process_time()
 run = open_run(Path(RUN), read_pictures={checked})
-for picture in run.frames:
+for picture in run.pictures:
     assert picture.size
 """
 

@@ -31,7 +31,7 @@ STATES_HZ = 100
 CAMERA_BUFFERS = 4
 LATEST_S = CAMERA_BUFFERS / PICTURES_HZ
 PICTURES = 20
-LIMITS: dict[Store, float] = {"raw": 0.30, "png": 0.60}
+LIMITS: dict[Store, float] = {"pgm": 0.30, "png": 0.60}
 MOST_GROWTH_MB = 20.0
 
 

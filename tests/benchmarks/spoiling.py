@@ -1,13 +1,10 @@
-"""Ways to spoil a file: bytes at random, or its values, with checksums redone so that the deeper readers see them."""
+"""Ways to spoil a file: bytes at random, or its values."""
 
 import json
 import random
 import re
-import zlib
 from collections.abc import Callable, Sequence
 from typing import Any
-
-from labrig.record.json_lines import checksum
 
 Spoil = Callable[[random.Random, bytes], bytes]
 
@@ -63,21 +60,12 @@ def spoil_bytes(rng: random.Random, content: bytes) -> bytes:
 
 
 def spoil_json(rng: random.Random, content: bytes) -> bytes:
-    """Replace, delete, repeat or add values of a JSON document; a manifest gets the checksum that fits."""
-    document = json.loads(content)
-    is_manifest = isinstance(document, dict) and document.pop("crc32", None) is not None
-    text = _spoil_value(rng, document)
-    if not is_manifest:
-        return text.encode()
-    try:
-        spoilt = json.loads(text)
-        return json.dumps({**spoilt, "crc32": checksum(spoilt)}, indent=2).encode()
-    except (ValueError, TypeError, RecursionError):
-        return text.encode()
+    """Replace, delete, repeat or add values of a JSON document."""
+    return _spoil_value(rng, json.loads(content)).encode()
 
 
 def spoil_lines(rng: random.Random, content: bytes) -> bytes:
-    """Spoil values of lines, with the CRC that fits; or delete, repeat or exchange lines."""
+    """Spoil values of lines; or delete, repeat or exchange lines."""
     lines = content.splitlines()
     for _ in range(rng.choice((1, 1, 3))):
         place, other = (rng.randrange(len(lines)) for _ in range(2)) if lines else (0, 0)
@@ -93,15 +81,13 @@ def spoil_lines(rng: random.Random, content: bytes) -> bytes:
                     fields = json.loads(lines[place])
                 except (ValueError, RecursionError):  # spoilt before
                     continue
-                fields.pop("crc32", None)
                 lines[place] = encode_line(_spoil_value(rng, fields))
     return b"".join(line + b"\n" for line in lines)
 
 
 def encode_line(body: str) -> bytes:
-    """Return a line of a record with this JSON object, which need not be one, and its CRC."""
-    content = body.encode("utf-8", "backslashreplace")
-    return b'%s,"crc32":"%08x"}' % (content[:-1], zlib.crc32(content))
+    """Return a line of a record with this JSON object, which need not be one."""
+    return body.encode("utf-8", "backslashreplace")
 
 
 def spoil_yaml(rng: random.Random, content: bytes) -> bytes:
@@ -151,7 +137,7 @@ def _spoil_value(rng: random.Random, document: Any) -> str:
             case 0:
                 del holder[key]
             case 1 if isinstance(holder, dict):
-                holder[rng.choice(("x", "", "\ud800", "kind", "crc32"))] = holder.pop(key)
+                holder[rng.choice(("x", "", "\ud800", "kind"))] = holder.pop(key)
             case 2 if isinstance(holder, dict):
                 raw.append(json.dumps(holder[key]) + f", {json.dumps(key)}: {rng.choice(HOSTILE_JSON)}")
                 holder[key] = _MARK[1:-1]

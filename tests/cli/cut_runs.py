@@ -4,12 +4,12 @@ import json
 import shutil
 from pathlib import Path
 
-from labrig.record.json_lines import checksum, encode_document
+from labrig.record.manifest import encode_manifest, encode_sums, is_opening_file, read_sums
 
 
 def cut_short(run: Path, to: Path, after_s: float) -> Path:
     """Copy a finished run as it would stand if the power had gone at a rig time: open, its last event torn."""
-    shutil.copytree(run, to, ignore=shutil.ignore_patterns("analysis", "SHA256SUMS", "report.html"))
+    shutil.copytree(run, to, ignore=shutil.ignore_patterns("analysis", "report.html"))
     for name in ("frames.jsonl", "states.jsonl", "events.jsonl"):
         lines = (to / name).read_bytes().splitlines(keepends=True)
         kept = [line for line in lines if json.loads(line)["t_s"] <= after_s]
@@ -35,24 +35,16 @@ def _cut_truth(run: Path) -> None:
 
 
 def _cut_can(run: Path, after_s: float) -> None:
-    if not (run / "can.log").exists():
-        return
-    content = (run / "can.log").read_bytes()
-    sums = (run / "can.sums.jsonl").read_bytes().splitlines(keepends=True)
-    ends = [json.loads(line)["bytes"] for line in sums]
-    times = [float(content[:end].splitlines()[-1][1:].split(b")")[0]) for end in ends]
-    kept = sum(t_s <= after_s for t_s in times)
-    (run / "can.sums.jsonl").write_bytes(b"".join(sums[:kept]))
-    (run / "can.log").write_bytes(content[: [0, *ends][kept]])
+    if (run / "can.log").exists():
+        lines = (run / "can.log").read_bytes().splitlines(keepends=True)
+        kept = [line for line in lines if float(line[1:].split(b")")[0]) <= after_s]
+        (run / "can.log").write_bytes(b"".join(kept))
 
 
 def open_again(run: Path) -> None:
-    """Take the manifest and the chain back to what they are before a run is closed."""
-    links = (run / "chain.jsonl").read_bytes().splitlines(keepends=True)
-    closing = next(index for index, link in enumerate(links) if json.loads(link)["kind"] == "close")
-    (run / "chain.jsonl").write_bytes(b"".join(links[:closing]))
+    """Take manifest and sums back to what they are before a run is closed."""
+    sums = {name: sha256 for name, sha256 in read_sums(run)[0].items() if is_opening_file(name)}
+    (run / "SHA256SUMS").write_bytes(encode_sums(sums))
     document = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
-    document |= {"exit_status": "incomplete", "reason": None, "ended": None, "trials_done": 0}
-    document |= {"run": run.name}
-    del document["crc32"]
-    (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
+    document |= {"exit_status": "incomplete", "reason": None, "ended": None, "summary": None, "run": run.name}
+    (run / "manifest.json").write_bytes(encode_manifest(document))

@@ -7,7 +7,7 @@ from typing import Any
 from tests.cli.conftest import RIG, ROOT, printed_json
 
 PROTOCOLS = ROOT / "protocols"
-FIRST = ROOT / "data" / "first-record"
+FIRST = ROOT / "tests" / "records" / "steerability"
 
 # Each example as short as it can be and still succeed.
 SHORTENED: Mapping[str, tuple[str, ...]] = {

@@ -57,8 +57,8 @@ def main(runs: Path) -> None:
         call_command(words)
         for words in (
             ["runs", "--runs-dir", str(runs), "--where", "exit_status=success"],
-            ["runs", "check", interrupted, "--repair"],
-            ["runs", "note", closed, "cloudy"],
+            ["resume", interrupted, "--rig", "calibration/rig-simulated.yaml"],
+            ["runs", "annotate", closed, "--note", "cloudy"],
             ["reanalyze", closed],
             ["report", closed],
             ["export", closed, "--csv", "--out", str(runs / "tables")],

@@ -82,7 +82,7 @@ def test_a_run_is_found_by_the_name_that_the_list_shows(
         ("report",),
         ("runs", "check"),
         ("replay",),
-        ("runs", "diff", sweep.run.name),
+        ("runs", "show", sweep.run.name),
     ):
         done = labrig(*command, near)
         assert (done.exit_code, f"did you mean {sweep.run.name}?" in done.err) == (2, True), command

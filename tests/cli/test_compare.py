@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.record.annotations import judge_run
+from labrig.record.notes import annotate_run
 from tests.analysis.measured_runs import write_measured_run
 from tests.cli.conftest import Labrig
-from tests.record.faults import flip_bit
-from tests.record.runs import ENDED
+from tests.record.runs import ENDED, flip_bit
 from tests.report.conftest import HOSTILE
 
 SOFT, HARD = ("gel A", 10.0), ("gel B", 19.0)
@@ -55,7 +54,7 @@ def test_the_page_shows_what_people_wrote_as_text(labrig: Labrig, tmp_path: Path
     """Markup in the name of a needle, of a specimen or of a verdict is shown, and a formula in a cell is none."""
     radii = {(HOSTILE, 10.0): (28.0, 28.4), ("=1+1", 19.0): (27.0, 27.2)}
     run = write_measured_run(tmp_path, "a", radii, needle_id=HOSTILE)
-    judge_run(run, "doubtful", HOSTILE, by="somebody", at=ENDED)
+    annotate_run(run, verdict="doubtful", note=HOSTILE, by="somebody", at=ENDED)
     done = labrig("compare", run, "--by", "specimen", "--by", "needle", "--out", tmp_path / "out")
     html = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert done.exit_code == 0

@@ -57,11 +57,11 @@ def test_the_run_answers_as_labrig_design_does(ran: Ran) -> None:
 def test_the_record_is_whole_and_has_no_rig(ran: Ran) -> None:
     """A closed run without rig.yaml, pictures or moves, with its protocol."""
     run = open_run(ran.run)
-    assert run.problems == ()
+    assert run.damage == ()
     assert not (ran.run / "rig.yaml").exists()
     assert run.protocol["experiment"] == "design"
     assert list(run.events["kind"]) == ["run_start", "run_stop"]
-    assert (len(run.frames), run.manifest["devices"]) == (0, {})
+    assert (len(run.pictures), run.devices) == (0, {})
 
 
 def test_the_grid_stands_beside_the_result(ran: Ran) -> None:

@@ -12,7 +12,7 @@ import pytest
 from labrig.record.check import check_run
 from labrig.record.reader import open_run
 from tests.cli.conftest import RIG, ROOT, SHORT_SWEEP, SWEEP
-from tests.record.faults import killed_run
+from tests.record.runs import killed_run
 
 UNSHARE = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
 
@@ -64,14 +64,14 @@ def test_the_axes_stop_and_the_record_says_why(
     assert document["exit_status"] == "failed"
     opened, verdict = open_run(run), check_run(run)
     assert re.search(reason, str(opened.manifest["reason"]))
-    assert (opened.manifest["exit_status"], opened.problems, verdict.damage) == ("failed", (), ())
+    assert (opened.manifest["exit_status"], opened.damage, verdict.damage) == ("failed", (), ())
     assert list(opened.events["kind"])[-1] == "run_stop"
-    assert len(list(opened.frames)) == len(opened.frame_table) > 5
+    assert len(list(opened.pictures)) == len(opened.frame_table) > 5
     halted = [frame for frame in list(opened.can_frames)[-60:] if frame.data[1:3] == b"\x40\x60"]
     assert halted, "every axis was told to stop"
 
 
-def test_a_quota_on_raw_frames_ends_the_run_intact(tmp_path: Path) -> None:
+def test_a_quota_on_files_ends_the_run_intact(tmp_path: Path) -> None:
     """It fails with the reason, and every acknowledged picture is readable."""
     command: list[object] = [
         sys.executable,
@@ -84,8 +84,8 @@ def test_a_quota_on_raw_frames_ends_the_run_intact(tmp_path: Path) -> None:
         "--runs-dir",
         tmp_path,
     ]
-    command += ["--run-name", "run", "--json", *SHORT_SWEEP, "--set", "rig.camera.store=raw"]
-    script = ["bash", "-c", 'ulimit -f 6000; exec "$@"', "bash"]
+    command += ["--run-name", "run", "--json", *SHORT_SWEEP, "--set", "rig.camera.store=pgm"]
+    script = ["bash", "-c", 'ulimit -f 60; exec "$@"', "bash"]
     done = subprocess.run(
         [*script, *map(str, command)], cwd=ROOT, capture_output=True, text=True, check=False
     )
@@ -93,13 +93,13 @@ def test_a_quota_on_raw_frames_ends_the_run_intact(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["exit_status"] == "failed"
     run = open_run(tmp_path / "run")
     assert "File too large" in str(run.manifest["reason"])
-    assert (run.problems, check_run(tmp_path / "run").damage) == ((), ())
-    assert len(list(run.frames)) == len(run.frame_table) == 6_000 * 1024 // (1280 * 720)
+    assert (run.damage, check_run(tmp_path / "run").damage) == ((), ())
+    assert len(list(run.pictures)) == len(run.frame_table)
 
 
 def test_commands_on_a_full_disk_say_so_and_change_nothing(tmp_path: Path) -> None:
     """Each gives exit code 3 with the file, or an answer; no run is touched."""
-    shutil.copytree(ROOT / "data" / "first-record", tmp_path / "runs" / "closed")
+    shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / "runs" / "closed")
     killed_run(tmp_path / "runs", "open")
     disk = tmp_path / "disk"
     mount = _mounting(disk, "4m")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from labrig.record.json_lines import decode_line, encode_line
+from labrig.record.json_lines import encode_line, read_lines
 from tests.cli.conftest import ROOT, Labrig
 from tests.cli.cut_runs import open_again
 
 KEPT = ROOT / "tests" / "records"
-NAMES = sorted(path.name for path in KEPT.iterdir())
+NAMES = sorted(path.name for path in KEPT.iterdir() if path.is_dir())
 AGREES = ("identical", "equivalent")
 
 
@@ -40,7 +40,7 @@ def test_together_they_are_small() -> None:
 def test_a_kept_record_is_sound(kept: Path, labrig: Labrig) -> None:
     """Every file of a kept record passes its checksums."""
     (row,) = labrig("runs", "check", kept, "--json").json()
-    assert (row["ok"], row["damage"], row["torn"], row["exit_status"]) == (True, [], [], "success")
+    assert (row["ok"], row["damage"], row["notices"], row["exit_status"]) == (True, [], [], "success")
 
 
 @pytest.mark.processors
@@ -70,13 +70,12 @@ def test_a_decision_that_was_altered_by_hand_is_different(tmp_path: Path, labrig
     """Whatever the processor: one word of one question is not what the procedure says."""
     run = Path(shutil.copytree(KEPT / name, tmp_path / name))
     events = run / "events.jsonl"
-    lines = [decode_line(line) for line in events.read_bytes().splitlines()]
+    lines = read_lines(events)
     number = next(n for n, line in enumerate(lines) if line["kind"] == "operator" and line["details"])
     details = dict(lines[number]["details"])  # type: ignore[call-overload]
     key = next(iter(details))
     lines[number] |= {"details": details | {key: f"{details[key]} other"}}
     events.write_bytes(b"".join(map(encode_line, lines)))
-    (run / "SHA256SUMS").unlink()
     open_again(run)
     done = labrig("replay", run, "--json")
     replay = done.json()

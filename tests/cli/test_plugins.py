@@ -206,7 +206,7 @@ def test_a_record_is_read_without_the_packages_that_made_it(
     for command in (
         ("runs", "--runs-dir", tmp_path),
         ("runs", "check", outside_run),
-        ("runs", "tag", outside_run, "--tag", "good"),
+        ("runs", "annotate", outside_run, "--tag", "good"),
         ("view", outside_run, "--no-open"),
         ("export", outside_run, "--csv", "--out", tmp_path / "tables"),
     ):

@@ -46,17 +46,17 @@ def test_reanalyzing_gives_the_same_numbers_in_a_new_result(
 
 def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> None:
     """Unchanged settings give identical numbers; changed ones name the first picture that differs in each run."""
-    first = ROOT / "data" / "first-record"
+    first = ROOT / "tests" / "records" / "steerability"
     runs = [shutil.copytree(first, tmp_path / name) for name in ("one", "two")]
     rows = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
     assert [(row["run"], row["ok"], row["parent"]) for row in rows] == [(str(run), True, 1) for run in runs]
-    assert {row["first_difference"]["frame"] for row in rows} == {2}
+    assert {row["first_difference"]["frame"] for row in rows} == {3}
     own = labrig("reanalyze", *runs, "--json").json()
     assert [(row["parent"], Path(row["analysis"]).name) for row in own] == [(1, "003"), (1, "003")]
     again = labrig("reanalyze", *runs, "--json").json()
     assert [(row["parent"], row["first_difference"]) for row in again] == [(3, None), (3, None)]
     printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=6").out
-    assert printed.count("first in frame 2: measurements.0.") == 2
+    assert printed.count("first in frame 3: measurements.0.") == 2
     assert "old: analysis/004, the run's own settings" in printed
     assert "new: analysis/005, analysis.window_start_mm=6" in printed
 
@@ -64,9 +64,9 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
 def test_the_runs_that_fit_a_condition_are_reanalyzed(labrig: Labrig, tmp_path: Path) -> None:
     """`--where` chooses as `labrig runs --where` does, from the folder of runs that is named; results are the same."""
     for name in ("one", "two", "other"):
-        shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
+        shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / name)
     for name in ("one", "two"):
-        labrig("runs", "tag", tmp_path / name, "-t", "pilot")
+        labrig("runs", "annotate", tmp_path / name, "--tag", "pilot")
     where = ("--where", "tag=pilot", "--runs-dir", tmp_path)
     rows = labrig("reanalyze", *where, "--workers", "1", "--json").json()
     assert {Path(row["run"]).name for row in rows} == {"one", "two"}
@@ -76,7 +76,7 @@ def test_the_runs_that_fit_a_condition_are_reanalyzed(labrig: Labrig, tmp_path: 
 
 def test_runs_to_reanalyze_are_named_or_chosen(labrig: Labrig, tmp_path: Path) -> None:
     """Neither runs nor a condition, or both, is refused, as is a condition that no run fits."""
-    shutil.copytree(ROOT / "data" / "first-record", tmp_path / "one")
+    shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / "one")
     here = ("--runs-dir", tmp_path)
     for wrong in ((), (tmp_path / "one", "--where", "tag=pilot"), ("--where", "needle=none")):
         done = labrig("reanalyze", *wrong, *here)
@@ -92,7 +92,7 @@ def test_a_setting_with_a_slip_is_refused_with_the_nearest(
     labrig: Labrig, tmp_path: Path, setting: str
 ) -> None:
     """A misspelt section or key is refused with a suggestion, and no result is made."""
-    run = shutil.copytree(ROOT / "data" / "first-record", tmp_path / "run")
+    run = shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / "run")
     done = labrig("reanalyze", run, "--set", setting)
     assert done.exit_code == 2
     assert "did you mean analysis" in done.err or "did you mean window_start_mm" in done.err
@@ -184,7 +184,7 @@ def test_the_headline_names_a_result_that_was_chosen_or_has_other_settings(
     """`report --result` shows another one; a verdict against the run changes the badge; an unknown number is wrong."""
     run = shutil.copytree(ROOT / "tests" / "records" / "import", tmp_path / "import")
     labrig("reanalyze", run, "--set", "analysis.window_start_mm=5")
-    labrig("runs", "verdict", run, "doubtful")
+    labrig("runs", "annotate", run, "--verdict", "doubtful")
     headers = []
     for choice in ((), ("--result", 1)):
         assert labrig("report", run, *choice).exit_code == 0

@@ -13,11 +13,10 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.lock import FileLock
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, SweepRun
 from tests.cli.cut_runs import cut_short
-from tests.record.faults import killed_run
-from tests.record.runs import ENDED
+from tests.record.runs import ENDED, killed_run
 
 
 def radii(document: dict[str, Any]) -> dict[int, float]:
@@ -174,7 +173,7 @@ def test_a_needle_of_a_run_that_cannot_be_continued_has_a_way_out(labrig: Labrig
             "started": "2026-03-02T09:30:00+00:00",
             "devices": {"kind": kind},
         }
-        recorder = Recorder.create(tmp_path, f"{kind} rig", manifest, protocol, None, {})
+        recorder = Recorder.create(tmp_path, f"{kind} rig", manifest, RunFiles(protocol))
         recorder.event("trial_start", 0.0, trial=0)
         recorder.state(1.0, insertion_mm=5.0, rotation_rad=0.0, linear_mm=1.0)
         done = labrig("resume", recorder.path)

@@ -7,7 +7,7 @@ import pytest
 
 from labrig.record.lock import FileLock
 from tests.cli.conftest import Labrig, SweepRun
-from tests.record.runs import begin
+from tests.record.runs import begin, flip_bit
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def shelf(sweep: SweepRun, tmp_path: Path) -> Path:
 
 def test_runs_are_filtered_and_sorted(labrig: Labrig, shelf: Path) -> None:
     """The condition of the manual finds the runs, and lists the fields that it uses."""
-    labrig("runs", "tag", shelf / "two", "-t", "pilot")
+    labrig("runs", "annotate", shelf / "two", "--tag", "pilot")
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=19 and tag=pilot", "--json")
     (row,) = done.json()
     assert (Path(row["run"]).name, row["tags"]) == ("two", ["pilot"])
@@ -54,55 +54,74 @@ def test_nothing_that_fits_is_no_error(labrig: Labrig, shelf: Path) -> None:
 
 
 def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_path: Path) -> None:
-    """The list names the command that resumes, withdraws or closes a run, or the process that writes it."""
+    """Withdraw a needle that may be in tissue first, then continue; or who writes it. One that is judged is done."""
     for name, experiment, kind in (
-        ("a sweep", "steerability", "real"),
-        ("needle", "roll-zero", "real"),
+        ("a sweep", "steerability", "bench"),
+        ("needle", "roll-zero", "bench"),
         ("other", "roll-zero", "simulated"),
     ):
-        sources = {"rig": "the bench.yaml" if name == "needle" else None}
-        begin(tmp_path / "writing", name, experiment=experiment, devices={"kind": kind}, sources=sources)
+        sources = {"rig": "the bench.yaml" if name != "other" else None}
+        recorder = begin(
+            tmp_path / "writing", name, experiment=experiment, devices={"kind": kind}, sources=sources
+        )
+        recorder.event("trial_start", 0.0, trial=0)
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
-    done = labrig("runs", "--runs-dir", tmp_path / "runs")
-    assert f"a sweep was interrupted; continue it: labrig resume '{tmp_path}/runs/a sweep'" in done.err
-    assert f"labrig devices withdraw --rig 'the bench.yaml' --run {tmp_path}/runs/needle\n" in done.err
-    assert f"other was interrupted; close it: labrig runs check {tmp_path}/runs/other --repair" in done.err
+    said = labrig("runs", "--runs-dir", tmp_path / "runs").err
+    place = f"{tmp_path}/runs"
+    assert (
+        "a sweep was interrupted; take out a needle that is still in tissue: "
+        f"labrig devices withdraw --rig 'the bench.yaml' --run '{place}/a sweep'\n"
+        f"  then continue it: labrig resume '{place}/a sweep'" in said
+    )
+    assert f"labrig devices withdraw --rig 'the bench.yaml' --run {place}/needle\n" in said
+    assert f"labrig runs annotate {place}/other --verdict bad" in said
+    labrig("runs", "annotate", f"{place}/needle", "--verdict", "bad")
     with FileLock(tmp_path / "runs" / "other" / ".lock").acquire("labrig run"):
-        done = labrig("runs", "--runs-dir", tmp_path / "runs", "--where", "run=other")
-    assert "other is going on: labrig run (process" in done.err
+        said = labrig("runs", "--runs-dir", tmp_path / "runs").err
+    assert "other is going on: labrig run (process" in said
+    assert "needle was interrupted" not in said
 
 
-def test_notes_and_verdict_are_kept_in_the_run(labrig: Labrig, shelf: Path) -> None:
-    """A note, its revision and a verdict are appended to the run and read back with their author."""
-    run = shelf / "one"
-    labrig("runs", "note", run, "gel was cloudy", "--by", "Chen")
-    labrig("runs", "note", run, "gel 3 was cloudy", "--revise", "1", "--by", "Yang")
-    document = labrig(
-        "runs", "verdict", run, "doubtful", "--reason", "cloudy", "--by", "Chen", "--json"
-    ).json()
-    assert (document["verdict"], document["verdict_reason"]) == ("doubtful", "cloudy")
-    printed = labrig("runs", "note", run).out.splitlines()
-    assert printed[0].startswith("1.1 ")
-    assert printed[0].endswith("Chen: gel was cloudy")
-    assert printed[1].endswith("Yang: gel 3 was cloudy")
-    assert labrig("runs", "note", run, "text", "--revise", "7").exit_code == 2
+def test_what_people_say_is_kept_in_the_run(labrig: Labrig, shelf: Path) -> None:
+    """Tags, notes and a verdict are added to runs, and read back with their author."""
+    runs = (shelf / "one", shelf / "two")
+    said = ("--tag", "pilot", "--note", "gel was cloudy", "--verdict", "doubtful", "--by", "Chen")
+    assert labrig("runs", "annotate", *runs, *said).exit_code == 0
+    assert labrig("runs", "annotate", runs[0], "--untag", "pilot", "--note", "gel 3").exit_code == 0
+    rows = labrig("runs", "annotate", *runs, "--json").json()
+    assert [(row["tags"], row["verdict"], len(row["notes"])) for row in rows] == [
+        ([], "doubtful", 2),
+        (["pilot"], "doubtful", 1),
+    ]
+    assert rows[1]["notes"][0]["by"] == "Chen"
+    assert labrig("runs", "annotate", runs[0], "--untag", "other").exit_code == 2
+    assert labrig("runs", "annotate", shelf, "--note", "text").exit_code == 4
 
 
-def test_two_runs_are_compared(labrig: Labrig, shelf: Path) -> None:
-    """A copy of a run has no differences; another analysis of it differs in its results."""
-    document = labrig("runs", "diff", shelf / "one", shelf / "two", "--json").json()
-    assert (document["identical"], document["differences"]) == (True, [])
-    labrig("reanalyze", shelf / "two", "--set", "analysis.window_start_mm=6")
-    found = labrig("runs", "diff", shelf / "one", shelf / "two", "--json").json()["differences"]
-    assert {row["section"] for row in found} == {"results"}
-    assert {"section": "results", "key": "settings.window_start_mm", "a": 4.0, "b": 6.0} in found
-    printed = labrig("runs", "diff", shelf / "one", shelf / "two").out
-    assert "mean_radius_mm" in printed
-    assert max(map(len, printed.splitlines())) <= 100
+def test_a_run_is_shown_with_its_events(labrig: Labrig, shelf: Path) -> None:
+    """What it is, how it ended, what people say of it, and a sentence for each event with its rig time."""
+    labrig("runs", "annotate", shelf / "one", "--note", "gel was cloudy", "--by", "Chen")
+    document = labrig("runs", "show", shelf / "one", "--json").json()
+    assert (document["exit_status"], document["experiment"]) == ("success", "steerability")
+    assert document["notes"][0]["text"] == "gel was cloudy"
+    assert document["result"]["mean_radius_mm"] > 20
+    told, every = (labrig("runs", "show", shelf / "one", *more).out for more in ((), ("--all",)))
+    assert "Chen: gel was cloudy" in told
+    assert len(every.splitlines()) > len(told.splitlines()) > 10
+    assert "trial 1" in told
+    followed = labrig("runs", "show", shelf / "one", "--follow").out.splitlines()
+    assert followed == told.splitlines()[-len(followed) :]
+    assert labrig("runs", "show", shelf / "one", "--follow", "--json").exit_code == 2
 
 
-def test_a_folder_that_is_no_run_exits_with_4(labrig: Labrig, tmp_path: Path) -> None:
-    """Nothing is written into a folder that holds no run."""
-    assert labrig("runs", "note", tmp_path, "text").exit_code == 4
-    assert labrig("runs", "diff", tmp_path, tmp_path).exit_code == 4
-    assert list(tmp_path.iterdir()) == []
+def test_a_check_names_what_was_changed_lost_and_added(labrig: Labrig, shelf: Path) -> None:
+    """Each with its file; what was added is no damage."""
+    sound = labrig("runs", "check", shelf / "one")
+    assert (sound.exit_code, "sound, closed as success" in sound.out) == (0, True)
+    flip_bit(shelf / "one" / "frames" / "000000.png")
+    (shelf / "one" / "states.jsonl").unlink()
+    (shelf / "two" / "Thumbs.db").write_text("")
+    rows = labrig("runs", "check", shelf / "one", shelf / "two", "--json")
+    assert (rows.exit_code, [row["ok"] for row in rows.json()]) == (4, [False, True])
+    assert {row["where"] for row in rows.json()[0]["damage"]} == {"frames/000000.png", "states.jsonl"}
+    assert [row["where"] for row in rows.json()[1]["notices"]] == ["Thumbs.db"]

@@ -148,11 +148,11 @@ def test_the_rig_is_checked_on_a_narrow_terminal() -> None:
 def shelf(tmp_path: Path, labrig: Labrig) -> Path:
     """Two runs, one of which has tags and a verdict."""
     for name in ("20261121-091022-steerability", "run with spaces, \u00e9"):
-        shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
+        shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / name)
     run = tmp_path / "20261121-091022-steerability"
-    labrig("runs", "tag", run, "-t", "pilot", "-t", "a tag of several words")
-    labrig("runs", "note", run, HOSTILE)
-    labrig("runs", "verdict", run, "doubtful", "--reason", HOSTILE)
+    labrig("runs", "annotate", run, "--tag", "pilot", "--tag", "a tag of several words")
+    labrig("runs", "annotate", run, "--note", HOSTILE)
+    labrig("runs", "annotate", run, "--verdict", "doubtful")
     return tmp_path
 
 
@@ -170,7 +170,7 @@ def test_the_list_of_runs_fits(shelf: Path, columns: int) -> None:
 def test_what_others_wrote_does_not_speak_to_the_terminal(shelf: Path) -> None:
     """Escape sequences in a note are printed as text, in the list and in full."""
     run = str(shelf / "20261121-091022-steerability")
-    for arguments in (("runs", "note", run), ("runs", "--runs-dir", str(shelf), "--where", "note~gel")):
+    for arguments in (("runs", "show", run), ("runs", "--runs-dir", str(shelf), "--where", "note~gel")):
         printed = "\n".join(_at_terminal(200, *arguments))
         assert "cloudy" in printed
         assert not set(printed) & set("\x1b\x07\x9b\u202e")
@@ -179,7 +179,7 @@ def test_what_others_wrote_does_not_speak_to_the_terminal(shelf: Path) -> None:
 
 def test_json_keeps_what_was_written_and_holds_no_control_character(shelf: Path, labrig: Labrig) -> None:
     """The JSON document escapes every control character and parses back to the original note."""
-    done = labrig("runs", "note", shelf / "20261121-091022-steerability", "--json")
+    done = labrig("runs", "show", shelf / "20261121-091022-steerability", "--json")
     assert done.json()["notes"][0]["text"] == HOSTILE
     assert not set(done.out) & set("\x1b\x07\x9b\u202e")
 
@@ -187,7 +187,7 @@ def test_json_keeps_what_was_written_and_holds_no_control_character(shelf: Path,
 def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> None:
     """A file name that is not UTF-8 is listed with its bytes escaped, also in JSON."""
     name = os.fsdecode(b"run-\xff")
-    shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
+    shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / name)
     assert "run-\\udcff" in labrig("runs", "--runs-dir", tmp_path).out
     assert labrig("runs", "--runs-dir", tmp_path, "--json").json()[0]["run"].endswith(name)
 

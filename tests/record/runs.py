@@ -1,16 +1,15 @@
-"""Runs to test with: a protocol, a manifest, and a short record."""
+"""Runs to test with, whole and as faults leave them."""
 
-import json
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.record.opening import encode_manifest
 from labrig.record.pictures import Store
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 
 STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 ENDED = datetime(2026, 3, 2, 9, 45, tzinfo=UTC)
@@ -22,6 +21,7 @@ needle: {needle_id: needle-a, diameter_mm: 1.2}
 scale: {px_per_mm: 5.0, origin_px: [10, 20], insertion: right}
 analysis: {window_start_mm: 4.0, window_end_mm: 2.0, min_window_mm: 15.0, max_radius_sigma_mm: 0.5}
 """
+CAN_FRAMES = [(0.0, 0x601, bytes([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), "T"), (0.001, 0x581, bytes(8), "R")]
 
 
 def begin(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: object) -> Recorder:
@@ -31,9 +31,7 @@ def begin(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: o
         name,
         {"experiment": "import", "title": "Größe", "started": STARTED, "trials_planned": 3, "seed": 7}
         | manifest,
-        PROTOCOL_YAML,
-        "world: {}\n",
-        {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"},
+        RunFiles(PROTOCOL_YAML, "world: {}\n", {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"}),
         picture_store=store,
     )
 
@@ -61,26 +59,18 @@ def fill(recorder: Recorder, trials: int = 2) -> None:
 
 
 def add_result(run: Path, content: bytes) -> Path:
-    """Write a result and its link, as an analysis does, and return its folder."""
+    """Write a result, as an analysis does, and return its folder."""
     opened = open_run(run)
     folder = opened.new_result_dir()
     (folder / "result.json").write_bytes(content)
-    opened.seal_result(folder, "2026-03-02T10:00:00+00:00")
+    opened.finish_result(folder)
     return folder
 
 
-def without_chain(run: Path) -> Path:
-    """Return the run as an earlier labrig, which knew no chain, would have written it."""
-    (run / "chain.jsonl").unlink()
-    manifest = json.loads((run / "manifest.json").read_bytes())
-    del manifest["hashes"]["first_link_sha256"], manifest["crc32"]
-    (run / "manifest.json").write_bytes(encode_manifest(manifest))
-    return run
-
-
 def closed_run(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: object) -> Path:
-    """Return a run that came to its end."""
+    """Return a run with every kind of file that came to its end."""
     recorder = begin(runs_dir, name, store, **manifest)
+    recorder.can_frames(CAN_FRAMES)
     fill(recorder)
     recorder.close("success", "", ENDED)
     return recorder.path
@@ -91,3 +81,22 @@ def interrupted_run(runs_dir: Path, name: str = "run", store: Store = "png") -> 
     recorder = begin(runs_dir, name, store)
     fill(recorder)
     return recorder.path
+
+
+def killed_run(runs_dir: Path, name: str = "run", *, trials: int = 2) -> Path:
+    """Return a run that was left in the middle of a trial, with no process that still holds it."""
+    recorder = begin(runs_dir / "writing", name)
+    recorder.can_frames(CAN_FRAMES)
+    fill(recorder, trials)
+    recorder.event("trial_start", 10.0 * trials, trial=trials, specimen="gel 10", hole=trials)
+    path = Path(shutil.copytree(recorder.path, runs_dir / name))
+    recorder.close("aborted", "", ENDED)
+    shutil.rmtree(runs_dir / "writing")
+    return path
+
+
+def flip_bit(path: Path) -> None:
+    """Change a bit in the middle of a file, as a bad disk does."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)

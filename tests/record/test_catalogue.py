@@ -1,183 +1,178 @@
-"""Listing runs."""
+"""Lists of runs, and the language of `labrig runs --where`."""
 
-import contextlib
-import json
-import shutil
-import sqlite3
-from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.record.annotations import tag_run
-from labrig.record.catalogue import RunSummary, list_runs
-from labrig.record.json_lines import encode_document
-from tests.record.runs import ENDED, STARTED, begin, closed_run, fill, interrupted_run
+from labrig.record.catalogue import find_runs, list_runs
+from labrig.record.condition import Value, find_paths, parse_condition
+from labrig.record.notes import annotate_run
+from tests.record.runs import ENDED, add_result, begin, closed_run, fill, interrupted_run
+
+FIELDS: dict[str, Any] = {
+    "exit_status": ["success"],
+    "operator": ["Chen Yang"],
+    "started": ["2026-03-02T09:30:00+00:00"],
+    "seed": [7],
+    "provenance.git_dirty": [False],
+    "reason": [None],
+    "protocol.specimens.gelatin_percent": [10.0, 13.0],
+    "protocol.needle.diameter_mm": [1.2],
+    "result.mean_radius_mm": [27.6],
+}
 
 
-def test_runs_are_listed_newest_first(tmp_path: Path) -> None:
-    """The row of a run says what it was, how it ended and how far it came."""
-    for day in (1, 3, 2):
-        closed_run(tmp_path, f"run {day}", started=STARTED + timedelta(days=day))
-    summaries = list_runs(tmp_path)
-    assert [summary.run.name for summary in summaries] == ["run 3", "run 2", "run 1"]
-    assert summaries[2] == RunSummary(
-        tmp_path / "run 1", "import", "success", "2026-03-03T09:30:00+00:00", 2, 3
+def look_up(name: str) -> list[Value]:
+    """Return the values of a field."""
+    return [value for path in find_paths(name, FIELDS) for value in FIELDS[path]]
+
+
+@pytest.mark.parametrize(
+    ("text", "holds"),
+    [
+        ("gelatin_percent=13 and exit_status=success", True),
+        ("gelatin_percent=16", False),
+        ("gelatin_percent=10 and gelatin_percent=13", True),
+        ("gelatin_percent!=13", False),
+        ("gelatin_percent!=16", True),
+        ("seed<=7 and not seed<7", True),
+        ("seed = 7.0", True),
+        ("exit_status=failed or (seed>6 and seed<8)", True),
+        ("exit_status=failed or seed>6 and seed>8", False),
+        ("operator='Chen Yang'", True),
+        ('operator ~ "yang"', True),
+        ("started>=2026-03-01 and started<2026-03-03", True),
+        ("git_dirty=false", True),
+        ("reason=null", True),
+        ("reason<1", False),
+        ("mean_radius_mm>28", False),
+        ("protocol.needle.diameter_mm=1.2", True),
+        ("seed>apple", False),
+        ("missing!=1", False),
+        ("started>2025", True),
+        (" or ".join(f"seed={number}" for number in range(900)), True),
+    ],
+)
+def test_a_condition_holds_or_not(text: str, holds: bool) -> None:
+    """Comparisons are of numbers or text; of several values one is enough; and binds before or."""
+    assert parse_condition(text).fits(look_up) is holds
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "character 1: expected the name of a field, found the end"),
+        ("seed 7", "character 6: expected one of"),
+        ("seed=", "character 6: expected a value"),
+        ("seed==7", "character 6: expected a value .equal is one =."),
+        ("seed=7 exit_status=success", "character 8: expected and, or, or the end"),
+        ("seed=7 mm", "a number goes alone"),
+        ("(seed=7", "character 8: expected a closing bracket"),
+        ("operator='Chen", "character 10: this cannot be read; is a quote open"),
+        ("not " * 200 + "seed=7", "more than 50 levels"),
+        ("and=7", "character 1: expected the name of a field"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_its_place(text: str, words: str) -> None:
+    """The message says at which character the condition stops making sense, and what belongs there."""
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
+        parse_condition(text)
+
+
+def test_a_field_that_no_run_has_is_refused_with_those_that_there_are() -> None:
+    """A misspelt field is named with its place and the one that was probably meant; nonsense means none."""
+    with pytest.raises(InputError, match="character 12: no run has a field 'gelatine_percent'") as refusal:
+        parse_condition("seed=7 and gelatine_percent=13").require_known(FIELDS)
+    assert refusal.value.hint.startswith("did you mean gelatin_percent? fields: exit_status, started")
+    with pytest.raises(InputError) as refusal:
+        parse_condition("nonsense=1").require_known({*FIELDS, "notes"})
+    assert refusal.value.hint.startswith("fields: exit_status")
+
+
+@given(st.text(alphabet="abc=<>!~()'\" 17andor;-", max_size=40))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    """Nothing that is typed leaves the parser by another way than an answer or a named refusal."""
+    with suppress(InputError):
+        assert parse_condition(text).fits(look_up) in {True, False}
+
+
+@pytest.fixture
+def runs_dir(tmp_path: Path) -> Path:
+    """Return a folder of four runs: closed, tagged and measured, interrupted, and damaged."""
+    closed_run(tmp_path, "first", started="2026-03-01T08:00:00+00:00", protocol={"gel": {"percent": 10}})
+    second = closed_run(
+        tmp_path, "second", started="2026-03-02T08:00:00+00:00", protocol={"gel": {"percent": 13}}
     )
+    add_result(second, b'{"mean_radius_mm": 27.5, "measurements": [{"radius_mm": 1}]}')
+    annotate_run(second, tags=["pilot"], note="it slipped", verdict="doubtful", by="me")
+    interrupted_run(tmp_path, "third")
+    damaged = closed_run(tmp_path, "damaged")
+    (damaged / "manifest.json").write_text("{")
+    (tmp_path / "no run").mkdir()
+    (tmp_path / "file").write_text("")
+    (tmp_path / "link").symlink_to(second)
+    return tmp_path
 
 
-def test_trials_of_an_interrupted_run_are_counted(tmp_path: Path) -> None:
-    """What an unfinished manifest does not know is read from the events, a torn last line aside."""
-    path = interrupted_run(tmp_path)
-    with (path / "events.jsonl").open("ab") as events:
-        events.write(b'{"kind":"trial_st')
-    (summary,) = list_runs(tmp_path)
-    assert (summary.exit_status, summary.trials_done) == ("incomplete", 2)
-
-
-def test_damaged_runs_are_listed_as_damaged(tmp_path: Path) -> None:
-    """A broken manifest and broken events each give a row, after the good ones."""
-    closed_run(tmp_path, "good")
-    (closed_run(tmp_path, "broken manifest") / "manifest.json").write_text("{")
-    (interrupted_run(tmp_path, "broken events") / "events.jsonl").write_text("?\n")
-    rows = {summary.run.name: summary for summary in list_runs(tmp_path)}
-    assert list(rows) == ["good", "broken events", "broken manifest"]
-    assert rows["broken manifest"] == RunSummary(
-        tmp_path / "broken manifest", None, "damaged", None, None, None
-    )
-    assert rows["broken events"].exit_status == "damaged"
-
-
-def test_a_run_of_a_newer_labrig_is_listed_as_such(tmp_path: Path) -> None:
-    """A newer schema is no damage; what its other members mean is not guessed."""
-    manifest = closed_run(tmp_path) / "manifest.json"
-    document = json.loads(manifest.read_text())
-    manifest.write_bytes(encode_document(document | {"schema_version": 2}))
-    assert list_runs(tmp_path) == [RunSummary(tmp_path / "run", "import", "newer", None, None, None)]
-
-
-def test_trials_are_stated_with_both_numbers_or_none(tmp_path: Path) -> None:
-    """A manifest that does not say how many trials were done gives no `None of 3`."""
-    manifest = closed_run(tmp_path) / "manifest.json"
-    document = json.loads(manifest.read_text())
-    manifest.write_bytes(encode_document(document | {"trials_done": None}))
-    (summary,) = list_runs(tmp_path)
-    assert (summary.trials_done, summary.trials_planned) == (None, None)
-
-
-def test_other_folders_and_links_are_left_out(tmp_path: Path) -> None:
-    """A folder without a manifest is no run, and a link out of the runs folder is not followed."""
-    outside = closed_run(tmp_path / "elsewhere")
-    runs = tmp_path / "runs"
-    (runs / "notes").mkdir(parents=True)
-    (runs / "readme.txt").write_text("")
-    (runs / "linked").symlink_to(outside)
-    assert list_runs(runs) == []
-
-
-def test_a_folder_that_does_not_exist_yet_has_no_runs(tmp_path: Path) -> None:
-    """Before the first run there are none."""
-    assert list_runs(tmp_path / "runs") == []
-
-
-def test_a_file_is_no_folder_of_runs(tmp_path: Path) -> None:
-    """A file where a folder should be is named."""
-    (tmp_path / "runs").write_text("")
+def test_runs_are_listed_newest_first_and_damaged_last(runs_dir: Path) -> None:
+    """With how they ended, how many trials are done, and what people say of them; nothing else is a run."""
+    listed = list_runs(runs_dir)
+    assert [run.run.name for run in listed] == ["third", "second", "first", "damaged"]
+    assert [run.exit_status for run in listed] == ["incomplete", "success", "success", "damaged"]
+    assert [(run.trials_done, run.trials_planned) for run in listed] == [(2, 3)] * 3 + [(None, None)]
+    assert (listed[1].tags, listed[1].verdict, listed[1].notes) == (("pilot",), "doubtful", 1)
+    assert list_runs(runs_dir / "not yet") == []
     with pytest.raises(InputError, match="cannot list"):
-        list_runs(tmp_path / "runs")
+        list_runs(runs_dir / "file")
 
 
-INDEX = ".catalogue.sqlite3"
+def names(found: list[Any]) -> list[str]:
+    """Return the names of found runs."""
+    return [run.summary.run.name for run in found]
 
 
-def test_the_index_is_made_again_when_it_is_lost_or_spoilt(tmp_path: Path) -> None:
-    """Without the index, with a part of it flipped, and with something else in its place the list is the same."""
-    closed_run(tmp_path, "one")
-    interrupted_run(tmp_path, "two")
-    expected = list_runs(tmp_path)
-    index = tmp_path / INDEX
-    good = index.read_bytes()
-    flipped = bytearray(good)
-    for position in range(0, len(flipped), 7):
-        flipped[position] ^= 0x10
-    # With a byte that is no text in its own words, SQLite fails in saying what is wrong.
-    no_text = good.replace(b"CREATE TABLE", b"CREAT\xc5 TABLE")
-    for spoilt in (b"", b"no database", bytes(flipped), good[: len(good) // 2], no_text):
-        index.write_bytes(spoilt)
-        assert list_runs(tmp_path) == expected
-        assert list_runs(tmp_path) == expected
-    index.unlink()
-    assert list_runs(tmp_path) == expected
+def test_runs_are_found_by_manifest_protocol_notes_and_result(runs_dir: Path) -> None:
+    """Fields of the newest result are read only when one is asked for."""
+    assert names(find_runs(runs_dir, "protocol.gel.percent>=13")) == ["second"]
+    assert names(find_runs(runs_dir, "tag=pilot and note~SLIP and verdict=doubtful")) == ["second"]
+    assert names(find_runs(runs_dir, "exit_status!=success")) == ["third", "damaged"]
+    (found,) = find_runs(runs_dir, "mean_radius_mm>27", show=["percent"])
+    assert (found.fields["mean_radius_mm"], found.fields["percent"]) == ([27.5], [13])
+    with pytest.raises(InputError, match="no run has a field 'radius_mm'"):
+        find_runs(runs_dir, "radius_mm=1")
 
 
-def test_an_index_of_another_labrig_is_made_anew(tmp_path: Path) -> None:
-    """A newer or older format of it is thrown away, and not read."""
-    closed_run(tmp_path)
-    expected = list_runs(tmp_path)
-    for version in (0, 99):
-        with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
-            index.executescript(
-                f"DROP TABLE runs; CREATE TABLE runs (name TEXT); PRAGMA user_version = {version}"
-            )
-        assert list_runs(tmp_path) == expected
+def test_runs_are_sorted_by_a_field(runs_dir: Path) -> None:
+    """Smallest first, runs without it last, in either direction."""
+    assert names(find_runs(runs_dir, sort="percent"))[:2] == ["first", "second"]
+    assert names(find_runs(runs_dir, sort="percent", reverse=True))[:2] == ["second", "first"]
+    assert names(find_runs(runs_dir, reverse=True))[0] == "damaged"
+    with pytest.raises(InputError, match="--sort"):
+        find_runs(runs_dir, sort="nonsense")
 
 
-def test_a_folder_that_cannot_be_written_is_listed(tmp_path: Path) -> None:
-    """With an index that only reads, and with a folder in its place, the list is the same."""
-    closed_run(tmp_path, "one")
-    list_runs(tmp_path)
-    (tmp_path / INDEX).chmod(0o444)
-    closed_run(tmp_path, "two")
-    assert sorted(run.run.name for run in list_runs(tmp_path)) == ["one", "two"]
-    (tmp_path / INDEX).unlink()
-    (tmp_path / INDEX).mkdir()
-    assert sorted(run.run.name for run in list_runs(tmp_path)) == ["one", "two"]
-
-
-def test_two_processes_list_at_once(tmp_path: Path) -> None:
-    """Eight listings at the same time say the same, and leave an index that is whole."""
-    for number in range(20):
-        closed_run(tmp_path, f"run-{number}")
-    with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(list_runs, [tmp_path] * 8))
-    assert all(summary == found[0] for summary in found)
-    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
-        assert index.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        assert index.execute("SELECT count(*) FROM runs").fetchone() == (20,)
-
-
-def test_a_changed_row_of_the_index_is_not_believed(tmp_path: Path) -> None:
-    """A value that was changed in the database fails its checksum and is read again from the run."""
-    closed_run(tmp_path)
-    expected = list_runs(tmp_path)
-    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
-        index.execute("UPDATE runs SET line = replace(line, 'success', 'failure')")
-    assert list_runs(tmp_path) == expected
-
-
-def test_the_list_follows_the_folders(tmp_path: Path) -> None:
-    """Trials that are added, a run that is closed, tagged, renamed or removed show in the next list."""
-    recorder = begin(tmp_path, "run")
-    assert [summary.trials_done for summary in list_runs(tmp_path)] == [0]
-    fill(recorder, trials=1)
-    assert [summary.trials_done for summary in list_runs(tmp_path)] == [1]
+def test_a_list_reads_one_small_file_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The manifest, and the notes if there are any; nothing is verified."""
+    recorder = begin(tmp_path)
+    fill(recorder)
     recorder.close("success", "", ENDED)
-    assert [summary.exit_status for summary in list_runs(tmp_path)] == ["success"]
-    tag_run(tmp_path / "run", ["pilot"], remove=False, by="Chen", at=ENDED)
-    assert [summary.tags for summary in list_runs(tmp_path)] == [("pilot",)]
-    (tmp_path / "run").rename(tmp_path / "renamed")
-    assert [summary.run.name for summary in list_runs(tmp_path)] == ["renamed"]
-    shutil.rmtree(tmp_path / "renamed")
-    assert list_runs(tmp_path) == []
+    opened: list[str] = []
+    import labrig.input_file as files
 
+    def count(read: Callable[..., Any]) -> Callable[..., Any]:
+        def counted(path: Path) -> Any:
+            opened.append(path.name)
+            return read(path)
 
-def test_an_index_that_is_a_link_is_left_alone(tmp_path: Path) -> None:
-    """The index is not written through a link out of the folder."""
-    runs = tmp_path / "runs"
-    closed_run(runs)
-    (tmp_path / "outside").write_text("mine")
-    (runs / INDEX).symlink_to(tmp_path / "outside")
-    assert [summary.exit_status for summary in list_runs(runs)] == ["success"]
-    assert (tmp_path / "outside").read_text() == "mine"
+        return counted
+
+    monkeypatch.setattr(files, "open_file", count(files.open_file))
+    (run,) = list_runs(tmp_path)
+    assert run.trials_done == 2
+    assert opened == ["manifest.json", "notes.json"]

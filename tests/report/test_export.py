@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from labrig.record.annotations import judge_run, note_on_run, tag_run
+from labrig.record.notes import annotate_run
 from labrig.record.reader import Run, open_run
 from labrig.record.tables import split_vectors
 from labrig.report.export import FORMATS
@@ -18,19 +18,20 @@ from tests.analysis.insertions import analyse, observations, record_insertion
 from tests.analysis.synthetic import NOW
 from tests.record.runs import closed_run
 
-DATA = Path(__file__).parents[2] / "data"
+ROOT = Path(__file__).parents[2]
+DATA, KEPT = ROOT / "data", ROOT / "tests" / "records"
 
 
 @pytest.fixture(scope="module")
 def run() -> Run:
     """The record that is kept under data/."""
-    return open_run(DATA / "first-record")
+    return open_run(KEPT / "steerability")
 
 
 @pytest.fixture(scope="module")
 def tables(run: Run) -> dict[str, pd.DataFrame]:
     """Its tables."""
-    return run_tables(run, run.latest_result())
+    return run_tables(run, run.result)
 
 
 def test_every_table_has_units_in_its_names(tables: dict[str, pd.DataFrame]) -> None:
@@ -83,7 +84,7 @@ def test_parquet_keeps_numbers_and_kinds(run: Run, tables: dict[str, pd.DataFram
 def test_the_matlab_example_runs(experiment: str, run: Run, tmp_path: Path) -> None:
     """data/read_run.m, in plain MATLAB, reads an exported sweep and an insertion; its figures alone are left out."""
     if experiment == "sweep":
-        tables = run_tables(run, run.latest_result())
+        tables = run_tables(run, run.result)
         expected = ["first-record: steerability, success", "13 %: mean radius 27.773 mm, SD 0.000 mm, n = 1"]
     else:
         tables = _insertion_tables()
@@ -109,7 +110,7 @@ def _octave(command: str, folder: Path) -> str:
 def _insertion_tables() -> dict[str, pd.DataFrame]:
     insertion = record_insertion()
     analyse(insertion)
-    return run_tables(insertion, insertion.latest_result())
+    return run_tables(insertion, insertion.result)
 
 
 def test_the_lists_of_an_insertion_are_tables_of_their_own() -> None:
@@ -133,17 +134,15 @@ def _holds_json(table: pd.DataFrame) -> bool:
 
 
 def test_what_people_say_is_exported(tmp_path: Path) -> None:
-    """Tags and verdict stand in the table of the run, the newest revision of each note in one of its own."""
-    path = Path(shutil.copytree(DATA / "first-record", tmp_path / "run"))
-    tag_run(path, ["pilot", "cloudy"], remove=False, by="Chen", at=NOW)
-    note_on_run(path, "gel", revises=None, by="Chen", at=NOW)
-    note_on_run(path, "=gel 3", revises=1, by="Yang", at=NOW)
-    judge_run(path, "doubtful", "cloudy", by="Chen", at=NOW)
+    """Tags and verdict stand in the table of the run, notes in one of their own."""
+    path = Path(shutil.copytree(KEPT / "steerability", tmp_path / "run"))
+    annotate_run(path, tags=["pilot", "cloudy"], verdict="doubtful", by="Chen", at=NOW)
+    annotate_run(path, note="=gel 3", by="Yang", at=NOW)
     run = open_run(path)
     tables = run_tables(run, None)
     assert tables["run"].iloc[0][["tags", "verdict"]].tolist() == ["pilot, cloudy", "doubtful"]
-    assert tables["notes"][["note", "revision", "text", "by"]].values.tolist() == [[1, 2, "=gel 3", "Yang"]]
-    assert b"1,2,'=gel 3,Yang" in FORMATS["csv"](run, tables)["notes.csv"]
+    assert tables["notes"][["text", "by"]].values.tolist() == [["=gel 3", "Yang"]]
+    assert b"'=gel 3,Yang" in FORMATS["csv"](run, tables)["notes.csv"]
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])

@@ -8,7 +8,7 @@ import pytest
 
 from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import find_run_experiment
-from labrig.record.annotations import judge_run, note_on_run, tag_run
+from labrig.record.notes import annotate_run
 from labrig.record.reader import open_run
 from labrig.report.budget_rows import list_budget_rows
 from tests.analysis.synthetic import (
@@ -115,20 +115,17 @@ def test_what_people_wrote_is_text(hostile_page: WrittenPage) -> None:
 
 
 def test_what_people_say_afterwards_is_on_the_page(folder: Path) -> None:
-    """Verdict with its reason, tags and the newest revision of each note are shown, as text; damaged ones are named."""
+    """Verdict, tags and notes are shown, as text; damaged ones are named."""
     run = record_sweep(folder)
-    tag_run(run.path, ["pilot"], remove=False, by="Chen", at=NOW)
-    note_on_run(run.path, "gel 3", revises=None, by="Chen", at=NOW)
-    note_on_run(run.path, HOSTILE, revises=1, by="Yang", at=NOW)
-    judge_run(run.path, "doubtful", "cloudy", by="Chen", at=NOW)
+    annotate_run(run.path, tags=["pilot"], note="gel 3", verdict="doubtful", by="Chen", at=NOW)
+    annotate_run(run.path, note=HOSTILE, by="Yang", at=NOW)
     page = write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8")
     words = _words(page)
-    assert "Verdict doubtful: cloudy Tags pilot Note 1, Yang, " in words
+    assert "Verdict doubtful Tags pilot Note 1, Chen, " in words
     assert HOSTILE in _read(page).text
     assert "<script" not in page
-    assert "gel 3" not in words
-    (run.path / "notes.jsonl").write_text("not a line\n")
-    assert "notes.jsonl" in _words(write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
+    (run.path / "notes.json").write_text("not a line\n")
+    assert "notes.json" in _words(write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
 
 
 def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: WrittenPage) -> None:
@@ -289,16 +286,16 @@ def test_a_picture_that_is_gone_leaves_a_gap_and_a_problem(folder: Path) -> None
     made = make_page(run)
     assert "picture cannot be read" in made.html
     words = _words(made.html)
-    assert f"{final}: it is missing, though frames.jsonl lists it" in words
+    assert f"{final}: it is missing, though SHA256SUMS lists it" in words
     assert "No such file" in words
 
 
 def test_faults_of_the_record_are_shown(folder: Path) -> None:
-    """A record with a torn line has a page with a warning at its top."""
-    run = record_sweep(folder, SyntheticSweep(exit_status=None))
+    """A record that was changed has a page with a warning at its top."""
+    run = record_sweep(folder)
     with (run.path / "states.jsonl").open("ab") as file:
-        file.write(b'{"t_s":')
-    assert "The record is not whole" in _words(make_page(run).html)
+        file.write(b'{"t_s": 1000}\n')
+    assert "The record is not whole" in _words(make_page(open_run(run.path)).html)
 
 
 def test_damage_at_the_time_of_the_measurement_is_shown(folder: Path) -> None:

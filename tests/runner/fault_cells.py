@@ -50,7 +50,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
@@ -444,9 +444,7 @@ def _conduct(
         folder,
         "run",
         {"experiment": protocol.experiment, "started": cell.rig.clock.utc(), "trials_planned": 1},
-        dump_yaml(protocol),
-        dump_yaml(description),
-        {},
+        RunFiles(dump_yaml(protocol), dump_yaml(description)),
     )
     cell.folder = recorder.path
     cell.rig.operator = _Slow(
@@ -527,13 +525,13 @@ def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) ->
         yield f"the last event says {run.events.iloc[-1].get('fault')}"
     if expected.words not in str(run.manifest["reason"]):
         yield f"reason {run.manifest['reason']}"
-    if run.problems or run.events.empty or list(run.events["kind"])[-1] != "run_stop":
-        yield f"record: {run.problems}"
+    if run.damage or run.events.empty or list(run.events["kind"])[-1] != "run_stop":
+        yield f"record: {run.damage}"
     if expected.counted and not counted:
         yield "not counted"
     checked = check_run(run.path)
-    if checked.damage or checked.torn:
-        yield f"runs check: {(*checked.damage, *checked.torn)}"
+    if checked.damage or checked.notices:
+        yield f"runs check: {(*checked.damage, *checked.notices)}"
 
 
 def _told_differences(cell: Cell, outcome: Outcome) -> Iterator[str]:
@@ -638,7 +636,7 @@ def _withdrawal_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str
     run = open_run(cell.folder)
     manifest = {"experiment": run.manifest["experiment"], "started": rig.clock.utc(), "trials_planned": 0}
     recorder = Recorder.create(
-        cell.folder.parent, "withdrawal", manifest, run.protocol_path.read_text(encoding="utf-8"), None, {}
+        cell.folder.parent, "withdrawal", manifest, RunFiles(run.protocol_path.read_text(encoding="utf-8"))
     )
     path = read_needle_path(run)
     outcome = conduct_withdrawal(Session(rig, recorder, Told()), run_name, path, path[-1])

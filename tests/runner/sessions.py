@@ -16,7 +16,7 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.experiment import RunPlan
 from labrig.runner.session import Session
@@ -107,9 +107,7 @@ def bench(
                 "trials_planned": 1,
                 "devices": opened.rig.describe(),
             },
-            dump_yaml(protocol),
-            dump_yaml(description),
-            description.calibration_files(),
+            RunFiles(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
         )
         yield RunBench(opened, recorder, Told())
 

@@ -7,9 +7,9 @@ from labrig.errors import CameraError
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
-from labrig.record.line_file import LineFile
+from labrig.record.json_lines import LineFile
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.supervised_record import begin_session
 from tests.devices.beats import listening, require_no_fault
@@ -51,9 +51,7 @@ def record(folder: Path, rig: Rig) -> Recorder:
         folder,
         "run",
         {"experiment": protocol.experiment, "started": rig.clock.utc(), "trials_planned": 1},
-        dump_yaml(protocol),
-        dump_yaml(rig.description),
-        {},
+        RunFiles(dump_yaml(protocol), dump_yaml(rig.description)),
     )
 
 

@@ -13,7 +13,7 @@ from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialSt
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.events import ConditionMet, Pause, ValueMeasured
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.reopen import reopen_run
 from labrig.report.decisions import list_decisions
 from labrig.runner.conduct import conduct, conduct_remainder
 from tests.runner.sessions import bench, sweep
@@ -35,7 +35,7 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
     for value, trial in zip(values, run.read_trials(SweepTrialStart, SweepTrialStop), strict=True):
         assert trial.stop is not None
         assert trial.stop.final_frame is not None
-        picture = run.pictures[trial.stop.final_frame]
+        picture = run.pictures.places[trial.stop.final_frame]
         found = measure_picture(picture, load_plane_map(run), make_order(protocol).settings, None)
         assert not isinstance(found, Unreadable)
         assert (value.trial, value.value) == (trial.start.trial, pytest.approx(found.radius_mm, rel=1e-12))
@@ -61,7 +61,7 @@ def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> 
         require_identical(run)
         remainder = find_run_experiment(run).resume(protocol, run)
         assert (remainder.kept, remainder.left) == (1, 1)
-        at.recorder = Recorder.reopen(run.path, "test")
+        at.recorder = reopen_run(run.path, "test")
         again = conduct_remainder(find_run_experiment(run), remainder, at.session)
     assert "radius_mm of trial 1 is" in again.reason
     run = open_run(run.path)

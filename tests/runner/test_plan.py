@@ -55,7 +55,7 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
         opened_s = rig.opened.rig.clock.now_s()  # an estimate leaves out what opening the drives takes
         _, run = rig.conduct(protocol)
         took_s = rig.opened.rig.clock.now_s() - opened_s
-    assert len(run.frames) == plan.pictures
+    assert len(run.pictures) == plan.pictures
     assert abs(took_s - plan.duration_s) < 0.05 * plan.duration_s
     assert plan.trials == 1
     assert [move.axis for move in list_trial_moves(protocol)] == [

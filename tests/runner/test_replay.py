@@ -21,11 +21,12 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.agreement import Deviation, Verdict
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder
+from labrig.record.reopen import reopen_run
+from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.replay import Replay, replay_run
 from labrig.runner.session import Session
-from tests.record.faults import killed_run
+from tests.record.runs import killed_run
 from tests.runner.sessions import EXAMPLES, PROTOCOLS, RunBench, Told, Watched, bench, sweep
 
 
@@ -89,7 +90,7 @@ def record_design(tmp_path: Path, protocol: DesignProtocol) -> Run:
     """Record a run that moves nothing."""
     clock = SimulatedClock()
     manifest = {"experiment": "design", "started": clock.utc()}
-    recorder = Recorder.create(tmp_path, "run", manifest, dump_yaml(protocol), None, {})
+    recorder = Recorder.create(tmp_path, "run", manifest, RunFiles(dump_yaml(protocol)))
     conduct_without_rig(find_experiment("design"), recorder, clock)
     return open_run(recorder.path)
 
@@ -280,8 +281,8 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
         conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at))
     run = open_run(at.recorder.path)
     with bench(tmp_path / "again", protocol) as again:
-        recorder = Recorder.reopen(run.path, "test")
-        devices = open_run(again.recorder.path).manifest["devices"]
+        recorder = reopen_run(run.path, "test")
+        devices = open_run(again.recorder.path).devices
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
         experiment = find_run_experiment(run)
         remainder = experiment.resume(protocol, run)

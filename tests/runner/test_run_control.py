@@ -69,8 +69,8 @@ def test_a_run_that_is_over_or_elsewhere_is_refused(recorder: Recorder, tmp_path
         with pytest.raises(RecordError, match="symbolic link"):
             ask_run(run, "pause")
         (run / ".control").unlink()
-    lock = json.loads((run / ".lock").read_text())
-    (run / ".lock").write_text(json.dumps({**lock, "host": "elsewhere"}))
+    lock = json.loads((run / ".lock.owner").read_text())
+    (run / ".lock.owner").write_text(json.dumps({**lock, "host": "elsewhere"}))
     with pytest.raises(InputError, match=r"is made on elsewhere, and this is "):
         ask_run(run, "pause")
     recorder.close("success", "", ENDED)

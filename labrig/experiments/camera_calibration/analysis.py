@@ -89,7 +89,7 @@ def _save_calibration(
 
 def _read_camera(run: Run) -> dict[str, Any]:
     """Return the camera and its settings as the record states them; nothing if it does not."""
-    devices = run.manifest.get("devices")
+    devices = run.devices
     camera = devices.get("camera") if isinstance(devices, Mapping) else None
     if not isinstance(camera, Mapping) or not isinstance(camera.get("readback"), Mapping):
         return {}

@@ -469,7 +469,7 @@ def _find_tip_again(
     event: TipObserved, predicted: FloatArray, state: SteeringState, source: _Source
 ) -> tuple[TipFix, FloatArray | None]:
     """Find the tip in a recorded picture, as a live insertion does."""
-    picture = source.run.pictures[event.frame]
+    picture = source.run.pictures.places[event.frame]
     try:
         image, name = picture.read(), Path(picture.file).name
         found = find_tip(source.view, image, predicted, state.tip, event.bevel_rad, file_name=name)
@@ -535,7 +535,7 @@ def _measure_end(
         return None, "there is no final picture"
     if source.sentinel is not None and not source.sentinel.accepted:
         return None, source.sentinel.reason
-    picture = source.run.pictures[stop.final_frame]
+    picture = source.run.pictures.places[stop.final_frame]
     try:
         name = Path(picture.file).name
         return measure_end(picture.read(), source.view, source.protocol, roll_sd_rad, name), None

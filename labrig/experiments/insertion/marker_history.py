@@ -115,7 +115,7 @@ def seek_markers(
     last = followed[events[0].frame]
     for event in events[1:]:
         try:
-            last = follow_markers(last, run.pictures[event.frame].read(), event.depth_mm)
+            last = follow_markers(last, run.pictures[event.frame], event.depth_mm)
         except (PictureError, RecordError) as error:
             last = pass_unread_picture(last, error.message.replace(f"{run.path}/", ""), event.depth_mm)
         followed[event.frame] = last
@@ -124,7 +124,7 @@ def seek_markers(
 
 def _find_start(run: Run, event: MarkersSought, view: MarkerView) -> MarkersFollowed:
     try:
-        image = run.pictures[event.frame].read()
+        image = run.pictures[event.frame]
     except (PictureError, RecordError):
         return recall_start(event, view)
     return find_start(image, view)

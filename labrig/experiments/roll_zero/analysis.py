@@ -37,7 +37,7 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     """
     pictures = [line for line in run.frame_lines if line.role == RollZeroRole.NEEDLE]
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    places = tuple(run.pictures[line.frame] for line in pictures)
+    places = tuple(run.pictures.places[line.frame] for line in pictures)
     plane = load_plane_map(run)
     origins = _find_hole_origins(run, plane, protocol.sheath)
     sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
@@ -132,7 +132,7 @@ def _measure_hole(
     try:
         shafts = []
         for frame in (hole.turn_frame, hole.end_frame):
-            picture = run.pictures[frame]
+            picture = run.pictures.places[frame]
             image = picture.read()
             name = Path(picture.file).name
             masked = None if request.mask is None else request.mask.find_masked(name, image)

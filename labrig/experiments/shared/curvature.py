@@ -20,7 +20,7 @@ from labrig.experiments.shared.picture_results import add_drift, add_origins, re
 from labrig.experiments.shared.truth import compare_with_truth
 from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
 from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
-from labrig.record.reader import Frames, Run
+from labrig.record.reader import Pictures, Run
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 from labrig.vision.mask import Mask
 from labrig.vision.picture import Picture
@@ -99,8 +99,8 @@ def measure_curvature(
     settings, roll_sd_deg, mask = order.settings, order.window.roll_sd_deg, request.mask
     trials = _list_trials(run)
     pictures = _list_pictures(run, trials)
-    places = tuple(run.pictures[picture.line.frame] for picture in pictures)
-    plane, read, lines = load_plane_map(run), partial(_get_picture, run.frames), run.frame_lines
+    places = tuple(run.pictures.places[picture.line.frame] for picture in pictures)
+    plane, read, lines = load_plane_map(run), partial(_get_picture, run.pictures), run.frame_lines
     sheaths = [line for line in lines if line.role == order.sheath_role]
     others = (
         partial(_find_origins, order.sheath, read, sheaths, plane),
@@ -145,7 +145,7 @@ def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:
         write_atomically(folder / mask.kept_name, mask.content)
 
 
-def _get_picture(frames: Frames, frame: int) -> Picture:
+def _get_picture(frames: Pictures, frame: int) -> Picture:
     return frames[frame]
 
 

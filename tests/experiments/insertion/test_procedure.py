@@ -358,7 +358,7 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
     y_mm, z_mm = origin["tip_mm"]
     assert plan["start"]["position_mm"][1:] == pytest.approx((y_mm, z_mm + 1.5), abs=0.1)
     drawn = run.frame_table[run.frame_table["role"] == "plan"]["frame"].iloc[-1]
-    purple = np.abs(run.frames[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30
+    purple = np.abs(run.pictures[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30
     assert purple.sum() > 30
 
 

@@ -16,7 +16,7 @@ from labrig.record.check import check_run
 from labrig.record.decisions import NO_DECISIONS, fold_decisions
 from labrig.record.events import Repeat, Skip
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.reopen import reopen_run
 from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
@@ -57,8 +57,8 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
     assert outcome.exit_status == "aborted"
     run = open_run(at.recorder.path)
     with large_bench(tmp_path / "again", protocol, laid) as again:
-        recorder = Recorder.reopen(run.path, "test")
-        devices = open_run(again.recorder.path).manifest["devices"]
+        recorder = reopen_run(run.path, "test")
+        devices = open_run(again.recorder.path).devices
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
         watched = again.opened.rig.operator = Watched(again.opened.rig.operator)
         remainder = experiment.resume(protocol, run)

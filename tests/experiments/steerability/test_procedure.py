@@ -35,7 +35,7 @@ def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
     with bench(tmp_path, protocol) as rig:
         before: Any = rig.opened.rig.snapshot()
         _, run = rig.conduct(protocol)
-    after = run.manifest["devices_after"]
+    after = run.devices_after
     assert isinstance(after, dict)
     assert set(before["axes"]["rotation"]) == {"position_rad"}
     assert set(after["axes"]["rotation"]) == {"position_rad", "statusword", "drive_state"}

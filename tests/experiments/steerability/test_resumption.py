@@ -14,7 +14,7 @@ from labrig.devices.operator import (
 from labrig.experiments.registry import find_experiment
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder
+from labrig.record.reopen import reopen_run
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder
 from labrig.runner.session import Session
 from tests.runner.sessions import RunBench, Told, Watched, bench, sweep
@@ -36,7 +36,7 @@ def _stop_while_inserting(at: RunBench, protocol: SteerabilityProtocol) -> Run:
 
 
 def _go_on(at: RunBench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome, Run]:
-    recorder = Recorder.reopen(run.path, "test")
+    recorder = reopen_run(run.path, "test")
     sweep_experiment = find_experiment(protocol.experiment)
     remainder = sweep_experiment.resume(protocol, run)
     outcome = conduct_remainder(sweep_experiment, remainder, Session(at.opened.rig, recorder, Told()))

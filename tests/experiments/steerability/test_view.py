@@ -10,7 +10,7 @@ from labrig.devices.cia402_states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
 from labrig.record.events import MarkBad
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder
+from labrig.record.reopen import reopen_run
 from labrig.report.rerun_view import write_view
 from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 from tests.rerun_files import read_view
@@ -21,7 +21,7 @@ def test_radii_that_are_measured_live_are_those_of_the_result(tmp_path: Path) ->
     radii_mm = {"gel A": (28.0, 28.6, 40.0), "gel B": (27.0, 27.4)}
     sweep = SyntheticSweep(radii_mm=radii_mm, without_needle=frozenset({4}), exit_status="aborted")
     path = record_sweep(tmp_path, sweep).path
-    recorder = Recorder.reopen(path, "test")
+    recorder = reopen_run(path, "test")
     recorder.record_event(MarkBad(trial=2, reason="the needle was bent"), 0.0)
     recorder.close("success", "", NOW)
     run = open_run(path)

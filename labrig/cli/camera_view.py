@@ -27,8 +27,7 @@ from labrig.errors import InputError
 from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.report.picture_page import PicturePage, ShownPicture
 from labrig.report.web_page import suggest_forwarding
-from labrig.vision.camera_frame import encode_frame
-from labrig.vision.camera_in_use import CameraInUse
+from labrig.vision.camera_frame import CameraInUse, encode_frame
 from labrig.vision.landmarks import Landmark, find_landmarks
 from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import Score

@@ -20,8 +20,7 @@ import cv2
 
 from labrig.input_file import parse_json
 from labrig.report.web_page import LOCALHOST
-from labrig.vision.camera_frame import encode_frame
-from labrig.vision.camera_in_use import UNKNOWN_CAMERA, CameraInUse
+from labrig.vision.camera_frame import UNKNOWN_CAMERA, CameraInUse, encode_frame
 from labrig.vision.landmarks import Landmark
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.picture_quality import Score

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, TypeAdap
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
-from labrig.vision.camera_in_use import CAMERA, CameraInUse
+from labrig.vision.camera_frame import CAMERA, CameraInUse
 from labrig.vision.intrinsics import LENS, Intrinsics
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
 from labrig.vision.refraction import Gel, GelMeasurement

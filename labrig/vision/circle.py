@@ -1,9 +1,8 @@
 """The circle through points, by orthogonal distances.
 
-There are three methods, chosen by name. "geometric" minimises the sum of squared orthogonal distances
-(Levenberg-Marquardt). "taubin" is the algebraic fit that it starts from (Taubin 1991, IEEE PAMI 13:1115;
-Al-Sharadqah and Chernov 2009, EJS 3:886, derive its bias). "robust" is an M-estimate with Tukey's biweight that
-starts from the best of many circles through three points; use it for points measured in a picture.
+There are two methods, chosen by name, which both start from the best of many circles through three points. "robust" is
+an M-estimate with Tukey's biweight; use it for points measured in a picture. "geometric" minimises the sum of squared
+orthogonal distances: the same, with the scale of the biweight infinite.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
 
-CircleMethod = Literal["robust", "geometric", "taubin"]
+CircleMethod = Literal["robust", "geometric"]
 
 _FloatArray = NDArray[np.float64]
 
@@ -23,7 +22,7 @@ _LEAST_FLATNESS = 1e-8
 # Largest radius, in units of the points' rms distance from their centroid. So flat an arc has a sagitta of a
 # millionth of its length, which no picture can show.
 _LARGEST_RADIUS = 1e6
-_STEP_TOLERANCE = 1e-13
+_STEP_TOLERANCE = 1e-11
 _MAX_ITERATIONS = 200
 # Reweighted steps in which the scale follows the residuals.
 _SCALE_STEPS = 10
@@ -104,10 +103,10 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
     ----------
     points : array_like (N, 2)
         N >= 3, any unit.
-    method : "robust", "geometric" or "taubin"
+    method : "robust" or "geometric"
         "robust" tolerates outliers (fewer than half) and is for points measured in a picture. It is
         deterministic; the order of the points changes only rounding and the choice of its start.
-        "geometric" is the least-squares answer, tested against certified values. "taubin" is algebraic and fast.
+        "geometric" is the least-squares answer, tested against certified values.
 
     Raises
     ------
@@ -125,22 +124,13 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
     scale = float(np.sqrt(np.mean(np.sum((array - centroid) ** 2, axis=1))))
     normal = (array - centroid) / scale
     try:
-        model, weights = _fit(normal, method)
+        start = _find_least_median(normal)
+        model, weights = _fit_tukey(normal, start, None if method == "robust" else np.inf)
     except np.linalg.LinAlgError:
         raise _collinear_error(len(array)) from None
     if not model.r < _LARGEST_RADIUS:
         raise _collinear_error(len(array))
     return _restore_units(model, normal, weights, centroid, scale)
-
-
-def _fit(points: _FloatArray, method: CircleMethod) -> tuple[_Model, _FloatArray]:
-    """Return the circle through normalised points and their weights (N,)."""
-    if method == "robust":
-        return _fit_tukey(points, _find_least_median(points))
-    model = _fit_taubin(points)
-    if method == "geometric":
-        model = _fit_geometric(points, model)
-    return model, np.ones(len(points))
 
 
 def _check_points(points: ArrayLike) -> _FloatArray:
@@ -165,63 +155,6 @@ def _collinear_error(count: int) -> MeasurementRefusedError:
         f"{count} points for the circle lie on a straight line or in one place",
         "a longer or more curved arc is needed",
     )
-
-
-def _fit_taubin(points: _FloatArray) -> _Model:
-    """Minimise |A z + B x + C y + D| with Taubin's gradient normalisation; the points are centred."""
-    squares = np.sum(points**2, axis=1)
-    mean = squares.mean()
-    design = np.column_stack(((squares - mean) / (2.0 * np.sqrt(mean)), points))
-    direction = np.linalg.svd(design, full_matrices=False)[2][2]
-    leading = direction[0] / (2.0 * np.sqrt(mean))
-    if abs(leading) * _LARGEST_RADIUS < 1.0 / _LARGEST_RADIUS:
-        raise _collinear_error(len(points))
-    a, b = -direction[1:] / (2.0 * leading)
-    return _Model(float(a), float(b), float(np.sqrt(a * a + b * b + mean)))
-
-
-def _fit_geometric(points: _FloatArray, start: _Model) -> _Model:
-    """Minimise the sum of squared orthogonal distances from `start`."""
-    model, damping = start, 1e-4
-    cost = _cost(model, points)
-    for _ in range(_MAX_ITERATIONS):
-        residuals, jacobian = model.linearise(points)
-        normal = jacobian.T @ jacobian
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -(jacobian.T @ residuals))
-        trial = _move(model, step)
-        trial_cost = _cost(trial, points)
-        if np.abs(step).max() <= 1e-6 * model.r:
-            return _refine_by_newton(points, trial)
-        if trial_cost <= cost:
-            model, cost, damping = trial, trial_cost, damping / 10.0
-        else:
-            damping *= 10.0
-        if not model.r < _LARGEST_RADIUS:
-            break
-    raise _collinear_error(len(points))
-
-
-def _refine_by_newton(points: _FloatArray, start: _Model) -> _Model:
-    """Refine a nearly converged fit to rounding error, where comparing sums of squares stalls."""
-    model, last_size = start, np.inf
-    for _ in range(_MAX_ITERATIONS):
-        residuals, jacobian = model.linearise(points)
-        distances = residuals + model.r
-        across = np.column_stack((-jacobian[:, 1], jacobian[:, 0]))
-        hessian = jacobian.T @ jacobian
-        # A distance has curvature only across its own direction: one over the distance.
-        hessian[:2, :2] += (across * (residuals / distances)[:, None]).T @ across
-        step = np.linalg.solve(hessian, -jacobian.T @ residuals)
-        model = _move(model, step)
-        size = float(np.abs(step).max())
-        if size <= _STEP_TOLERANCE * model.r or size >= last_size:
-            return model
-        last_size = size
-    raise _collinear_error(len(points))
-
-
-def _cost(model: _Model, points: _FloatArray) -> float:
-    return float(np.sum(model.residuals(points) ** 2))
 
 
 def _move(model: _Model, step: NDArray[np.floating]) -> _Model:
@@ -257,16 +190,17 @@ def _find_circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]
     return origin + offset, np.hypot(offset[:, 0], offset[:, 1])
 
 
-def _fit_tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]:
+def _fit_tukey(points: _FloatArray, start: _Model, known_scale: float | None) -> tuple[_Model, _FloatArray]:
     """Minimise Tukey's biweight from `start`; return the model and the weights (N,).
 
-    The scale follows the residuals for the first, reweighted steps and is then held, so that a minimum exists.
+    A scale that is not known follows the residuals for the first, reweighted steps and is then held, so that a minimum
+    exists.
     Reweighting alone converges slowly if many points are close to being outliers.
     """
-    model, scale = start, _robust_scale(start.residuals(points))
+    model, scale = start, known_scale or _robust_scale(start.residuals(points))
     for iteration in range(_MAX_ITERATIONS):
         residuals, jacobian = model.linearise(points)
-        if iteration < _SCALE_STEPS:
+        if known_scale is None and iteration < _SCALE_STEPS:
             scale = _robust_scale(residuals)
         weights = _biweight(residuals, scale)
         weighted = jacobian * weights[:, None]
@@ -277,7 +211,7 @@ def _fit_tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]
         if iteration >= _SCALE_STEPS:
             step = _choose_step(points, model, scale, step)
         model = _move(model, step)
-        if iteration >= _SCALE_STEPS and np.abs(step).max() <= 1e-11 * max(1.0, model.r):
+        if iteration >= _SCALE_STEPS and np.abs(step).max() <= _STEP_TOLERANCE * max(1.0, model.r):
             return model, _biweight(model.residuals(points), scale)
     raise MeasurementRefusedError(
         f"the robust circle through {len(points)} points does not settle: they lie on no single circle",

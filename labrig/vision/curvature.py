@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.vision.arcs import Arc, fit_arcs
 from labrig.vision.bending_plane import BendingPlane, combine_turns
 from labrig.vision.circle import Circle, fit_circle
 from labrig.vision.error_budget import (
@@ -47,12 +46,10 @@ _BLOCK_MM = 3.0
 # Fewest blocks for Student's t; this also bounds the window from below.
 _LEAST_BLOCKS = 5
 _CONFIDENCE = 0.95
-# Points through which the arcs of a path are fitted.
-_ARC_POINTS = 150
 # In even light the median measured shift of the centre line is below the first [px]: 0.002 to 0.011 px in drawn
 # pictures, and up to 0.025 px among bubbles. The second is the share of a shift that stays unexplained in a block; with
 # it the interval of radii above 40 mm, of which more blocks see, holds the truth as often as it says.
-_NOISE_SHIFT_PX, _UNEXPLAINED = 0.02, 0.1
+_NOISE_SHIFT_PX, _UNEXPLAINED = 0.01, 0.2
 # Number of points of the window at which shifts common to all rows are propagated.
 _SYSTEMATIC_POINTS = 40
 # A row lies on the circle if it is off by no more than this share of the needle's diameter. At least this share of the
@@ -152,8 +149,6 @@ class CurvatureMeasurement:
     residual_rms_mm : float or None
         Distance of the centre line from the circle.
     bend : "+y", "-y" or None
-    arcs : tuple of Arc
-        The arcs of a needle that lies on no single circle, from the window's start on, (y, z); else empty.
     centre_line_mm, centre_line_px : ndarray (N, 2)
         Columns (y, z) and (u, v), from the entry to the tip; empty unless found.
     window : (int, int)
@@ -181,26 +176,11 @@ class CurvatureMeasurement:
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
     bend: Bend | None = None
-    arcs: tuple[Arc, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig measure curvature --json` prints for a picture, without the centre line."""
-        left_out = {"centre_line_mm", "centre_line_px", "window", "arcs"}
-        return {
-            **{name: _to_json(value) for name, value in vars(self).items() if name not in left_out},
-            "arcs": [
-                {
-                    "radius_mm": _none_unless_finite(arc.radius),
-                    "bend": "+y" if arc.curvature > 0.0 else "-y",
-                    "length_mm": arc.length,
-                    "curvature_per_mm": arc.curvature,
-                    "sigma_curvature_per_mm": arc.sigma_curvature,
-                    "start_mm": list(arc.start),
-                }
-                for arc in self.arcs
-            ],
-            "flip_points_mm": [list(arc.start) for arc in self.arcs[1:]],
-        }
+        left_out = {"centre_line_mm", "centre_line_px", "window"}
+        return {name: _to_json(value) for name, value in vars(self).items() if name not in left_out}
 
 
 def measure_curvature(
@@ -345,20 +325,7 @@ def _fit_circle(
         centre_mm=circle.centre,
         residual_rms_mm=circle.residual_rms,
         bend=_find_bend(points, circle),
-        arcs=_find_arcs(circle, points, settings),
     )
-
-
-def _find_arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tuple[Arc, ...]:
-    """Return the arcs of a needle that lies on no single circle; none if it lies on one."""
-    if _share_on_circle(circle, points, settings) >= _LEAST_ON_CIRCLE:
-        return ()
-    sample = points[:: max(1, len(points) // _ARC_POINTS)]
-    try:
-        arcs = fit_arcs(sample)
-    except MeasurementRefusedError:
-        return ()
-    return arcs if len(arcs) > 1 else ()
 
 
 def _share_on_circle(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> float:
@@ -500,7 +467,3 @@ def _to_json(value: object) -> object:
     if isinstance(value, ErrorBudget):
         return value.to_json()
     return list(value) if isinstance(value, tuple) else value
-
-
-def _none_unless_finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -31,8 +31,16 @@ from labrig.vision.shaft_ends import (
     find_sheath_end,
     measure_brightening,
 )
-from labrig.vision.shaft_light import measure_light_shift
-from labrig.vision.shaft_trace import Orientation, Trace, Widths, filter_bars, trace_shafts
+from labrig.vision.shaft_light import measure_light_shift, split_light_shift
+from labrig.vision.shaft_trace import (
+    GOING_ON,
+    Orientation,
+    Trace,
+    Widths,
+    filter_bars,
+    measure_beyond,
+    trace_shafts,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +53,8 @@ _BEYOND_MM = 6.0
 # A tip is not believed where the picture becomes brighter than the gel by more than this share: there a wall may hide
 # the rest. In photographs without a wall at the tip, uneven light gave up to 0.09.
 _HIDING = 0.13
+# The last stretch, with whose darkness that ahead of the tip is compared.
+_LAST_MM = 8.0
 # The stated diameters hold within this factor.
 _DIAMETER_FACTOR = 1.7
 # Over the first length, in needle diameters, the smoothing along the shaft mixes sheath and needle; over the second,
@@ -68,10 +78,11 @@ class Shaft:
         The centre line [px] in rows about a pixel apart, without rows in which no edges were found.
     centre_mm : ndarray (N, 2)
         The same in the plane [mm]: the middle of the two edges, each mapped on its own.
+        Both are corrected for uneven light, see `shaft_light`.
     arc_mm : ndarray (N,)
         Arc length of these rows from the entry [mm].
     light_shift_mm : ndarray (N, 2)
-        By how much uneven light may have shifted the centre line [mm], see `shaft_light`.
+        By how much uneven light may still have shifted the centre line [mm], see `shaft_light`.
     widths_mm : ndarray (N,)
         Distance between the edges in these rows [mm].
     width_mm : float
@@ -184,17 +195,12 @@ def locate_shaft(
         if only is None:
             raise
         trace = only
-    return _measure_trace(scene, trace, widths, diameters, view)
-
-
-def _measure_trace(
-    scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters, view: _Projector
-) -> Shaft:
-    """Measure the shaft that a trace follows."""
     # What hides a stretch of the shaft does not end it.
     hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
     guide = _refine_guide(scene, trace, widths, diameters, hole_mm)
-    return _measure(scene, guide, widths, diameters, view, hole_mm=hole_mm)
+    shaft, last, tip = _measure(scene, guide, widths, diameters, view, hole_mm=hole_mm)
+    _refuse_going_on(measure_beyond(bars, tip, last), shaft)
+    return shaft
 
 
 def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters, hole_mm: float) -> Guide:
@@ -229,8 +235,17 @@ def _measure(
     view: _Projector,
     *,
     hole_mm: float,
-) -> Shaft:
-    """Measure the shaft in the strip along its refined guide."""
+) -> tuple[Shaft, FloatArray, FloatArray]:
+    """Measure the shaft in the strip along its refined guide.
+
+    Returns
+    -------
+    Shaft
+    last : ndarray (N, 2)
+        The places of its last rows in the turned picture.
+    tip : ndarray (2,)
+        Its end there.
+    """
     strip, edges = scene.edges(guide, widths)
     grid = np.arange(len(guide.places), dtype=np.float64)
     left_mm, right_mm = (view.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
@@ -249,13 +264,16 @@ def _measure(
     arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))
     entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
     offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
-    shift = measure_light_shift(strip, edges, bar, widths.px_per_mm)[bar] / edges.width[bar]
-    ends = view.px(guide.at(np.array([entry, tip]), np.array([offset, 0.0])))
-    return Shaft(
-        centre_px=view.px(guide.at(grid[bar], edges.middle[bar])),
-        centre_mm=0.5 * (left_mm + right_mm)[bar],
+    shift = split_light_shift(measure_light_shift(strip, edges, bar, widths.px_per_mm)[bar])
+    mm_aside = (right_mm - left_mm)[bar] / edges.width[bar, None]
+    turned_ends = guide.at(np.array([entry, tip]), np.array([offset, 0.0]))
+    ends = view.px(turned_ends)
+    last = np.flatnonzero(bar)[-round(_LAST_MM * widths.px_per_mm) :]
+    shaft = Shaft(
+        centre_px=view.px(guide.at(grid[bar], edges.middle[bar] + shift.corrected)),
+        centre_mm=0.5 * (left_mm + right_mm)[bar] + shift.corrected * mm_aside,
         arc_mm=arc_mm[bar] - entry_arc,
-        light_shift_mm=shift[:, None] * (right_mm - left_mm)[bar],
+        light_shift_mm=shift.left[:, None] * mm_aside,
         widths_mm=width_mm[bar],
         width_mm=float(np.median(width_mm[bar])),
         entry_px=ends[0],
@@ -265,6 +283,7 @@ def _measure(
         tip_fade_px=end.fade,
         length_mm=float(tip_arc - entry_arc),
     )
+    return shaft, guide.places[last], turned_ends[1]
 
 
 def _is_bar(width: FloatArray, run: NDArray[np.bool_], entry: float) -> NDArray[np.bool_]:
@@ -297,6 +316,16 @@ def _refuse_hidden_tip(brighter: float, guide: Guide, tip: float, view: _Project
         raise MeasurementRefusedError(
             f"the shaft ends at ({u:.0f}, {v:.0f}) px, where the picture becomes {100.0 * brighter:.0f} % brighter, "
             f"and {100.0 * _HIDING:.0f} % is the most for gel: a wall may hide the tip"
+        )
+
+
+def _refuse_going_on(share: float, shaft: Shaft) -> None:
+    """Refuse an end beyond which the shaft is seen again."""
+    if share > GOING_ON:
+        u, v = shaft.tip_px
+        raise MeasurementRefusedError(
+            f"the shaft is lost at ({u:.0f}, {v:.0f}) px, after {shaft.length_mm:.0f} mm, but goes on: what lies "
+            f"ahead has {100.0 * share:.0f} % of its darkness, and {100.0 * GOING_ON:.0f} % is the most"
         )
 
 

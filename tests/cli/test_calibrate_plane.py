@@ -12,8 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from labrig.vision.calibration_file import load_plane, read_camera, save_plane
-from labrig.vision.camera_frame import encode_frame
-from labrig.vision.camera_in_use import CameraInUse
+from labrig.vision.camera_frame import CameraInUse, encode_frame
 from labrig.vision.plane import PlaneMap
 from tests.cli.conftest import RIG, Done, Labrig
 from tests.vision import no_graph_paper

@@ -15,13 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Light = Literal["even", "lamp inside the bend", "lamp outside the bend", "lamp along the needle"]
+Light = Literal[
+    "even", "lamp inside the bend", "lamp outside the bend", "lamp along the needle", "shaded across"
+]
 
 # Samples along each side of a pixel, and how far from the centre line they are taken, in sheath diameters.
 _SAMPLES = 4
 _REACH = 0.6
 _BEVEL = 1.5
 _HALO_PX = 5.0
+# Half width of the bright line, over half the needle's diameter.
+_LINE = 0.12
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class SideLitNeedle:
 
     `lamp_rad` is the direction towards the lamp in the picture, from +z towards +y (down), and `lamp` its brightness on
     a surface that faces it; `height` is the sine of its elevation above the picture. All levels are grey values.
+    `shading` is by how many of them the steel is brighter at its lower edge than at its upper one, whatever the lamp
+    does; `line` is the brightness of a thin line along it, `line_at` of the half width below its middle.
     """
 
     radius_mm: float
@@ -52,6 +58,9 @@ class SideLitNeedle:
     blur_px: float = 0.9
     halo: float = 0.05
     noise: float = 3.0
+    shading: float = 0.0
+    line: float = 0.0
+    line_at: float = 0.0
     seed: int = 1
 
     def draw(self) -> NDArray[np.uint8]:
@@ -132,7 +141,8 @@ class SideLitNeedle:
         # Half way between the lamp and the camera, which looks straight down.
         halfway = np.sqrt(2.0 + 2.0 * self.height)
         mirrored = np.maximum((aside * flat + up * (1.0 + self.height)) / halfway, 0.0)
-        return self.ambient + self.lamp * lit + self.glint * mirrored**60
+        own = 0.5 * self.shading * aside + self.line * (np.abs(aside - self.line_at) < _LINE)
+        return self.ambient + self.lamp * lit + self.glint * mirrored**60 + own
 
     def _shade(self, across: FloatArray, normal_rad: FloatArray) -> FloatArray:
         """Return how much of the needle's soft shadow lies on the gel, from 0 to 1."""
@@ -147,6 +157,7 @@ def draw_random_needle(seed: int, radii_mm: tuple[float, float], light: Light) -
     """Return a needle of a seed: 24 to 50 mm of an arc, seen at 7 to 14 px/mm, with a lamp of 5 to 35 grey levels.
 
     The lamp stands within 40 degrees of its direction. With it come a glint, a shadow and a slope of the gel's grey.
+    Steel "shaded across" is 8 to 16 levels brighter at one edge, and has a bright line on that side of its middle.
     """
     random = np.random.default_rng((seed, *map(int, radii_mm)))
     radius_mm, bend = random.uniform(*radii_mm), int(random.choice((-1, 1)))
@@ -158,8 +169,10 @@ def draw_random_needle(seed: int, radii_mm: tuple[float, float], light: Light) -
         "lamp inside the bend": inside,
         "lamp outside the bend": inside + np.pi,
         "lamp along the needle": inside + random.choice((-0.5, 0.5)) * np.pi,
+        "shaded across": 0.0,
     }[light]
-    lit = light != "even"
+    lit = light not in {"even", "shaded across"}
+    side = int(random.choice((-1, 1))) if light == "shaded across" else 0
     return SideLitNeedle(
         radius_mm,
         length_mm,
@@ -178,5 +191,8 @@ def draw_random_needle(seed: int, radii_mm: tuple[float, float], light: Light) -
         blur_px=random.uniform(0.6, 1.3),
         halo=random.uniform(0.0, 0.1),
         noise=random.uniform(1.5, 5.0),
+        shading=side * random.uniform(8.0, 16.0),
+        line=abs(side) * random.uniform(20.0, 100.0),
+        line_at=side * random.uniform(0.2, 0.5),
         seed=seed,
     )

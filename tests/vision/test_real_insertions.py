@@ -47,6 +47,15 @@ def measure_frames(diameter_mm):
     ]
 
 
+@pytest.mark.parametrize(("frame", "length_mm"), [(15, 126.0), (17, 141.5)])
+def test_a_needle_that_is_paler_than_at_its_entry_is_followed_to_its_end(frame, length_mm):
+    """Frames in which the shaft was lost behind the dark holder lie on the line of their neighbours, 8 mm a frame."""
+    path = PICTURES / "DC_50_feedbackfinal_alvo3" / f"ImgFeedback{frame}.jpg"
+    found = measure_curvature(read_picture(path), PLANE, CurvatureSettings(1.0, None))
+    assert found.found, found.reason
+    assert found.arc_length_mm == pytest.approx(length_mm, abs=2.0)
+
+
 @pytest.mark.parametrize("diameter_mm", [0.9, 1.2, 1.5])
 def test_tips_lie_within_a_millimetre_and_a_half_of_the_marks(diameter_mm):
     """This holds in at least 38 of the 40 frames, even if the stated diameter is a quarter too large or too small."""

@@ -57,6 +57,14 @@ def test_two_shafts_on_top_of_each_other_are_no_sheath():
         locate(Scene(needle, px_per_mm=11.4, width_px=991, height_px=558, others=(other,), seed=4))
 
 
+@pytest.mark.parametrize(("width_mm", "at_mm"), [(4.0, 30.0), (8.0, 40.0)])
+def test_an_end_beyond_which_the_needle_goes_on_is_refused(width_mm, at_mm):
+    """What is as grey as gel hides a stretch of the needle and gives it no tip there: the rest is plain to the eye."""
+    patch = SceneBar((at_mm, 24.0), 1.5, width_mm, 165.0)
+    with pytest.raises(MeasurementRefusedError, match=r"the shaft is lost at .* but goes on"):
+        locate(Scene(SceneNeedle(), above=(patch,), unevenness=0.0, seed=4))
+
+
 def test_tip_at_a_bright_wall_is_refused():
     """A needle that goes behind a wall and does not come out has no tip there."""
     wall = SceneBar((60.0, 24.0), 1.5, 50.0, 240.0)

@@ -24,7 +24,7 @@ from labrig.record.reader import Run
 from labrig.vision.boards import find_board
 from labrig.vision.calibrate_lens import calibrate_from_pictures
 from labrig.vision.calibration_file import compare_with_last, save_intrinsics, save_plane
-from labrig.vision.camera_in_use import CAMERA, CameraInUse
+from labrig.vision.camera_frame import CAMERA, CameraInUse
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap

@@ -33,7 +33,6 @@ from labrig.report.formatting import Rows, number
 from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
-from labrig.report.sheath_view import draw_sheath_views
 from labrig.text import format_count
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
@@ -160,7 +159,6 @@ def _collect_content(
         "shown": [
             _draw_insertion(run, trial, plane) for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
-        "sheaths": draw_sheath_views(run, content.origins, plane, _SHOWN),
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "noise_told": describe_sighting_noise(
             None if content.sighting_noise is None else content.sighting_noise.model_dump()

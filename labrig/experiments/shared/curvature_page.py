@@ -31,11 +31,9 @@ from labrig.report.figures import Design, GelSeries, draw_steerability_figure
 from labrig.report.formatting import Rows, number
 from labrig.report.page import Page
 from labrig.report.palette import Mark, mark
-from labrig.report.sheath_view import draw_sheath_views
 from labrig.vision.plane import PlaneMap
 
 TEMPLATE = Path(__file__).with_name("curvature.html.jinja")
-_SHEATHS_SHOWN = 3
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,6 @@ def make_curvature_page(
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": None if design is None else _draw_figure(design, rows, content, lines),
             "view": _draw_last_picture(run, content, lines, plane),
-            "sheaths": draw_sheath_views(run, content.origins, plane, _SHEATHS_SHOWN),
             "groups": _group_sheets(
                 rows,
                 [Sheet(measurement, draw_thumbnail(run, measurement, lines, plane)) for measurement in shown],

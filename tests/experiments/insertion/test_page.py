@@ -40,16 +40,8 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
     assert 'class="true"' in plates[-1]
 
 
-def test_origin_and_direction_are_drawn_as_found_beside_the_command(html: str) -> None:
-    """The enlarged sheath has a labelled arrow for found and commanded pose; their distance is in text and table."""
-    (cut,) = re.findall(r'<svg class="view cut"[^>]*><g .*?</svg>', html, re.DOTALL)
-    for kind in ("found", "commanded"):
-        assert f'<line class="{kind}"' in cut
-    assert ">found</text>" in cut
-    assert ">command</text>" in cut
-    assert re.search(
-        r"<b>Trial 0</b>: [+−]0\.\d\d mm along, [+−]0\.\d\d mm across, [+−]\d\.\d\d degrees", html
-    )
+def test_the_page_tells_where_the_sheath_was_found(html: str) -> None:
+    """Its deviations from the command are in a table."""
     assert "origins.csv" in html
     assert "planned from where the sheath was found" in html
     assert "the first plan" not in html

@@ -61,7 +61,7 @@ def _list() -> list[dict[str, Any]]:
 
 def _print_list(rows: list[dict[str, Any]]) -> None:
     if not rows:
-        say("no specimens in data/specimens; labrig manual specimens says how to write the first")
+        say("no specimens in data/specimens; labrig manual protocol says how to write the first")
         return
     keys = ("name", "gelatin_percent", "batch", "cast_on", "usable_until")
     heads = ("specimen", "gelatin %", "batch", "cast", "usable until")

@@ -12,6 +12,7 @@ project = "labrig"
 extensions = ["myst_parser"]
 exclude_patterns = ["example", "site"]
 myst_heading_anchors = 4
+smartquotes = False  # an option keeps its two dashes
 html_theme = "alabaster"
 html_theme_options = {"page_width": "72rem"}
 html_copy_source = False

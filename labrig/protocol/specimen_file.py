@@ -186,7 +186,7 @@ def load_specimen(name: str, given: Sequence[Path] = ()) -> tuple[SpecimenFile, 
         near = get_close_matches(name, [known for folder in folders for known in list_specimens(folder)], 1)
         raise InputError(
             f"there is no specimen {name} in {folders[0]}",
-            f"did you mean {near[0]}?" if near else "labrig manual specimens says how to write its file",
+            f"did you mean {near[0]}?" if near else "labrig manual protocol says how to write its file",
         )
     if not path.resolve().is_relative_to(path.parent.resolve()):
         raise InputError(f"{path} is a link that leaves its folder", "put the file itself there")

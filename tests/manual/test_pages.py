@@ -3,13 +3,14 @@
 import json
 import re
 import shlex
+import subprocess
+import sys
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
-from sphinx.cmd.build import build_main
 from typer.main import get_command
 
 from labrig.cli.main import app
@@ -22,9 +23,9 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_tree import load_yaml_values
 from tests.manual.lab import make_lab_folder
 from tests.manual.pages import KINDS, PAGES, README, ROOT, Fence, list_blocks, list_lines, parse
-from tests.manual.readability import list_sentences, measure, split_sentences
+from tests.manual.readability import count_words, list_sentences, measure, split_sentences
 
-MOST_PAGES, MOST_WORDS, MOST_README_LINES = 46, 20200, 112
+MOST_PAGES, MOST_WORDS, MOST_README_LINES = 20, 9000, 112
 WRITTEN = {**PAGES, "README": README}
 BLOCKS = {f"{place}:{block.line}": block for place, page in WRITTEN.items() for block in list_blocks(page)}
 SHELL = {place: block for place, block in BLOCKS.items() if block.info.startswith("sh")}
@@ -39,7 +40,7 @@ def lab_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_manual_is_short() -> None:
     """What nobody reads is not there: few pages, few words, and a README that fits two screens."""
-    words = sum(len(page.read_text(encoding="utf-8").split()) for page in PAGES.values())
+    words = sum(count_words(page.read_text(encoding="utf-8")) for page in PAGES.values())
     assert (len(PAGES) <= MOST_PAGES, words <= MOST_WORDS) == (True, True), (len(PAGES), words)
     assert len(README.read_text(encoding="utf-8").splitlines()) <= MOST_README_LINES
 
@@ -62,10 +63,22 @@ def test_sentences_are_split_at_their_ends() -> None:
 
 def test_the_site_is_built_and_each_link_leads_somewhere(tmp_path: Path) -> None:
     """Every warning of Sphinx is an error; the reference of commands and keys is generated."""
-    assert (
-        build_main(["-q", "-W", "-b", "html", "-d", str(tmp_path / "read"), str(SOURCE), str(tmp_path)]) == 0
+    command = (
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "-b",
+        "html",
+        "-d",
+        tmp_path / "read",
+        SOURCE,
+        tmp_path,
     )
-    commands = (tmp_path / "reference" / "commands.html").read_text(encoding="utf-8")
+    subprocess.run(command, check=True, timeout=300)
+    shown = (tmp_path / "reference" / "commands.html").read_text(encoding="utf-8")
+    commands = re.sub(r"<[^>]+>", "", shown)
     assert "labrig devices withdraw" in commands
     assert "--square-mm" in commands
     keys = (tmp_path / "reference" / "keys.html").read_text(encoding="utf-8")

@@ -52,9 +52,9 @@ def _describe_commands() -> str:
 
 def _describe_keys(title: str, file: Path) -> str:
     """Return a table of the keys of each section of a kind of YAML file."""
-    definitions = json.loads(file.read_text(encoding="utf-8"))["$defs"]
+    schema = json.loads(file.read_text(encoding="utf-8"))
     lines = [f"\n## {title} files\n"]
-    for name, section in sorted(definitions.items()):
+    for name, section in (("The file", schema), *sorted(schema["$defs"].items())):
         if "properties" in section:
             lines += [f"\n### {name}\n", "| key | default | meaning |", "|---|---|---|"]
             lines += [_describe_key(key, value) for key, value in section["properties"].items()]

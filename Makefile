@@ -1,7 +1,9 @@
 # make run    set up .venv and run the paper's steerability sweep on the simulated rig
-# make test   set up .venv and run every check
+# make test   set up .venv, and run ruff and the tests that protect a user; some minutes
+# make check  mypy, import-linter, deptry
+# make test-slow   the other tests: kills, full disks, clusters, the wheel, the manual, a foreign CANopen client
 # make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
-# make coverage   run the tests with branch coverage, which takes half as long again
+# make coverage   all tests with branch coverage
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
 VENV := .venv
@@ -9,30 +11,28 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.labrig-ready
 OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
-ROOMS := geometry vision needle steering protocol record analysis simulation campaign experiments runner
+ROOMS := vision needle steering protocol record analysis simulation campaign experiments runner
 
-.PHONY: run test check-code check-tests check-rooms test-processors coverage benchmarks manual clean
+.PHONY: run test check test-slow check-rooms test-processors coverage benchmarks manual clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
 	$(BIN)/labrig run protocols/steerability.yaml
 
-# The checks of the code keep one processor busy for half a minute; the tests begin beside them.
-test: $(READY) $(OUTSIDE)
-	@$(MAKE) --no-print-directory --jobs 2 check-code check-tests
+# Tests start labrig some hundred times: it is compiled once, also where the environment forbids that. The tests of a file
+# stay together: what they share, such as a sweep, is made once.
+test: $(READY)
+	$(BIN)/ruff check --quiet .
+	$(BIN)/ruff format --check --quiet .
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile -m "not slow" $(COVERAGE)
 
-check-code: $(READY)
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
+check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/deptry .
 
-# Tests start labrig some hundred times: it is compiled once, also where the environment forbids that. Rehearsals and
-# served drives wait in real time, so three processes keep two cores busy; a fourth one would slow the others down. The
-# tests of a file stay together: what they share, such as a sweep, is made once.
-check-tests: $(READY) $(OUTSIDE)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile $(COVERAGE)
+test-slow: $(READY) $(OUTSIDE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile -m slow $(COVERAGE)
 
 # What another Python could change, without the tests that start processes or wait in real time; CI runs it with a newer one.
 check-rooms: $(READY)
@@ -41,8 +41,8 @@ check-rooms: $(READY)
 test-processors: $(READY)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors
 
-coverage: COVERAGE := --cov --cov-report=term
-coverage: check-tests
+coverage: COVERAGE := --cov --cov-append --cov-report=term
+coverage: test test-slow
 
 manual: $(READY)
 	$(BIN)/sphinx-build -q -W -b html labrig/manual $(VENV)/manual/html

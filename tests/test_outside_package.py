@@ -21,6 +21,8 @@ from packaging.utils import canonicalize_name
 from labrig.lab import read_examples
 from labrig.record.source_digest import digest_sources
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 EXAMPLE = "labrig/manual/example"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -6,6 +6,8 @@ import pytest
 
 from tests.benchmarks.fuzz import Kind, list_kinds, run_case
 
+pytestmark = pytest.mark.slow
+
 _CASES = 6
 
 

@@ -207,9 +207,10 @@ def test_tracked_files_hold_none_of_these(what: str, pattern: str) -> None:
 
 
 def test_a_commit_is_checked_as_make_checks_the_code() -> None:
-    """The hooks of pre-commit are the commands of `make check-code`, in the same order."""
-    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\ncheck-code:")[1].split("\n\n")[0]
-    commands = re.findall(r"^\t\$\(BIN\)/(.+)$", recipe, re.MULTILINE)
+    """The hooks of pre-commit are ruff and the commands of `make check`, in the same order."""
+    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\ncheck:")[1].split("\n\n")[0]
+    checks = re.findall(r"^\t\$\(BIN\)/(.+)$", recipe, re.MULTILINE)
+    commands = ["ruff check .", "ruff format --check .", *checks]
     hooks: Any = load_yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
     (local,) = hooks
     assert [hook["entry"] for hook in local["hooks"]] == [f".venv/bin/{command}" for command in commands]

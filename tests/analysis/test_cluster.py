@@ -26,6 +26,8 @@ from labrig.record.agreement import Verdict
 from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 FIRST = ROOT / "tests" / "records" / "steerability"
 

@@ -130,6 +130,7 @@ def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_p
     assert 25 < document["arms"][0]["mean"] < 32
 
 
+@pytest.mark.slow
 def test_whole_insertions_give_a_table_like_that_of_virtual_ones(labrig: Labrig, tmp_path: Path) -> None:
     """With the same quantities of where the needle ended; what is counted by name is no column."""
     tables = []
@@ -219,6 +220,7 @@ EXAMPLES = {
 """What each example needs to be computed in seconds, besides one repetition."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(PROTOCOLS.glob("campaign-*.yaml")), ids=lambda path: path.stem)
 def test_every_example_gives_a_table_and_a_page(labrig: Labrig, tmp_path: Path, path: Path) -> None:
     """Shortened to a few tasks, none of which fails."""

@@ -14,6 +14,8 @@ from labrig.record.reader import open_run
 from tests.cli.conftest import RIG, ROOT, SHORT_SWEEP, SWEEP
 from tests.record.runs import killed_run
 
+pytestmark = pytest.mark.slow
+
 UNSHARE = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
 
 

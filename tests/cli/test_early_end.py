@@ -7,6 +7,8 @@ import pytest
 
 from tests.cli.conftest import RIG, SWEEP, Labrig
 
+pytestmark = pytest.mark.slow
+
 ONE_INSERTION = (
     "--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]",
     "--set", "rig.world.bubbles_per_specimen=0",

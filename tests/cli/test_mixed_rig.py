@@ -12,6 +12,8 @@ from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Done, Labrig
 from tests.cli.example_runs import SHORTENED
 from tests.devices.cia402.eds_text import eds_text
 
+pytestmark = pytest.mark.slow
+
 ROTATION = """\
   rotation:
     driver: cia402

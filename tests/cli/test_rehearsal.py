@@ -53,6 +53,7 @@ def _rig(tmp_path: Path) -> Path:
     return rig
 
 
+@pytest.mark.slow
 def test_an_axis_is_commissioned_as_the_chapter_says(rig: Path) -> None:
     """It moves at its speed, is measured against a scale that the question shows, and is given its zero."""
     _, travel, _ = _read_commands("Move each axis")

@@ -12,6 +12,8 @@ import pytest
 from labrig.cli.output import escape_controls
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
+pytestmark = pytest.mark.slow
+
 HOSTILE = "gel \x1b[2J\x1b]0;owned\x07 was \x9b31mcloudy\u202e <b>"
 
 

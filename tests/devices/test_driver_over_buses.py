@@ -36,6 +36,8 @@ from labrig.errors import (
 from tests.devices.rigs import epos2_axis, one_drive
 from tests.devices.served import INTERFACES, served_drives
 
+pytestmark = pytest.mark.slow
+
 PATIENCE_S = 60.0
 ANSWER_TIMEOUT_MS = 5000
 SETTINGS = {

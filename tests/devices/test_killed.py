@@ -22,6 +22,8 @@ from labrig.devices.simulated.drive_journal import DriveEvent
 from tests.devices.mover import HEARTBEAT_S, QUICK_STOP_MM_S2, SPEED_MM_S
 from tests.devices.served import Served, served_drives
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 COMPUTER = 0x77F
 PATIENCE_S = 120.0

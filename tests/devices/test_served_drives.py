@@ -14,6 +14,8 @@ import pytest
 from labrig.cli.main import run_command
 from tests.devices.served import INTERFACES, served_drives
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 CLIENT = Path(__file__).parent / "outside_client" / "client.js"
 PACKAGES = Path(sys.prefix) / "outside-client" / "node_modules"

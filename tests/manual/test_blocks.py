@@ -10,6 +10,7 @@ from tests.manual.pages import PAGES, README, Line, list_blocks, list_lines
 RUNNING = {place: page for place, page in PAGES.items() if list_blocks(page, "sh", "python")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", RUNNING.values(), ids=RUNNING)
 def test_the_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In order, each with the exit code that it is said to have; so does the Python between them."""

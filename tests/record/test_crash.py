@@ -18,6 +18,8 @@ from labrig.record.reopen import reopen_run
 from labrig.record.writer import Recorder
 from tests.record.runs import CAN_FRAMES, ENDED, begin, picture
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 CALLS = ("write", "replace", "rename", "fsync", "ftruncate", "posix_fallocate", "mkdir", "open")
 

@@ -1,7 +1,7 @@
 """The base of every model that a YAML file fills, and the types of its fields.
 
-A model is frozen, refuses unknown keys, takes no text for a number and no NaN or infinity. Each field carries
-a description with its unit in brackets; the schema, the editor and the error messages show it.
+A model is frozen, refuses unknown keys, takes no text for a number and no NaN or infinity. The docstring below each
+field describes it, with its unit in brackets; the schema, the editor and the error messages show it.
 """
 
 import unicodedata
@@ -69,9 +69,7 @@ class Model(BaseModel):
     A subclass that has rules across fields overrides `conflicts`; all conflicts are reported, each at its key.
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield what is wrong between fields; called only if each field is valid alone."""

@@ -1,14 +1,19 @@
 """JSON Schema (draft 2020-12) of a model, as editors and error messages read it."""
 
+import ast
 import json
-import re
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from math import inf
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core.core_schema import ModelSchema
 
 from labrig.protocol.formatting import Plain, range_words, show_key
 
@@ -20,38 +25,52 @@ _BOUND_WORDS = {
     "exclusiveMaximum": "below",
     "maximum": "most",
 }
-_SINGLE_BREAK = re.compile(r"(?<!\n)\n(?!\n)")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-class _Untitled(GenerateJsonSchema):
-    """Leaves out the titles that pydantic makes from field names: they repeat the names."""
+class _Schemas(GenerateJsonSchema):
+    """Describes fields by the docstrings below them, and leaves out the titles, which repeat their names."""
 
     def field_title_should_be_set(self, schema: object) -> bool:  # noqa: ARG002 - pydantic's signature
         return False
 
+    def model_schema(self, schema: ModelSchema) -> dict[str, Any]:
+        made: dict[str, Any] = super().model_schema(schema)
+        for key, field in made.get("properties", {}).items():
+            described = (_read_docstrings(cls).get(key) for cls in schema["cls"].__mro__)
+            text = next(filter(None, described), None)
+            if text is not None:
+                field.setdefault("description", text)
+        return made
+
+
+@cache
+def _read_docstrings(cls: type) -> Mapping[str, str]:
+    """Return the docstring below each field of a class. pydantic would read them at each start, for nothing mostly."""
+    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+    body = _read_classes(Path(file)).get(cls.__qualname__, ()) if file else ()
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+        if isinstance(text.value.value, str)
+    }
+
+
+@cache
+def _read_classes(file: Path) -> Mapping[str, Sequence[ast.stmt]]:
+    tree = ast.parse(file.read_bytes()) if file.suffix == ".py" else ast.Module([], [])
+    return {node.name: node.body for node in tree.body if isinstance(node, ast.ClassDef)}
+
 
 def model_schema(model: Any, title: str) -> JsonSchema:
     """Return the JSON Schema of `model`, a model class or an annotated union of them, which has no type of its own."""
-    made = _join_lines(TypeAdapter(model).json_schema(schema_generator=_Untitled))
+    made = TypeAdapter(model).json_schema(schema_generator=_Schemas)
     return {
         "$schema": DIALECT,
         "title": title,
         **{key: value for key, value in made.items() if key != "title"},
-    }
-
-
-def _join_lines(node: Any) -> Any:
-    """Return a schema in which each paragraph of a description is one line: they are docstrings of fields."""
-    if isinstance(node, list):
-        return [_join_lines(item) for item in node]
-    if not isinstance(node, dict):
-        return node
-    return {
-        key: _SINGLE_BREAK.sub(" ", value)
-        if key == "description" and isinstance(value, str)
-        else _join_lines(value)
-        for key, value in node.items()
     }
 
 

@@ -8,6 +8,7 @@
     │   ├── MeasurementRefusedError
     │   ├── ConditionMetError      a run that a condition of its protocol stopped
     │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
+    │       └── TrialsFailedError  a run at its end, some of whose trials have failed
     ├── InputError            (2)  the input cannot be used; also a ValueError
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
     │   ├── PictureError           a file that is not a picture, or a picture of another size
@@ -98,18 +99,17 @@ class TargetMissedError(AnswerIsNoError):
     ----------
     reason : str
         target_missed, reached_in_plane_only, needle_lost, needle_stuck, marker_lost or marker_jumped if the needle was
-        inserted and withdrawn again; sheath_astray if it did not leave its sheath; no_path, no_roll_zero or no_marker
-        if nothing was inserted.
+        inserted and withdrawn again; sheath_astray if it did not leave its sheath; no_path, no_target, no_roll_zero or
+        no_marker if nothing was inserted.
     """
 
     def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:
         super().__init__(message, hint)
         self.reason = reason
 
-    @property
-    def inserted(self) -> bool:
-        """Whether a needle was inserted, so that there are pictures to measure."""
-        return not self.reason.startswith("no_")
+
+class TrialsFailedError(TargetMissedError):
+    """A run that has come to its end, and some of whose trials have failed; it can be measured."""
 
 
 class InputError(LabrigError, ValueError):

@@ -15,6 +15,7 @@ from labrig.campaign.store import CampaignPlan
 from labrig.campaign.whole_run import run_whole
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_experiment
+from labrig.runner.dry_run import simulate
 
 Cell = bool | int | float | str | None
 Row = Mapping[str, Cell]
@@ -36,7 +37,7 @@ def compute_task(order: TaskOrder) -> TaskOutcome:
     protocol, rig = make_models(order.inputs, order.settings, order.seed)
     experiment = find_experiment(order.inputs.experiment)
     if order.depth == "world":
-        return experiment.simulate(protocol, rig, order.seed)
+        return simulate(experiment, protocol, rig, order.seed)
     return run_whole(experiment, protocol, rig)
 
 

@@ -15,12 +15,13 @@ from labrig.devices.opening import Opening
 from labrig.devices.operator import NO_OFFER, Offer, OperatorRequest
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import AnswerIsNoError, BugError, FileFormatError, TargetMissedError
+from labrig.errors import AnswerIsNoError, BugError, FileFormatError, TrialsFailedError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.provenance import CodeChanges, collect_provenance
 from labrig.record.reader import open_run
 from labrig.record.sink import RecordSink
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
+from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.plan import require_valid_calibration
 from labrig.runner.run_record import RecordOrder, open_record
@@ -41,7 +42,7 @@ def run_whole(
     LabrigError
         When the run cannot begin, or cannot be measured although it succeeded.
     """
-    plan = experiment.plan(protocol, rig)
+    plan = plan_run(experiment, protocol, rig)
     if plan.problems:
         raise FileFormatError(plan.problems)
     with tempfile.TemporaryDirectory(prefix="labrig-campaign-") as folder:
@@ -93,7 +94,7 @@ class _Nobody:
 
 
 def _is_measurable(error: Exception) -> bool:
-    return isinstance(error, TargetMissedError) and error.inserted
+    return isinstance(error, TrialsFailedError)
 
 
 def _measure(experiment: Experiment, run: Path, outcome: Outcome) -> TaskOutcome:

@@ -24,9 +24,9 @@ from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import write_atomically
 from labrig.errors import InputError
-from labrig.experiments.shared.rig_view import load_plane_map
 from labrig.report.picture_page import PicturePage, ShownPicture
 from labrig.report.web_page import suggest_forwarding
+from labrig.runner.sight import load_plane_map
 from labrig.vision.camera_frame import CameraInUse, encode_frame
 from labrig.vision.landmarks import Landmark, find_landmarks
 from labrig.vision.picture import Picture

@@ -32,12 +32,14 @@ from labrig.errors import (
     LabrigError,
     MachineError,
     TargetMissedError,
+    TrialsFailedError,
 )
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.provenance import CodeChanges, find_code_changes
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
+from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.run_record import RecordOrder, open_record
@@ -78,7 +80,7 @@ def perform(order: RunOrder) -> FinishedRun:
             f"{order.runs_dir} is a file, expected the folder of the runs", "name a folder with --runs-dir"
         )
     order.experiment.require_parts()
-    plan = order.experiment.plan(order.protocol, order.rig)
+    plan = plan_run(order.experiment, order.protocol, order.rig)
     if plan.problems:
         raise FileFormatError(plan.problems)
     require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
@@ -165,7 +167,7 @@ def _show_failure(ended: FinishedRun) -> FinishedRun:
 
 def _is_measurable(error: LabrigError) -> bool:
     """Return whether a run with this error can be measured: needles were inserted and withdrawn."""
-    return isinstance(error, TargetMissedError) and error.inserted
+    return isinstance(error, TrialsFailedError)
 
 
 def _leave_unmeasured(ended: FinishedRun, signal_name: str) -> FinishedRun:
@@ -251,7 +253,7 @@ def _record_watched(
                 session.dialogue.requests = requests
                 outcome = conduct_on(session)
             is_over = isinstance(outcome.error, BugError | TargetMissedError)
-            can_resume = job.experiment.can_resume and not is_over
+            can_resume = session.dialogue.planned > 0 and not is_over
             ended = FinishedRun(path, outcome, report_needle(rig, path), can_resume=can_resume)
     except MachineError as failure:
         if ended is None:

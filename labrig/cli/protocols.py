@@ -37,6 +37,7 @@ def check(
     from labrig.cli.sources import Sources
     from labrig.cli.specimen_tracks import prepare_specimens
     from labrig.experiments.registry import find_experiment
+    from labrig.runner.dry_run import plan_run
     from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
 
     faults = _report_plugin_faults(EXPERIMENTS)
@@ -56,7 +57,7 @@ def check(
     now = SystemClock().utc()
     folder = find_runs_dir(runs_dir)
     specimens = prepare_specimens(loaded, description, folder, now)
-    plan = experiment.plan(specimens.protocol, description)
+    plan = plan_run(experiment, specimens.protocol, description)
     disk_bytes = estimate_disk_bytes(plan, description)
     problems = (
         *specimens.problems,

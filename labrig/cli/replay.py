@@ -27,7 +27,7 @@ def replay(
     run = open_run(run_path)
     require_undamaged(run.path, run.damage)
     experiment, protocol = find_run_experiment(run), load_run_protocol(run)
-    with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:
+    with progress(f"replaying {run_path.name}", replay_work(run, experiment)) as reporter:
         found = replay_run(run, experiment, protocol, reporter)
     difference, place = found.first_difference, found.place
     document = {

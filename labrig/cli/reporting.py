@@ -33,5 +33,10 @@ def write_page(run: Run, result: AnyResult | None, *, private: bool = False) -> 
         run, result = run.without_personal_data(), None if result is None else result.without_personal_data()
     page = experiment.page(run, load_run_protocol(run), result)
     return write_report(
-        run, page, result, SystemClock().utc(), kind=experiment.title, can_resume=experiment.can_resume
+        run,
+        page,
+        result,
+        SystemClock().utc(),
+        kind=experiment.title,
+        can_resume=bool(run.manifest.get("trials_planned")),
     )

@@ -34,11 +34,14 @@ from labrig.record.reader import Run, open_run
 from labrig.record.reopen import close_interrupted_run, reopen_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
+from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment
+from labrig.runner.past import read_past
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.session import Session
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
+from labrig.text import format_count
 
 _NOT_THE_RIG = ("faults",)
 """Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
@@ -90,7 +93,7 @@ def resume_run(
         say(f"{path} has come to its end; it is measured again")
         return finish(FinishedRun(path, Outcome("success", "", None)), command_line)
     experiment = find_run_experiment(run)
-    if not experiment.can_resume:
+    if not run.manifest.get("trials_planned"):
         raise InputError(
             f"a run of the experiment {experiment.name} is not continued: nothing of it can be kept",
             _suggest_alternative(run, experiment),
@@ -98,13 +101,14 @@ def resume_run(
     experiment.require_parts()
     recorded = load_run_protocol(run)
     description = _require_unchanged(run, recorded, _find_sources(run, protocol, rig))
-    remainder = experiment.resume(recorded, run)
-    if not remainder.left:
+    past = read_past(run)
+    plan = plan_run(experiment, recorded, description, past)
+    if plan.problems:
+        raise FileFormatError(plan.problems)
+    if not plan.trials:
         return finish(_close_without_rig(path, command_line), command_line)
-    say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left{_name_broken(run)}")
-    plan = experiment.plan(recorded, description)
-    share = remainder.left / plan.trials
-    require_free_bytes(path, count_needed_bytes(plan, description, share))
+    say(f"{path}: {format_count(past.kept, 'trial')} kept, {plan.trials} left{_name_broken(run)}")
+    require_free_bytes(path, count_needed_bytes(plan, description))
 
     def begin(rig: Rig, reporter: Reporter) -> Session:
         require_valid_calibration(plan, rig)
@@ -112,7 +116,7 @@ def resume_run(
         return begin_session(rig, reopen, reporter)
 
     job = RigJob(experiment, recorded, description, plan.work, command_line, attention, watching)
-    ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, remainder))
+    ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, recorded, past))
     return finish(ended, command_line, watching)
 
 

@@ -16,10 +16,13 @@ class OperatorRequest:
     """Something that a person is asked to do or to confirm; `sentence` names its fields in braces.
 
     `by_hand` marks what a yes only says to be done: asking for it once more changes nothing that labrig keeps.
+    `brings_gel` says whether a specimen lies before the sheath after a yes; None: as before. Until that is said one is
+    taken to lie there, so that needle and sheath count as in tissue when they move in.
     """
 
     sentence: ClassVar[str]
     by_hand: ClassVar[bool] = False
+    brings_gel: ClassVar[bool | None] = None
 
     @property
     def text(self) -> str:
@@ -52,7 +55,7 @@ class ConfirmAxesAtZero(OperatorRequest):
 class PlaceSpecimen(OperatorRequest):
     """Put a specimen into the frame."""
 
-    by_hand = True
+    by_hand = brings_gel = True
     sentence = "Place specimen {name} ({gelatin_percent:g} % gelatin) in the frame."
 
     name: str
@@ -63,7 +66,7 @@ class PlaceSpecimen(OperatorRequest):
 class ShiftToHole(OperatorRequest):
     """Shift the specimen so that a hole stands before the sheath; people count holes from one."""
 
-    by_hand = True
+    by_hand = brings_gel = True
 
     specimen: str
     hole: int
@@ -116,7 +119,7 @@ class PlacePhantom(OperatorRequest):
     coordinates of a frame would also have the error of how the graph paper was laid.
     """
 
-    by_hand = True
+    by_hand = brings_gel = True
 
     name: str
     gelatin_percent: float
@@ -189,7 +192,7 @@ class ConfirmStopped(OperatorRequest):
 class ClearBench(OperatorRequest):
     """Take something away."""
 
-    by_hand = True
+    by_hand, brings_gel = True, False
     sentence = "Take away {what}."
 
     what: str

@@ -26,7 +26,7 @@ from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
-from labrig.devices.rig_file import RigDescription, require_complete
+from labrig.devices.rig_file import RigDescription, check_axis_move, require_complete
 from labrig.devices.supervisor import Interrupted, RigChecks, Supervisor
 from labrig.errors import (
     CameraError,
@@ -249,6 +249,10 @@ class Rig:
         positions = before.interpolate_to(after, 0.5 if frame.fraction is None else frame.fraction)
         return Photograph(frame.image, frame.t_s, positions, frame.t_bound_s, frame.fraction)
 
+    def check_move(self, axis_name: str, position: float, speed: float) -> None:
+        """Refuse a move that an axis may not make. Raises `LimitError`."""
+        check_axis_move(self.description, axis_name, position, speed)
+
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move of an axis [mm or rad, per s] and return at once.
 
@@ -282,6 +286,10 @@ class Rig:
                 self.supervise()
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
+
+    def await_reading(self, axis_name: str | None = None, passing: float | None = None) -> None:  # noqa: ARG002
+        """Let a period of the recorded states pass. Raises as `wait`."""
+        self.wait(self.state_period_s)
 
     def supervise(self) -> None:
         """Go through everything that is watched, see `supervisor`; `wait` and `ask` do so by themselves.

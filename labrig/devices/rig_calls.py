@@ -50,6 +50,14 @@ class Photograph:
     t_bound_s: float | None = None
     fraction: float | None = None
 
+    def read(self) -> Picture:
+        """Return the picture; a rig without a camera draws it now."""
+        return self.image
+
+    def paint(self, paint: Callable[[Picture], Picture]) -> Picture:
+        """Return the picture with something drawn on it."""
+        return paint(self.image)
+
 
 class RigCalls(Protocol):
     """What a session asks of a rig."""
@@ -76,6 +84,9 @@ class RigCalls(Protocol):
     def take_picture(self) -> Photograph:
         """Take a picture between two readings of the axes. Raises `CameraError`, `DriveError`, `BusError`."""
 
+    def check_move(self, axis_name: str, position: float, speed: float) -> None:
+        """Refuse a move that an axis may not make, before anything is sent. Raises `LimitError`."""
+
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move [mm or rad, per s] and return at once.
 
@@ -84,6 +95,12 @@ class RigCalls(Protocol):
 
     def wait(self, duration_s: float) -> None:
         """Let rig time pass; the axes are supervised. Raises `InterruptedRunError`, `DriveError`, `BusError`."""
+
+    def await_reading(self, axis_name: str | None = None, passing: float | None = None) -> None:
+        """Let rig time pass until the axes are to be read again: a period of the recorded states. Raises as `wait`.
+
+        A rig without devices may skip readings until one at which this axis has arrived, or is beyond `passing`.
+        """
 
     def ask(
         self,

@@ -7,8 +7,8 @@ from labrig.errors import InputError
 from labrig.plugins import INTERFACE
 
 _PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-_OPTIONAL = ("procedure", "resume", "tracks", "simulate")
-PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "follow", *_OPTIONAL)
+_OPTIONAL = ("procedure", "problems", "tracks", "simulate", "values")
+PARTS = ("protocol", "result", "analyze", "page", "summary", "view", "follow", *_OPTIONAL)
 """What a declaration names by module and attribute."""
 
 
@@ -24,8 +24,6 @@ class ExperimentDeclaration:
         Its name in a report.
     protocol, result : str
         Its models: a subclass of `labrig.protocol.ExperimentProtocol` and one of `labrig.analysis.Result`.
-    plan : str
-        `plan(protocol, rig) -> RunPlan`.
     procedure : str or None
         `run(protocol, session) -> None`; None for an experiment that moves no rig. A run can be paused at each question
         and at the end of each trial; see `Session.reach_safe_point` and `Session.attempt` for more.
@@ -36,14 +34,16 @@ class ExperimentDeclaration:
         `page(run, protocol, result) -> Page`.
     summary : str
         `summarise(document) -> Summary`.
-    resume : str or None
-        `resume(protocol, run) -> Remainder`; None if an interrupted run cannot be resumed.
+    problems : str or None
+        `find_problems(protocol) -> tuple of Problem`, why a protocol that moves no rig cannot be run.
     tracks : str or None
         `list_tracks(run, protocol, result) -> TracksBySpecimen`, the tracks that a run left in specimens with a file;
         the result is None if the run was not measured. None: an experiment that leaves no tracks.
     simulate : str or None
-        `simulate(protocol, rig, seed) -> TaskOutcome`, one virtual run without pictures; None: only whole runs on a
-        simulated rig.
+        `simulate(protocol, seed) -> TaskOutcome`, one virtual run of a protocol that moves no rig.
+    values : str or None
+        `tell_values(events, truths)`, the quantities of a virtual run of the procedure; None: a campaign makes whole
+        runs.
     view : str
         `view(run, result) -> View`; by default only the record is shown.
     follow : str
@@ -67,14 +67,14 @@ class ExperimentDeclaration:
     title: str
     protocol: str
     result: str
-    plan: str
     procedure: str | None
     analyze: str
     page: str
     summary: str
-    resume: str | None = None
+    problems: str | None = None
     tracks: str | None = None
     simulate: str | None = None
+    values: str | None = None
     view: str = "labrig.report.view:show_record_alone"
     follow: str = "labrig.report.view:follow_record_alone"
     reanalysis_keys: tuple[str, ...] = ()

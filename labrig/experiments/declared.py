@@ -14,7 +14,7 @@ from labrig.plugins import EXPERIMENTS, Plugin, find_plugin, find_plugins
 from labrig.protocol.sections import ExperimentProtocol
 
 _WITHOUT_OTHERS = "it moves no rig, or ends as it is"
-_WITHOUT = {"simulate": "each run of it takes a whole simulated rig, with camera, bus and record"}
+_WITHOUT = {"values": "each run of it takes a whole simulated rig, with camera, bus and record"}
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,9 @@ def find_experiment(name: str) -> Experiment:
         plugin=declared.plugin,
         title=declaration.title,
         moves_rig=declaration.procedure is not None,
-        can_resume=declaration.resume is not None,
         puts_needle_in_tissue=declaration.puts_needle_in_tissue,
         maps_tracks=declaration.tracks is not None,
-        can_simulate=declaration.simulate is not None,
+        can_simulate=declaration.simulate is not None or declaration.values is not None,
         counts=declaration.counts,
         require_parts=declared.require_parts,
     )

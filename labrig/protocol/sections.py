@@ -65,6 +65,11 @@ class ExperimentProtocol(Model):
         return None
 
     @property
+    def expected_radius_mm(self) -> float:
+        """The radius of a needle's arcs that a dry run of a bench takes for true [mm]."""
+        return 30.0
+
+    @property
     def current_limits_ma(self) -> Mapping[str, int]:
         """Axis -> limit of its output current during the run [mA]; empty for an experiment that sets none."""
         return {}

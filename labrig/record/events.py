@@ -108,21 +108,27 @@ class RunStop(Event):
 
 
 class TrialStart(Event):
-    """A trial starts; a person reads its `noun`."""
+    """A trial starts; a person reads its `noun`. `repeats` is the trial that it replaces, interrupted or made again."""
 
     kind: ClassVar[str] = TRIAL_START
     noun: ClassVar[str] = "trial"
 
     trial: int
+    repeats: int | None = None
 
 
 class TrialStop(Event):
-    """A trial has ended: `success`, `failed`, or `interrupted` if a resumed run found it without a stop."""
+    """A trial has ended: `success`, `failed`, or `interrupted` if a resumed run found it without a stop.
+
+    `stop` and `cause` say in a word and in words why it has failed.
+    """
 
     kind: ClassVar[str] = TRIAL_STOP
 
     trial: int
     exit_status: str
+    stop: str | None = None
+    cause: str = ""
 
 
 class OperatorQuestion(Event):

@@ -17,11 +17,12 @@ from labrig.errors import (
     fault_of,
 )
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.record.events import RunResume, RunStart, RunStop
+from labrig.record.events import INCOMPLETE, INTERRUPTED, RunResume, RunStart, RunStop, TrialStop
 from labrig.record.sink import RecordSink
-from labrig.runner.experiment import Experiment, Remainder
+from labrig.runner.experiment import Experiment
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import recover
+from labrig.runner.trials import Past
+from labrig.runner.withdrawal import recover, take_needle_out
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,28 @@ def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Sessi
     return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
 
 
-def conduct_remainder(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
-    """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record."""
-    session.dialogue.decisions, session.dialogue.conditions = remainder.decisions, remainder.conditions
-    return _conduct(session, RunResume(experiment=experiment.name), lambda: remainder.run(session))
+def conduct_remainder(
+    experiment: Experiment, protocol: ExperimentProtocol, past: Past, session: Session
+) -> Outcome:
+    """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record.
+
+    Its interrupted trial is marked, and the needle taken out; nothing is homed or referenced before.
+    """
+    dialogue = session.dialogue
+    dialogue.past, dialogue.decisions, dialogue.conditions = past, past.decisions, protocol.conditions
+    dialogue.begun = list(past.begun)
+    dialogue.failed |= {
+        trial: TargetMissedError(why, reason=word) for trial, (word, why) in past.failed.items()
+    }
+
+    def go_on() -> None:
+        for trial in past.begun:
+            if trial.exit_status == INCOMPLETE:
+                session.record(TrialStop(trial=trial.number, exit_status=INTERRUPTED))
+        take_needle_out(session, past.needle_path)
+        experiment.run(protocol, session)
+
+    return _conduct(session, RunResume(experiment=experiment.name), go_on)
 
 
 def conduct_withdrawal(
@@ -124,6 +143,9 @@ def _run_procedure(session: Session, beginning: RunStart, procedure: Callable[[]
         session.record(beginning)
         session.rig.enable()
         procedure()
+        failure = session.dialogue.find_failure()
+        if failure is not None:
+            return Outcome("failed", failure.reason, failure)
     except (InterruptedRunError, SafetyStopError, ConditionMetError) as error:
         return Outcome("aborted", error.message, error)
     except TargetMissedError as error:

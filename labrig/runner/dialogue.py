@@ -1,9 +1,10 @@
 """What a session knows of its person: the trial in progress, decisions so far, and what may be chosen now."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from labrig.devices.operator import Choice, Offer, OperatorRequest
+from labrig.errors import AnswerIsNoError, Problem, TrialsFailedError
 from labrig.protocol.conditions import Condition
 from labrig.record.decisions import DECISIONS, Decisions
 from labrig.record.events import (
@@ -15,19 +16,21 @@ from labrig.record.events import (
     Undo,
 )
 from labrig.runner.pausing import NoRequests, PauseRequests
-
-
-def _always(_trial: int) -> bool:
-    return True
+from labrig.runner.trials import NO_PAST, BegunTrial, Past
+from labrig.text import format_count
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A trial that is about to be made; `can_repeat` says whether there is room to make another trial again."""
+    """A trial that is about to be made; `can_repeat` says whether there is room to make another trial again.
+
+    `starts_itself` says whether the procedure records its start.
+    """
 
     trial: int
-    repeats: int | None = None
-    can_repeat: Callable[[int], bool] = _always
+    repeats: int | None
+    can_repeat: Callable[[int], bool]
+    starts_itself: bool
 
 
 @dataclass
@@ -50,6 +53,20 @@ class Dialogue:
         The trial that is about to be made, or is being made.
     place : str
         Where the run is, such as `hole 3 of 18, gel 2 of 4`; empty if nobody has said it.
+    specimen : bool or None
+        Whether a specimen lies before the sheath; None if nobody has said it.
+    calls : int
+        The moves, pictures and questions so far: how far the run is.
+    notes, warnings : list
+        What the procedure has said to whoever checks the protocol.
+    past : Past
+        What the record of an interrupted run holds.
+    begun : list of BegunTrial
+        The trials so far, those of earlier sessions too.
+    planned : int
+        How many trials the run has.
+    failed : dict of int to AnswerIsNoError
+        Why trials have failed, by their numbers.
     next_point : str
         When a pause that is asked for now begins, as a person is told; empty for the end of the trial in progress.
     """
@@ -62,6 +79,14 @@ class Dialogue:
     attempt: Attempt | None = None
     place: str = ""
     next_point: str = ""
+    specimen: bool | None = None
+    calls: int = 0
+    notes: list[str] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+    past: Past = NO_PAST
+    begun: list[BegunTrial] = field(default_factory=list)
+    planned: int = 0
+    failed: dict[int, AnswerIsNoError] = field(default_factory=dict)
     _noun: str = "trial"
     _started: bool = False
     _undoable: list[Event | OperatorRequest] = field(default_factory=list)
@@ -75,9 +100,14 @@ class Dialogue:
         match event:
             case TrialStart():
                 self.trial, self._noun, self._started = event.trial, event.noun, True
+                self.begun.append(BegunTrial(event.trial, event.repeats))
                 self._undoable.clear()
             case TrialStop():
                 self.finished = event.trial if event.trial == self.trial else self.finished
+                self.begun = [
+                    replace(made, exit_status=event.exit_status) if made.number == event.trial else made
+                    for made in self.begun
+                ]
                 self.trial, self.next_point = None, ""
                 self._undoable.clear()
             case Move():
@@ -89,8 +119,11 @@ class Dialogue:
             case _ if isinstance(event, DECISIONS):
                 self._undoable.append(event)
 
-    def note_answer(self, request: OperatorRequest) -> None:
+    def note_answer(self, request: OperatorRequest, *, confirmed: bool) -> None:
         """Take note of an answer; it can be undone if it only says that something was done by hand."""
+        self.calls += 1
+        if confirmed and request.brings_gel is not None:
+            self.specimen = request.brings_gel
         if request.by_hand:
             self._undoable.append(request)
         else:
@@ -110,7 +143,28 @@ class Dialogue:
         """Take note that it is over."""
         self.attempt = None
 
+    def find_failure(self) -> TrialsFailedError | None:
+        """Return why the run has failed, by its trials that are to be evaluated; None if none of them has failed."""
+        counted = [
+            error for trial, error in self.failed.items() if not self.decisions.explain_left_out(trial)
+        ]
+        if not counted:
+            return None
+        reasons = [getattr(error, "reason", "refused") for error in counted]
+        worst = min(range(len(counted)), key=lambda place: reasons[place] == "reached_in_plane_only")
+        return TrialsFailedError(
+            f"{len(counted)} of {format_count(self.planned, self._noun)} failed; {reasons[worst]}: "
+            f"{counted[worst].message}",
+            counted[worst].hint or "the report shows which, and why",
+            reason=reasons[worst],
+        )
+
     # What may be done now
+
+    @property
+    def has_started(self) -> bool:
+        """Whether the attempted trial has started."""
+        return self._started
 
     @property
     def can_leave(self) -> bool:

@@ -1,20 +1,18 @@
 """The interface of experiments to the rest of labrig."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.outcome import TaskOutcome
 from labrig.analysis.result import AnyResult
 from labrig.analysis.summary import Summary
-from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.plugins import Plugin
-from labrig.protocol.conditions import Condition
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.specimen_file import TracksBySpecimen
-from labrig.record.decisions import NO_DECISIONS, Decisions
+from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import View
@@ -22,24 +20,8 @@ from labrig.runner.session import Session
 
 
 @dataclass(frozen=True)
-class PlannedMove:
-    """One move of one axis: start and end [mm or rad], and speed [per s]; `where` is the protocol's key."""
-
-    where: str
-    axis: str
-    start: float
-    position: float
-    speed: float
-
-    @property
-    def duration_s(self) -> float:
-        """Time at the set speed [s]; the ramps are negligible."""
-        return abs(self.position - self.start) / self.speed
-
-
-@dataclass(frozen=True)
 class RunPlan:
-    """What a run will do, known before anything moves.
+    """What a run will do, by a dry run of its procedure.
 
     Attributes
     ----------
@@ -47,10 +29,8 @@ class RunPlan:
         Trials of the whole run; 0 for an experiment without trials.
     duration_s : float
         Rig time without that of the operator [s].
-    pictures, operator_steps : int
-        Pictures that are taken, and requests that the operator answers.
-    moves : tuple of PlannedMove
-        Those of one trial, in order: the sheath goes in, the needle goes in and out, the sheath comes out.
+    moves, pictures, operator_steps : int
+        Moves, pictures that are taken, and requests that the operator answers.
     problems : tuple of Problem
         Reasons against the run: moves beyond a limit, pictures that cannot be measured, a target out of view.
     refusal : Problem or None
@@ -65,9 +45,9 @@ class RunPlan:
 
     trials: int = 0
     duration_s: float = 0.0
+    moves: int = 0
     pictures: int = 0
     operator_steps: int = 0
-    moves: tuple[PlannedMove, ...] = ()
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
@@ -76,23 +56,8 @@ class RunPlan:
 
     @property
     def work(self) -> float:
-        """The end of the progress: rig time [s], or pictures if nothing moves."""
-        return self.duration_s or float(self.pictures)
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """The rest of an interrupted run: how many trials are kept, how many are left, and the call that makes those.
-
-    The session that makes the rest begins with `decisions`, those of its person so far, and `conditions`, those of the
-    protocol.
-    """
-
-    kept: int
-    left: int
-    run: Callable[[Session], None]
-    decisions: Decisions = NO_DECISIONS
-    conditions: tuple[Condition, ...] = ()
+        """The end of the progress: the moves, pictures and questions."""
+        return float(self.moves + self.pictures + self.operator_steps)
 
 
 @dataclass(frozen=True)
@@ -107,8 +72,6 @@ class Experiment(MeasuredExperiment):
         Its name in a report.
     moves_rig : bool
         Whether it has a procedure; a design has none.
-    can_resume : bool
-        Whether an interrupted run of it can be continued.
     puts_needle_in_tissue : bool
         Whether a needle may be in tissue when a run of it ends early.
     maps_tracks : bool
@@ -124,16 +87,15 @@ class Experiment(MeasuredExperiment):
     plugin: Plugin
     title: str
     moves_rig: bool
-    can_resume: bool
     puts_needle_in_tissue: bool
     maps_tracks: bool
     can_simulate: bool
     counts: str
     require_parts: Callable[[], None]
 
-    def plan(self, protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
-        """Return the plan of a run; the rig is None for a protocol that moves none."""
-        return cast("RunPlan", self.part("plan")(protocol, rig))
+    def find_problems(self, protocol: ExperimentProtocol) -> tuple[Problem, ...]:
+        """Return why a protocol that moves no rig cannot be run."""
+        return tuple(self.part("problems")(protocol))
 
     def run(self, protocol: ExperimentProtocol, session: Session) -> None:
         """Carry out the procedure.
@@ -145,22 +107,15 @@ class Experiment(MeasuredExperiment):
         """
         self.part("procedure")(protocol, session)
 
-    def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
-        """Return the rest of an interrupted run. Raises `InputError` when there is no room for it."""
-        remainder = cast("Remainder", self.part("resume")(protocol, run))
-        return replace(remainder, decisions=run.decisions, conditions=protocol.conditions)
+    def simulate(self, protocol: ExperimentProtocol, seed: int) -> TaskOutcome:
+        """Return what comes of one virtual run of a protocol that moves no rig."""
+        return cast("TaskOutcome", self.part("simulate")(protocol, seed))
 
-    def simulate(self, protocol: ExperimentProtocol, rig: RigDescription | None, seed: int) -> TaskOutcome:
-        """Return what comes of one virtual run, without pictures; the same seed gives the same bits in any process.
-
-        The rig is None for a protocol that moves none.
-
-        Raises
-        ------
-        InputError
-            When the experiment has no such part, or it cannot simulate what the protocol asks for.
-        """
-        return cast("TaskOutcome", self.part("simulate")(protocol, rig, seed))
+    def tell_values(
+        self, events: Sequence[Event], truths: Sequence[Mapping[str, Any]]
+    ) -> Mapping[str, float | int | bool | str | None]:
+        """Return the quantities of a virtual run of the procedure. Raises `InputError` if it has none."""
+        return cast("Mapping[str, Any]", self.part("values")(events, truths))
 
     def list_tracks(
         self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None
@@ -179,8 +134,3 @@ class Experiment(MeasuredExperiment):
     def summarise(self, result: Mapping[str, Any]) -> Summary:
         """Return the terminal summary of a result."""
         return cast("Summary", self.part("summary")(result))
-
-
-def total_duration_s(moves: Sequence[PlannedMove]) -> float:
-    """Return the total duration of moves made one after another [s]."""
-    return sum(move.duration_s for move in moves)

@@ -7,9 +7,8 @@ from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
 from labrig.errors import CalibrationRefusedError
 from labrig.protocol.sections import GridSentinel
 from labrig.runner.session import Session
-from labrig.vision.grid_check import check_grid, compare_grids
-from labrig.vision.picture import Picture
-from labrig.vision.plane import PlaneMap
+from labrig.runner.sight import Sight, TakenPicture
+from labrig.vision.grid_check import compare_grids
 
 
 def confirm_needle_out(session: Session) -> None:
@@ -22,10 +21,10 @@ def confirm_needle_out(session: Session) -> None:
     """
     if session.state.needle_in_tissue is not False:
         session.ask(ConfirmNeedleOut(session.state.doubt))
-        session.mark_needle_out()
+        session.rig.needle.mark_out()
 
 
-def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> Picture | None:
+def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> TakenPicture | None:
     """Photograph graph paper in the steering plane, if the protocol asks for it; no needle is in tissue then.
 
     Raises
@@ -37,16 +36,16 @@ def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Sess
         return None
     confirm_needle_out(session)
     session.ask(LayGraphPaper(sentinel.pitch_mm))
-    image = session.take_picture(role).image
+    taken = session.take_picture(role)
     session.ask(ClearBench("the graph paper"))
-    return image
+    return taken
 
 
 def require_same_grid(
-    before: Picture | None,
-    after: Picture | None,
+    before: TakenPicture | None,
+    after: TakenPicture | None,
     sentinel: GridSentinel | None,
-    plane: PlaneMap,
+    sight: Sight,
     session: Session,
 ) -> None:
     """Refuse a run whose pictures of the paper differ by more than an error bar can cover.
@@ -59,7 +58,7 @@ def require_same_grid(
     if sentinel is None or before is None or after is None:
         return
     checks = [
-        session.compute(partial(check_grid, image, plane, sentinel.pitch_mm)) for image in (before, after)
+        session.compute(partial(sight.check_grid, taken, sentinel.pitch_mm)) for taken in (before, after)
     ]
     drift = compare_grids(*checks)
     if drift.reason is not None:

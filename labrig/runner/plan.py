@@ -1,22 +1,16 @@
 """The moves, pictures and disk space of a run, checked and estimated before anything moves."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Protocol
 
 from labrig.devices.camera import require_calibrated_camera
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.rig import Rig
-from labrig.devices.rig_file import RigDescription, check_axis_move, section_problems, unknown_entries
-from labrig.errors import LimitError, Problem
-from labrig.protocol.sections import ExperimentProtocol, GridSentinel, Sheath
-from labrig.runner.experiment import PlannedMove, RunPlan
-
-PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
-"""The hole before the sheath goes in, the sheath before the needle goes in, and the final shape."""
-
-_GRID_PICTURES = 2
-"""Before the run and after it; for each the paper is laid, and taken away again."""
+from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
+from labrig.errors import Problem
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.runner.experiment import RunPlan
 
 _BYTES_A_STATE = 350
 _PNG_SHARE = 0.7
@@ -35,38 +29,6 @@ class Speeds(Protocol):
     def withdraw_speed_mm_s(self) -> float:
         """Withdrawal speed [mm/s]."""
         ...
-
-
-def plan_insertion_moves(
-    key: str, length_mm: float, speeds: Speeds, sheath: Sheath
-) -> tuple[PlannedMove, ...]:
-    """Return the moves of one insertion, in order: sheath in, needle in, needle out, sheath out.
-
-    Parameters
-    ----------
-    key : str
-        The protocol's key of the inserted length.
-    length_mm : float
-        That length.
-    speeds, sheath
-        The protocol's sections.
-    """
-    return (
-        PlannedMove("sheath.depth_mm", "linear", 0.0, sheath.depth_mm, sheath.speed_mm_s),
-        PlannedMove(key, "insertion", 0.0, length_mm, speeds.speed_mm_s),
-        PlannedMove("insertion.withdraw_speed_mm_s", "insertion", length_mm, 0.0, speeds.withdraw_speed_mm_s),
-        PlannedMove("sheath.speed_mm_s", "linear", sheath.depth_mm, 0.0, sheath.speed_mm_s),
-    )
-
-
-def plan_roll_move(rig: RigDescription, key: str, farthest_rad: float) -> PlannedMove:
-    """Return the largest turn of the bevel from its first position, at half the axis' speed."""
-    return PlannedMove(key, "rotation", 0.0, farthest_rad, rig.axes.rotation.max_speed / 2)
-
-
-def count_sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
-    """Return the numbers of pictures and operator steps for the graph paper before and after a run."""
-    return (0, 0) if sentinel is None else (_GRID_PICTURES, 2 * _GRID_PICTURES)
 
 
 def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
@@ -101,33 +63,20 @@ def _find_current_problems(protocol: ExperimentProtocol, rig: RigDescription) ->
             )
 
 
-def find_rig_problems(
-    protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
-) -> tuple[Problem, ...]:
-    """Return the problems of an experiment that moves and measures: moves beyond a limit, no calibration."""
-    uncalibrated = (
+def find_rig_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield what is wrong with a rig file, whatever the procedure does."""
+    yield from find_rig_file_problems(rig)
+    yield from _find_picture_problems(protocol, rig)
+    yield from _find_current_problems(protocol, rig)
+
+
+def find_calibration_problems(rig: RigDescription) -> tuple[Problem, ...]:
+    """Return what is wrong with the calibration of a rig."""
+    return tuple(
         Problem(result.check, result.value, result.solution)
         for result in check_calibration(rig)
         if result.status is CheckStatus.FAIL
     )
-    return (*find_move_problems(protocol, rig, moves), *uncalibrated)
-
-
-def find_move_problems(
-    protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
-) -> tuple[Problem, ...]:
-    """Return the problems of an experiment that moves; it may measure in pixels, without a calibration."""
-    problems = [
-        *find_rig_file_problems(rig),
-        *_find_picture_problems(protocol, rig),
-        *_find_current_problems(protocol, rig),
-    ]
-    for move in moves:
-        try:
-            check_axis_move(rig, move.axis, move.position, move.speed)
-        except LimitError as error:
-            problems.append(Problem(move.where, error.message, error.hint))
-    return tuple(problems)
 
 
 def require_valid_calibration(plan: RunPlan, rig: Rig) -> None:

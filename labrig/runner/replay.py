@@ -19,12 +19,13 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.agreement import Agreement, Deviation, Verdict
-from labrig.record.events import Event, Move, Pause
+from labrig.record.events import Event, Move, OperatorQuestion, Pause
 from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.dialogue import Dialogue
 from labrig.runner.experiment import Experiment
+from labrig.runner.past import read_past
 from labrig.runner.pausing import NoRequests
 from labrig.runner.session import Progress, Session
 
@@ -92,7 +93,7 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
     RecordError
         When the record is damaged.
     """
-    if not experiment.moves_rig and experiment.plan(protocol, None).problems:
+    if not experiment.moves_rig and experiment.find_problems(protocol):
         raise InputError(
             f"{run.path} holds imported pictures; no procedure made it", "there is nothing to replay"
         )
@@ -111,11 +112,12 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
     return found
 
 
-def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) -> float:
-    """Return the end of the progress of a replay."""
+def replay_work(run: Run, experiment: Experiment) -> float:
+    """Return the end of the progress of a replay: the moves, pictures and questions of the record."""
     if not experiment.moves_rig:
         return 1.0
-    return experiment.plan(protocol, load_recorded_rig(run)).work
+    drawn = sum(bool(line.drawn) for line in run.frame_lines)
+    return float(len(run.read_events(Move, OperatorQuestion)) + len(run.frame_lines) - drawn)
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def _conduct(
     session = Session(rig, journal, progress, Dialogue(requests=RecordedRequests(tape)))
     if replayed.resumed is None:
         return conduct(experiment, protocol, session)
-    return conduct_remainder(experiment, experiment.resume(protocol, replayed.resumed), session)
+    return conduct_remainder(experiment, protocol, read_past(replayed.resumed), session)
 
 
 class ReplayedRecord:

@@ -7,21 +7,28 @@ It also carries what a person may do in between (`dialogue`): a pause flows one 
 question, `labrig pause`) to the next safe point, to an event of the record, to the evaluation and the report.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from types import TracebackType
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from labrig.devices.axis import AxisReadback
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
 from labrig.devices.needle_state import RigState, RollZero
 from labrig.devices.operator import Answer, Choice, OperatorRequest, Paused, request_details
-from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import RigCalls
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.state_line import write_state_line
-from labrig.errors import ConditionMetError, OperatorDeclinedError
+from labrig.errors import (
+    AnswerIsNoError,
+    ConditionMetError,
+    InputError,
+    OperatorDeclinedError,
+    Problem,
+)
 from labrig.record.decisions import RESCHEDULING, Decisions
 from labrig.record.events import (
     AxesReferenced,
@@ -38,6 +45,7 @@ from labrig.record.events import (
     PictureRole,
     Repeat,
     Skip,
+    TrialStart,
     TrialStop,
     Undo,
     ValueMeasured,
@@ -46,6 +54,8 @@ from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
 from labrig.runner.dialogue import Attempt, Dialogue
 from labrig.runner.pausing import AFTER_ANSWER, AT_QUESTION, BEFORE_QUESTION, TRIAL_END
+from labrig.runner.sight import PictureSight, Sight, TakenPicture
+from labrig.runner.trials import Again, Past, Trial, list_remaining, make_same_again, put_repeats_first
 from labrig.vision.picture import Picture
 
 
@@ -53,7 +63,7 @@ class Progress(Protocol):
     """Receives the progress of a procedure."""
 
     def __call__(self, done: float, doing: str) -> None:
-        """Receive how much of the estimate is done (rig time [s]; pictures if nothing moves), and a sentence."""
+        """Receive how many of the planned moves, pictures and questions are done, and a sentence."""
         ...
 
 
@@ -62,20 +72,50 @@ _T = TypeVar("_T")
 _AT_START_MM = 0.05
 """How far needle and sheath may stand from zero to be where an insertion begins."""
 
-WhileMoving = Callable[[Mapping[str, AxisReadback]], None]
-
-
-@dataclass(frozen=True, eq=False)
-class TakenPicture:
-    """A recorded picture: its number, the picture, and the axis positions at its exposure."""
-
-    frame: int
-    image: Picture
-    positions: AxisPositions
+_INTO_TISSUE = ("insertion", "linear")
+"""The axes that bring needle and sheath into a specimen."""
 
 
 class _OtherTrialError(Exception):
     """A person has chosen that another trial is made than the one that was about to start."""
+
+
+class TrialRun(Generic[_T]):
+    """A trial that is being made in a `with` block: its `number`, `what` is made, and the trial that it `repeats`."""
+
+    def __init__(
+        self, session: "Session", trial: Trial[_T], can_repeat: Callable[[int], bool], starts_itself: bool
+    ) -> None:
+        self.number, self.what, self.repeats = trial.number, trial.what, trial.repeats
+        self._session = session
+        self._attempt = Attempt(trial.number, trial.repeats, can_repeat, starts_itself)
+
+    def __enter__(self) -> Self:
+        self._session.dialogue.begin_attempt(self._attempt)
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
+    ) -> bool:
+        session, dialogue = self._session, self._session.dialogue
+        if error is None:
+            self._stop("success")
+        is_own = isinstance(error, AnswerIsNoError) and not isinstance(error, ConditionMetError)
+        fails = is_own and session.state.needle_in_tissue is False
+        if isinstance(error, AnswerIsNoError) and fails:
+            self._stop("failed", getattr(error, "reason", "refused"), error.message)
+            dialogue.failed[self.number] = error
+            session.tell(f"trial {self.number} has failed: {error.message}")
+        dialogue.end_attempt()
+        return fails or isinstance(error, _OtherTrialError)
+
+    def _stop(self, exit_status: str, stop: str | None = None, cause: str = "") -> None:
+        """End the trial, unless the block has done so."""
+        session = self._session
+        if not session.dialogue.has_started:
+            session.record(TrialStart(trial=self.number, repeats=self.repeats))
+        if session.dialogue.trial == self.number:
+            session.record(TrialStop(trial=self.number, exit_status=exit_status, stop=stop, cause=cause))
 
 
 class _ContinuedError(Exception):
@@ -94,13 +134,14 @@ _POINTS = {
 class Session:
     """The rig, the record of this run, the receiver of progress, and what its person may do.
 
-    `rig`, `recorder` and `dialogue` are for the runner; a procedure needs none of them.
+    `rig`, `recorder`, `progress`, `dialogue` and `make_sight` are for the runner; a procedure needs none of them.
     """
 
     rig: RigCalls
     recorder: RecordSink
     progress: Progress
     dialogue: Dialogue = field(default_factory=Dialogue)
+    make_sight: Callable[..., Sight] = PictureSight
 
     def record(self, event: Event) -> None:
         """Append an event, stamped with the rig time. The end of a trial is a safe point."""
@@ -184,10 +225,28 @@ class Session:
         """Return whether every axis has kept its reference, and needle and sheath stand where an insertion begins."""
         if not self.is_referenced:
             return False
-        states = self.read_states()
-        return all(abs(states[name].position) <= _AT_START_MM for name in ("insertion", "linear"))
+        return _stands_at_start(self.read_states())
 
     # What a procedure says
+
+    def tell(self, doing: str) -> None:
+        """Say what is being done, for whoever watches the progress."""
+        self.progress(self.dialogue.calls, doing)
+
+    def note(self, sentence: str) -> None:
+        """Say what is good to know before the run; `labrig check` prints it."""
+        self.dialogue.notes.append(sentence)
+
+    def warn(self, problem: Problem) -> None:
+        """Say why the answer of the run may be no; `labrig check` prints it, and the run goes on."""
+        self.dialogue.warnings.append(problem)
+
+    def open_sight(self, *, finds_tip: bool = False) -> Sight:
+        """Return what reads pictures by the rig's calibration, the needle's tip too if that is asked for.
+
+        Raises `InputError` where a file of it is missing.
+        """
+        return self.compute(partial(self.make_sight, self.description, finds_tip=finds_tip))
 
     def tell_place(self, place: str) -> None:
         """Say where the run is, such as `hole 3 of 18, gel 2 of 4`, for the questions that follow."""
@@ -196,14 +255,6 @@ class Session:
     def tell_next_point(self, point: str) -> None:
         """Say when a pause that is asked for now begins; empty for the end of the trial in progress."""
         self.dialogue.next_point = point
-
-    def mark_needle_in_tissue(self) -> None:
-        """Remember, across a crash, that this run is putting a needle into tissue. Raises `DiskError`."""
-        self.rig.needle.mark_in_tissue(self.run_name)
-
-    def mark_needle_out(self) -> None:
-        """Remember that no needle is in tissue. Raises `DiskError`."""
-        self.rig.needle.mark_out()
 
     def recall_roll_zero(self, needle_id: str) -> RollZero | None:
         """Return the certified roll zero of this needle as it is clamped, or None."""
@@ -218,47 +269,56 @@ class Session:
         for line in self.rig.truth():
             self.recorder.truth(trial=trial, **line)
 
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+    @property
+    def past(self) -> Past:
+        """What the record of an interrupted run holds; nothing of a run that begins."""
+        return self.dialogue.past
+
+    def recall_holes(self) -> None:
         """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
-        self.rig.recall(insertions)
+        if self.past.holes:
+            self.rig.recall(self.past.holes)
 
     # Pauses, and what a person chooses
 
-    def attempt(
+    def trials(
         self,
-        trial: int,
-        make: Callable[[], _T],
+        planned: Sequence[_T],
         *,
-        repeats: int | None = None,
-        can_repeat: Callable[[int], bool] | None = None,
-    ) -> _T | None:
-        """Make a trial that a person may still skip, or put off to have the one before it made again.
+        again: Again[_T] = make_same_again,
+        order: Callable[[Trial[_T]], Any] = put_repeats_first,
+        starts_itself: bool = False,
+    ) -> Iterator["TrialRun[_T]"]:
+        """Yield the trials that remain, each to be made in a `with` block.
 
-        Afterwards `dialogue.decisions` says what has been decided; the caller makes what remains.
+        A person may skip the next one at a question before it starts, or have an earlier one made again; what an
+        interrupted session has made is left out. A block that raises `AnswerIsNoError` while no needle is in tissue
+        ends its trial as failed, the others are made, and the run ends as failed.
 
         Parameters
         ----------
-        trial : int
-            Its number.
-        make : callable
-            Makes it, from the questions before it to its stop.
-        repeats : int or None
-            The trial whose place it takes.
-        can_repeat : callable
-            Whether there is room to make a trial of this number again; by default always.
-
-        Returns
-        -------
-        What `make` returns; None if a person chose otherwise before the trial started.
+        planned : sequence
+            What is made in each trial, such as its hole; the first is trial 0.
+        again, order : callable
+            See `list_remaining`.
+        starts_itself : bool
+            Whether the block records start and stop itself; otherwise a `TrialStart` is recorded before the first
+            move or picture, and a `TrialStop` at the end.
         """
-        attempt = Attempt(trial, repeats) if can_repeat is None else Attempt(trial, repeats, can_repeat)
-        self.dialogue.begin_attempt(attempt)
-        try:
-            return make()
-        except _OtherTrialError:
-            return None
-        finally:
-            self.dialogue.end_attempt()
+        dialogue = self.dialogue
+        dialogue.planned = len(planned)
+
+        def remaining(decisions: Decisions) -> list[Trial[_T]]:
+            return list_remaining(planned, dialogue.begun, decisions, again, order)
+
+        def can_repeat(trial: int) -> bool:
+            try:
+                return bool(remaining(dialogue.decisions.add(Repeat(trial=trial))))
+            except InputError:
+                return False
+
+        while left := remaining(dialogue.decisions):
+            yield TrialRun(self, left[0], can_repeat, starts_itself)
 
     def reach_safe_point(self, point: str, *, in_tissue: bool = False) -> bool:
         """Pause here if that is asked for, by a person or a condition, until a person continues; return whether it was.
@@ -415,17 +475,20 @@ class Session:
             )
         )
         if not paused and answer.choice is None:
-            self.dialogue.note_answer(request)
+            self.dialogue.note_answer(request, confirmed=answer.confirmed)
         return answer
 
     def take_picture(self, role: PictureRole, trial: int | None = None) -> TakenPicture:
         """Take a picture, record it with the axis positions at its exposure, and return it."""
+        self._begin_trial()
+        trial = self.dialogue.trial if trial is None else trial
         taken = self.rig.take_picture()
+        self.dialogue.calls += 1
         self.recorder.can_frames(self.rig.take_can_frames())
         times = {"t_bound_s": taken.t_bound_s, "fraction": taken.fraction}
         known = {name: value for name, value in times.items() if value is not None} | asdict(taken.positions)
         number = self.recorder.frame(taken.image, taken.t_s, trial=trial, role=role, **known)
-        return TakenPicture(number, taken.image, taken.positions)
+        return TakenPicture(number, taken)
 
     def compute(self, call: Callable[[], _T]) -> _T:
         """Return what takes long to compute, or to read from a file; the axes are supervised meanwhile.
@@ -437,8 +500,15 @@ class Session:
         """
         return self.rig.do_aside(call)
 
-    def draw(self, image: Picture, role: PictureRole, trial: int | None = None) -> Path:
+    def draw(
+        self,
+        taken: TakenPicture,
+        paint: Callable[[Picture], Picture],
+        role: PictureRole,
+        trial: int | None = None,
+    ) -> Path:
         """Record a picture with a drawing on it, and return its file."""
+        image = self.compute(partial(taken.photograph.paint, paint))
         number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
         return self.picture_path(number)
 
@@ -447,12 +517,24 @@ class Session:
         return self.recorder.path / picture_file(frame)
 
     def move(
-        self, axis_name: str, position: float, speed: float, while_moving: WhileMoving | None = None
+        self,
+        axis_name: str,
+        position: float,
+        speed: float,
+        *,
+        passing: Sequence[float] = (),
+        then: Callable[[], object] = lambda: None,
     ) -> None:
         """Move one axis to `position` [mm or rad] at `speed` [per s] and wait until it has arrived.
 
         The states of all axes are recorded at the rig file's rate until the axis is in its position window.
-        `while_moving` receives each of them.
+
+        Parameters
+        ----------
+        passing : sequence of float
+            Positions on the way, in order, upwards.
+        then : callable
+            Called at the first reading beyond each of them; the axis does not stop.
 
         Raises
         ------
@@ -462,13 +544,38 @@ class Session:
             From the rig while waiting; the caller's rig stops the axes.
         """
         self.start(axis_name, position, speed)
-        arrived = False
-        while not arrived:
-            states = self.record_next_states()
-            if while_moving is not None:
-                while_moving(states)
-            arrived = states[axis_name].target_reached
+        states: Mapping[str, AxisReadback] = {}
+        for place in passing:
+            if not _is_past(states.get(axis_name), place):
+                states = self.wait_until(axis_name, place)
+            then()
+        if not _is_past(states.get(axis_name)):
+            states = self.wait_until(axis_name)
         self.record(MoveDone(axis=axis_name, position=states[axis_name].position))
+        if axis_name in _INTO_TISSUE:
+            self._note_way_out(states)
+
+    def _begin_trial(self) -> None:
+        """Record the start of a trial whose block leaves that to the session."""
+        attempt = self.dialogue.attempt
+        if attempt is not None and not attempt.starts_itself and not self.dialogue.has_started:
+            self.record(TrialStart(trial=attempt.trial, repeats=attempt.repeats))
+
+    def wait_until(self, axis_name: str, passing: float | None = None) -> Mapping[str, AxisReadback]:
+        """Record states until an axis has arrived, or is beyond a position on its way up; return the last ones.
+
+        Raises as `record_next_states`.
+        """
+        while True:
+            states = self.record_next_states(axis_name, passing)
+            if _is_past(states[axis_name], passing):
+                return states
+
+    def _note_way_out(self, states: Mapping[str, AxisReadback]) -> None:
+        """Remember that no needle is in tissue once needle and sheath of this run are back, by kept references."""
+        is_own = self.state.needle_in_tissue is True and self.state.since_run == self.run_name
+        if is_own and self.is_referenced and _stands_at_start(states):
+            self.rig.needle.mark_out()
 
     def start(self, axis_name: str, position: float, speed: float) -> None:
         """Start a move and return at once; an axis in motion continues to the new position without a stop.
@@ -477,18 +584,30 @@ class Session:
         ------
         LimitError, SafetyStopError, DriveError, BusError
         """
+        self._begin_trial()
+        self.rig.check_move(axis_name, position, speed)
+        goes_in = (
+            axis_name in _INTO_TISSUE and position > _AT_START_MM and self.dialogue.specimen is not False
+        )
+        if goes_in and not (self.state.needle_in_tissue and self.state.since_run == self.run_name):
+            self.rig.needle.mark_in_tissue(self.run_name)
+        self.dialogue.calls += 1
         setpoint = self.rig.start_move(axis_name, position, speed)
         self.record(Move(axis=axis_name, **setpoint.document()))
 
-    def record_next_states(self) -> Mapping[str, AxisReadback]:
+    def record_next_states(
+        self, axis_name: str | None = None, passing: float | None = None
+    ) -> Mapping[str, AxisReadback]:
         """Wait for one period of the recorded states, record the states of all axes, and return them.
+
+        `axis_name` and `passing` say what is waited for, as in `wait_until`.
 
         Raises
         ------
         DriveError, BusError, InterruptedRunError
             All axes have been stopped.
         """
-        self.rig.wait(1 / self.description.recording.state_rate_hz)
+        self.rig.await_reading(axis_name, passing)
         self._look_for_requests()
         return self.read_states()
 
@@ -527,3 +646,12 @@ class Session:
 
 def _describe_met(met: ConditionMet) -> str:
     return f"{met.name} of trial {met.trial} is {met.value:.4g} ({met.action}: {met.condition})"
+
+
+def _is_past(state: AxisReadback | None, passing: float | None = None) -> bool:
+    """Return whether an axis has arrived, or is beyond a position."""
+    return state is not None and (state.target_reached or (passing is not None and state.position >= passing))
+
+
+def _stands_at_start(states: Mapping[str, AxisReadback]) -> bool:
+    return all(abs(states[name].position) <= _AT_START_MM for name in _INTO_TISSUE)

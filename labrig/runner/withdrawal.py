@@ -99,16 +99,6 @@ def plan_reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]
     return tuple(_join_moves(_plan_moves(path))) if path else ()
 
 
-def plan_partial_moves(path: Sequence[AxisPositions], to_mm: float) -> tuple[ReverseMove, ...]:
-    """Return the moves that withdraw the needle along its path to an insertion length; `path` as for all of it."""
-    moves = list[ReverseMove]()
-    for move in plan_reverse_moves(path):
-        if move.axis == "insertion" and move.position <= to_mm:
-            return (*moves, ReverseMove("insertion", to_mm))
-        moves.append(move)
-    return tuple(moves)
-
-
 def _plan_moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
     here = path[-1]
     depth_mm, roll_rad = here.insertion_mm, here.rotation_rad
@@ -175,18 +165,8 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
     _make_moves(session, moves, speeds)
     if not session.is_referenced:
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
-    session.mark_needle_out()
+    session.rig.needle.mark_out()
     session.record(WithdrawalStop())
-
-
-def withdraw_partly(
-    session: Session, path: Sequence[AxisPositions], to_mm: float, speeds: Mapping[str, float]
-) -> None:
-    """Withdraw the needle along its path to an insertion length, turning the bevel back where it was turned.
-
-    The needle stays in tissue, and the sheath where it is. Arguments and errors are otherwise as in `withdraw`.
-    """
-    _make_moves(session, plan_partial_moves((*path, session.read_positions()), to_mm), speeds)
 
 
 def _make_moves(session: Session, moves: Sequence[ReverseMove], speeds: Mapping[str, float]) -> None:
@@ -209,7 +189,7 @@ def take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
             withdraw(session, path)
             return
     session.ask(ConfirmNeedleOut(state.doubt))
-    session.mark_needle_out()
+    session.rig.needle.mark_out()
 
 
 def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:
@@ -246,7 +226,7 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
         session.rig.assume_positions({name: assumed[name] for name in lost})
     moves = plan_reverse_moves((*path, session.read_positions()))
     session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))
-    session.mark_needle_in_tissue()
+    session.rig.needle.mark_in_tissue(session.run_name)
     withdraw(session, path)
 
 

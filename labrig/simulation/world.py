@@ -1,7 +1,7 @@
 """The world: the objects on the bench, the effect of the axes on them, and the camera's view of them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from labrig.simulation.calibration_targets import (
     draw_graph_paper,
     draw_light,
 )
-from labrig.simulation.description import WorldDescription
+from labrig.simulation.description import PrintedMarkerDescription, WorldDescription
 from labrig.simulation.gel import (
     LAST_POSITION_MM,
     Ball,
@@ -35,6 +35,9 @@ from labrig.simulation.strokes import PathSpan
 from labrig.simulation.torsion import follow_with_play
 from labrig.simulation.track import Bending, PathNode, Track
 
+SHEATH_MM = 5.0
+"""Length of the sheath's end whose direction is seen."""
+
 _PATH_EVERY_MM = 0.5
 _STUCK_MM = 0.5  # a deeper instrument would tear the gel when a hand moves it
 
@@ -50,10 +53,40 @@ class _Axes:
 
 @dataclass(frozen=True)
 class _View:
-    """A name and its sharp picture."""
+    """A name and its sharp picture, which is drawn when it is looked at."""
 
     name: str
-    sharp: Field32
+    draw: Callable[[], Field32]
+
+    @cached_property
+    def sharp(self) -> Field32:
+        """The picture."""
+        return self.draw()
+
+
+@dataclass(frozen=True, eq=False)
+class Glance:
+    """What there was to see of sheath and needle at a moment; the needle's path was cut as far as its tip then.
+
+    `track` is None while the needle is inside the sheath. `sheath_mm` are the sheath's end and a point of its axis
+    `SHEATH_MM` before it, (x, y, z); `radius_mm` is that of the hole's arcs.
+    """
+
+    track: Track | None
+    tip_arc_mm: float
+    sheath_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
+    radius_mm: float
+
+    def node_before_tip(self, length_mm: float = 0.0) -> PathNode | None:
+        """Return the needle's path this far before its tip; None while the needle is inside the sheath."""
+        return None if self.track is None else self.track.node_at(self.tip_arc_mm - length_mm)
+
+    def points_mm(self) -> Floats:
+        """Return the needle's path (N, 3), from the sheath to its tip."""
+        if self.track is None:
+            return np.empty((0, 3))
+        arcs = np.arange(0.0, self.tip_arc_mm, _PATH_EVERY_MM)
+        return np.array([_xyz(self.track.node_at(arc)) for arc in (*arcs, self.tip_arc_mm)])
 
 
 class World:
@@ -235,13 +268,13 @@ class World:
         """Hold a chessboard with columns x rows inner corners before the camera, in another pose for each view."""
         board, lens = Chessboard(columns, rows, square_mm), self.description.lens
         pose = choose_board_pose(view, board, stream(self._seed, "board", view), lens)
-        self._covering = _View(f"board {view}", draw_board(board, pose, lens, self._white))
+        self._covering = _View(f"board {view}", lambda: draw_board(board, pose, lens, self._white))
 
     def lay_graph_paper(self, pitch_mm: float) -> None:
         """Lay graph paper into the steering plane, nearly along the sheath, so that it fills the view."""
         random = stream(self._seed, "graph paper")
-        paper = draw_graph_paper(pitch_mm, random, self.description.lens, self._white)
-        self._covering = _View("graph paper", paper)
+        lens = self.description.lens
+        self._covering = _View("graph paper", lambda: draw_graph_paper(pitch_mm, random, lens, self._white))
 
     def clear_bench(self) -> None:
         """Take away specimen, board and paper."""
@@ -393,6 +426,26 @@ class World:
         node = self.node_before_tip()
         return self._sheath_tip_mm() if node is None else _xyz(node)
 
+    def glance(self) -> Glance:
+        """Return what there is to see of sheath and needle now."""
+        track, span = self._hole.track, self._needle_span()
+        is_out = track is not None and span.to_mm > span.from_mm
+        sheath_mm = (self._sheath_tip_mm(), self.sheath_point_mm(SHEATH_MM))
+        return Glance(track if is_out else None, span.to_mm, sheath_mm, self._hole.radius_mm)
+
+    def locate_markers(self) -> Mapping[int, tuple[PrintedMarkerDescription, tuple[float, float]]]:
+        """Return each marker that can be seen now, by its id, and how far it has moved along (y, z) [mm]."""
+        if self._specimen is None or not self._specimen.is_phantom:
+            return {}
+        cut_mm = 0.0 if self._hole.track is None else self._hole.track.length_mm
+        moved_mm = self._find_displacement_mm()
+        return {
+            printed.marker.marker_id: (printed.marker, moved_mm)
+            for printed in self._markers
+            if printed.marker.covered_mm is None
+            or not printed.marker.covered_mm[0] <= cut_mm < printed.marker.covered_mm[1]
+        }
+
     def node_before_tip(self, length_mm: float = 0.0) -> PathNode | None:
         """Return the needle's path this far before its tip; None while the needle is inside the sheath."""
         track, span = self._hole.track, self._needle_span()
@@ -447,15 +500,18 @@ class World:
         """Draw the markers of a phantom where they are now, which lie over the needle."""
         if self._specimen is None or not self._specimen.is_phantom:
             return
-        cut_mm = 0.0 if self._hole.track is None else self._hole.track.length_mm
-        start_mm, target_mm = self._target_mm, self.locate_target_mm()
-        moved_mm = 0.0, 0.0
-        if start_mm is not None and target_mm is not None:
-            moved_mm = target_mm[1] - start_mm[1], target_mm[2] - start_mm[2]
+        seen = self.locate_markers()
         for printed in self._markers:
-            covered_mm = printed.marker.covered_mm
-            if covered_mm is None or not covered_mm[0] <= cut_mm < covered_mm[1]:
+            if printed.marker.marker_id in seen:
+                _, moved_mm = seen[printed.marker.marker_id]
                 draw_marker(light, self.description, printed, moved_mm, self._white)
+
+    def _find_displacement_mm(self) -> tuple[float, float]:
+        """Return how far the target has moved along (y, z) [mm]."""
+        start_mm, target_mm = self._target_mm, self.locate_target_mm()
+        if start_mm is None or target_mm is None:
+            return 0.0, 0.0
+        return target_mm[1] - start_mm[1], target_mm[2] - start_mm[2]
 
     def _draw_backdrop(self, scene: str) -> Backdrop:
         """Return the present scene with the sheath, drawn again only after something in it has moved."""
@@ -471,7 +527,7 @@ class World:
             return self._white
         if self._scene is None or self._scene.name != scene:
             sharp = draw_gel(self.description, self._specimen, self._hole, self._white)
-            self._scene = _View(scene, sharp)
+            self._scene = _View(scene, lambda: sharp)
         return self._scene.sharp
 
 

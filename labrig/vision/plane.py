@@ -260,6 +260,11 @@ class PlaneMap:
         lens = self.intrinsics or self.radial
         return ideal if lens is None else lens.distort_px(ideal)
 
+    def to_pixel(self, place_mm: tuple[float, float]) -> tuple[float, float]:
+        """Return the pixel (u, v) of a point (y, z) in the plane [mm]."""
+        u, v = self.to_px([place_mm])[0].tolist()
+        return u, v
+
     def camera_mm(self) -> _FloatArray:
         """Return the place of the camera (3,) [mm]: its foot (y, z) on the paper's plane, and its height above it.
 

@@ -7,20 +7,30 @@ moves: its place is told with noise, as that of the tip.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 
+from labrig.devices.axis_description import AXES as AXIS_NAMES
+from labrig.devices.needle_state import RigState, RollZero, Torsion
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.experiments.insertion.bevel_path import BevelPath
+from labrig.experiments.insertion.aim import Aim
+from labrig.experiments.insertion.bevel import Bevel
+from labrig.experiments.insertion.events import InsertionStop
+from labrig.experiments.insertion.procedure import Insertion
+from labrig.experiments.insertion.procedure import steer as run_loop
+from labrig.experiments.insertion.protocol import InsertionProtocol, OutOfPlane
 from labrig.experiments.insertion.settings import make_insertion_settings
-from labrig.experiments.insertion.virtual_axis import VirtualAxis
-from labrig.experiments.insertion.virtual_insertion import VirtualInsertion, end_insertion
-from labrig.experiments.insertion.virtual_shaft import SeenPath, draw_shaft
 from labrig.needle.kinematics import FloatArray
+from labrig.protocol.conditions import parse_condition
+from labrig.runner.session import Session, TrialRun
+from labrig.runner.sight import TakenPicture
+from labrig.runner.trials import Trial
+from labrig.runner.virtual_rig import EventList, VirtualRig
+from labrig.runner.virtual_sight import WorldSight
 from labrig.simulation.parallax import see_points
-from labrig.simulation.world import World
+from labrig.simulation.world import Glance
 from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.parameters import Turning as PlannedTurning
@@ -29,18 +39,14 @@ from labrig.steering.problem import PlanProblem
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering
 from labrig.steering.tip import EstimatorSettings
-from labrig.steering.torsion import BaseLimits, BaseTurn
-from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_tip import ShaftTip
+from labrig.steering.torsion import BaseTurn, TorsionalLag
 from tests.benchmarks.seen_shaft import RIG, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
 Turning = Literal["compensated", "same_way", "back_and_forth"]
 
-SPEED_MM_S = 1.0
 TARGET_SD_MM = 0.2  # of a tracked target
-AXIS = BaseLimits(-13.0, 13.0)
 
 
 @dataclass(frozen=True)
@@ -76,31 +82,44 @@ class InsertionEnd:
         return abs(self.off_mm[0])
 
 
-@dataclass
-class _DrawnCamera:
+class _DrawnSight(WorldSight):
     """Sees the tip of a drawn world where perspective puts it, with its noise."""
 
     drawn: DrawnWorld
-    plane: PlaneMap
 
-    def see_tip(self, world: World, base_rad: float) -> FloatArray:
+    def see_tip(self, glance: Glance | None, base_rad: float) -> FloatArray | None:
         """Return where the tip is seen, (3,)."""
-        del base_rad
-        return _see(self.drawn, world.tip_mm(), self.drawn.sighting_sd_mm)
+        del glance, base_rad
+        return _see(self.drawn, self.drawn.world.tip_mm(), self.drawn.sighting_sd_mm)
 
-    def see_shaft(self, path_mm: FloatArray, diameter_mm: float, since_turn_mm: float) -> ShaftTip:
-        """Return the shaft of a needle with this path (N, 3)."""
-        seen = SeenPath.of(*see_points(path_mm, self.drawn.world.description.lens))
-        return draw_shaft(seen, self.plane, diameter_mm, since_turn_mm, self.drawn.noise)
+    def locate(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return where points (N, 3) appear, by a map that is exact."""
+        return see_points(points_mm, self.drawn.world.description.lens)
 
 
-class _SameWayBevel(BevelPath):
+class _SameWayBevel(Bevel):
     """A bevel that is always turned in the same direction, which is compared with those of the product."""
 
     def choose(self, roll_rad: float, state: SteeringState, rolled: list[RolledStretch]) -> BaseTurn:
         """Return the turn of the base."""
         del state, rolled
         return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
+
+
+class _DrawnInsertion(Insertion):
+    """An insertion whose target is tracked where it moves: its place is told with noise, as that of the tip."""
+
+    drawn: DrawnWorld
+
+    def follow_markers(self, picture: TakenPicture, inserted_mm: float) -> None:
+        """Move the target to where it is tracked."""
+        del picture, inserted_mm
+        target_mm = self.drawn.world.locate_target_mm()
+        if self.drawn.world.description.target_moves_mm and target_mm is not None:
+            x, y, z = _see(self.drawn, target_mm, TARGET_SD_MM).tolist()
+            self.settings = replace(
+                self.settings, problem=replace(self.settings.problem, target_mm=(x, y, z))
+            )
 
 
 def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
@@ -131,12 +150,17 @@ def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) ->
 
 def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> InsertionEnd:
     """Carry out an insertion with these settings."""
-    made = _make_insertion(drawn, settings, turning)
-    made.move_world(0.0, made.bevel.base_rad)
-    state, command = made.steer(*start_steering(settings))
-    target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
-    end = end_insertion(made, state, command, drawn.told, target_sd_mm)
-    truth, bounds = drawn.world.truth(), end.bounds
+    record, world = EventList(), drawn.world
+    session = _open_session(drawn, record)
+    made = _make_insertion(drawn, settings, turning, session)
+    session.move("linear", drawn.linear_mm, 10.0)
+    made.path.append(session.read_positions())
+    state, command = run_loop(made, *start_steering(settings))
+    ending = made.finish(state, command)
+    stop = next(event for event in record.events if isinstance(event, InsertionStop))
+    truth = world.truth()
+    bounds = made.bounds
+    assert stop.interval_mm is not None
     assert bounds is not None
     return InsertionEnd(
         stop=str(command.stop),
@@ -144,8 +168,8 @@ def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> In
         clearance_mm=_find_clearance(truth),
         replans=state.replans,
         turns=len(made.bevel.turns),
-        outcome=end.ending.outcome,
-        interval_mm=bounds.interval_mm,
+        outcome=ending.outcome,
+        interval_mm=stop.interval_mm,
         left_plane=bounds.depth is not None and bounds.depth.contradicts,
     )
 
@@ -159,22 +183,49 @@ def _find_clearance(truth: Any) -> float:
     return float(truth["true_min_clearance_mm"])
 
 
-def _make_insertion(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> VirtualInsertion:
-    """Return the insertion before it begins, with the axis of the simulated rig."""
-    rig = _read_rig()
+def _open_session(drawn: DrawnWorld, record: EventList) -> Session:
+    """Return a session on a virtual rig whose world is drawn."""
+    state = RigState(needle_in_tissue=False, referenced=AXIS_NAMES)
+    rig = VirtualRig(_read_rig(), drawn.world, state, 0.0)
+    session = Session(rig, record, lambda _done, _doing: None)
+    # The bounds are told of every end, however it came about.
+    session.dialogue.conditions = (parse_condition("target_error_mm > 1e6", "ask_when"),)
+    return session
+
+
+def _make_insertion(
+    drawn: DrawnWorld, settings: SteeringSettings, turning: Turning, session: Session
+) -> _DrawnInsertion:
+    """Return the insertion before it begins."""
     planned: PlannedTurning = "back_and_forth" if turning == "back_and_forth" else "compensated"
-    kind = _SameWayBevel if turning == "same_way" else BevelPath
-    bevel = kind(0, drawn.roll_zero_rad, drawn.measured_lag, AXIS, planned, settings.problem.radius_mm)
-    return VirtualInsertion(
-        world=drawn.world,
-        camera=_DrawnCamera(drawn, load_plane()),
-        axis=VirtualAxis(rig.axes.insertion, 1.0 / rig.recording.state_rate_hz),
-        bevel=bevel,
-        settings=settings,
-        speed_mm_s=SPEED_MM_S,
-        linear_mm=drawn.linear_mm,
-        follow=partial(_follow_target, drawn),
+    sight = _DrawnSight(drawn.world, load_plane(), drawn.noise, None)
+    sight.drawn = drawn
+    trial = TrialRun(session, Trial(0, 0), lambda _trial: False, starts_itself=True)
+    lag = drawn.measured_lag
+    torsion = None
+    if lag != TorsionalLag():
+        torsion = Torsion(lag.lag_rad, lag.lag_rad_per_mm, drawn.told.lag_sd_rad, "")
+    roll_zero = RollZero("N1", drawn.roll_zero_rad, drawn.told.roll_zero_sd_rad, "", torsion)
+    made = _DrawnInsertion(_tell(drawn), session, sight, roll_zero, trial)
+    made.drawn, made.settings = drawn, settings
+    made.aim = Aim(settings.problem.target_mm, settings.problem.obstacles)
+    kind = _SameWayBevel if turning == "same_way" else Bevel
+    made.bevel = kind(session, 0, roll_zero, planned, settings.problem.radius_mm)
+    return made
+
+
+def _tell(drawn: DrawnWorld) -> InsertionProtocol:
+    """Return the protocol with what the policy is told of the ways out of the plane."""
+    told, protocol = drawn.told, read_protocol()
+    unseen = OutOfPlane(
+        heading_sd_deg_per_root_mm=math.degrees(told.heading_sd_rad_per_root_mm),
+        start_sd_mm=told.start_sd_mm,
+        start_sd_deg=math.degrees(told.start_sd_rad),
+        lag_sd_deg=math.degrees(told.lag_sd_rad),
     )
+    target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
+    target = protocol.target.model_copy(update={"sd_mm": target_sd_mm})
+    return protocol.model_copy(update={"out_of_plane": unseen, "target": target})
 
 
 @cache
@@ -186,12 +237,3 @@ def _see(drawn: DrawnWorld, place_mm: Sequence[float], sd_mm: float) -> FloatArr
     """Return where a place appears in the plane, with noise, (3,)."""
     seen, _ = see_points(np.array([place_mm]), drawn.world.description.lens)
     return np.array((0.0, *(seen[0] + drawn.noise.normal(0.0, sd_mm, 2))))
-
-
-def _follow_target(drawn: DrawnWorld, settings: SteeringSettings) -> SteeringSettings:
-    """Return the settings with the target where it is tracked, if it moves."""
-    target_mm = drawn.world.locate_target_mm()
-    if drawn.world.description.target_moves_mm == 0.0 or target_mm is None:
-        return settings
-    x, y, z = _see(drawn, target_mm, TARGET_SD_MM).tolist()
-    return replace(settings, problem=replace(settings.problem, target_mm=(x, y, z)))

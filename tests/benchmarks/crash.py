@@ -28,6 +28,8 @@ from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.record.reopen import reopen_run
 from labrig.runner.conduct import conduct_remainder
+from labrig.runner.dry_run import plan_run
+from labrig.runner.past import read_past
 from labrig.runner.session import Session
 from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, SHORT, UNKILLED, never, rig, short_protocol
 from tests.benchmarks.table import print_rows
@@ -175,15 +177,16 @@ def _resume(path: Path, name: str) -> None:
     if run.manifest["exit_status"] == "success":
         return
     experiment = find_run_experiment(run)
-    remainder = experiment.resume(protocol, run)
-    if not remainder.left:
+    past = read_past(run)
+    if not plan_run(experiment, protocol, rig(), past).trials:
         recorder = reopen_run(path, "benchmark")
         recorder.close("success", "", _STARTED)
         return
     with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
         recorder = reopen_run(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
-        conduct_remainder(experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
+        session = Session(opened, recorder, lambda _done, _doing: None)
+        conduct_remainder(experiment, protocol, past, session)
 
 
 def measure_radii(run: Run) -> dict[int, float]:

@@ -22,8 +22,7 @@ import numpy as np
 
 from labrig.devices.rig_file import load_rig
 from labrig.errors import MeasurementRefusedError
-from labrig.experiments.insertion.virtual_camera import CalibratedCamera
-from labrig.experiments.insertion.virtual_shaft import SHAFT_ERRORS
+from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, draw_shaft, locate_points
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, covary_out_of_plane
 from labrig.vision.depth import Depth, measure_depth
@@ -112,8 +111,8 @@ def _measure(row: tuple[float, float, float], drawn: bool, seed: int) -> Outcome
 
 def _draw_shaft(world: World, seed: int) -> ShaftTip:
     truth: Any = world.truth()
-    camera = CalibratedCamera(world.description.lens, load_plane(), np.random.default_rng([seed, 10]))
-    return camera.see_shaft(np.array(truth["path_mm"]), DIAMETER_MM, math.inf)
+    seen = SeenPath.of(*locate_points(np.array(truth["path_mm"]), world.description.lens, load_plane()))
+    return draw_shaft(seen, load_plane(), DIAMETER_MM, math.inf, np.random.default_rng([seed, 10]))
 
 
 def _measure_shaft(world: World) -> ShaftTip | None:

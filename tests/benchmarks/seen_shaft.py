@@ -1,7 +1,7 @@
 """The errors of shafts in pictures, as they are fitted for insertions without pictures.
 
 `python -m tests.benchmarks depth` fits them anew, and compares depths read from pictures with those read from such
-shafts. What depends on the last turn of the bevel is fitted to whole runs, by `world-agrees`.
+shafts.
 """
 
 import math
@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from labrig.devices.rig_file import load_rig
-from labrig.experiments.insertion.virtual_camera import locate_points
-from labrig.experiments.insertion.virtual_shaft import SHAFT_ERRORS, SeenPath, square_distances
-from labrig.experiments.shared.rig_view import load_plane_map
+from labrig.runner.sight import load_plane_map
+from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, locate_points, square_distances
 from labrig.simulation.description import LensDescription
 from labrig.vision.perspective import Perspective
 from labrig.vision.plane import PlaneMap

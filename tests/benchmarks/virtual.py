@@ -14,7 +14,8 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 
-from labrig.experiments.insertion.virtual import simulate
+from labrig.experiments.registry import find_experiment
+from labrig.runner.dry_run import simulate
 from tests.benchmarks.table import print_rows
 from tests.benchmarks.virtual_runs import POLICIES, read_policy, read_simulated_rig
 
@@ -60,7 +61,7 @@ def _time(policy: str, workers: int) -> tuple[float, float]:
 def _insert(policy: str, seed: int) -> float:
     """Make an insertion, and return its processor time [s]."""
     began_s = time.process_time()
-    simulate(read_policy(policy), read_simulated_rig(), seed)
+    simulate(find_experiment("insertion"), read_policy(policy), read_simulated_rig(), seed)
     return time.process_time() - began_s
 
 

@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from labrig.experiments.insertion.virtual import simulate
-from labrig.experiments.insertion.virtual_camera import SIGHTING_ERRORS
+from labrig.experiments.registry import find_experiment
 from labrig.needle.kinematics import FloatArray
-from tests.benchmarks.sighting_fit import fit_sighting_errors
+from labrig.runner.dry_run import simulate
 from tests.benchmarks.table import print_rows
 from tests.benchmarks.virtual_runs import PROTOCOL, RIG, read_policy, read_simulated_rig
 
@@ -61,19 +60,15 @@ class Ends:
 
 
 def print_table() -> None:
-    """Print both means and quantiles, the intervals of their differences, and the errors of sightings."""
+    """Print both means and quantiles, and the intervals of their differences."""
     kept = os.environ.get("LABRIG_BENCHMARK_RUNS_DIR")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(kept or temporary)
         folder.mkdir(parents=True, exist_ok=True)
         rig = Ends.of([_run(folder, seed) for seed in SEEDS])
-        fitted = fit_sighting_errors([folder / f"seed-{seed}" for seed in SEEDS])
     with ProcessPoolExecutor() as executor:
         world = Ends.of(list(executor.map(_simulate, SEEDS, chunksize=4)))
     _print_agreement(rig, world)
-    used = vars(SIGHTING_ERRORS)
-    rows = [[name, f"{value:.4f}", f"{used[name]:g}"] for name, value in fitted.items()]
-    print_rows(("errors of sightings", f"in {len(SEEDS)} runs of the rig", "drawn"), rows)
 
 
 def _print_agreement(rig: Ends, world: Ends) -> None:
@@ -136,7 +131,9 @@ def _find_quantile(values: FloatArray) -> FloatArray:
 
 
 def _simulate(seed: int) -> dict[str, Any]:
-    return dict(simulate(read_policy("default"), read_simulated_rig(), seed).values)
+    return dict(
+        simulate(find_experiment("insertion"), read_policy("default"), read_simulated_rig(), seed).values
+    )
 
 
 def _run(folder: Path, seed: int) -> dict[str, Any]:

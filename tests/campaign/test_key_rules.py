@@ -6,8 +6,9 @@ from labrig.campaign.campaign_file import needs_pictures
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.virtual import simulate
+from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
+from labrig.runner.dry_run import simulate
 from tests.campaign.campaigns import PROTOCOLS, RIGS
 
 SHORT = ("target.position_mm=[0, 1, 30]", "obstacles=[]")
@@ -17,7 +18,9 @@ def values_of(rig_keys: tuple[str, ...] = ()) -> object:
     """Return what comes of a short virtual insertion with these overrides of the rig."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, SHORT)
     assert isinstance(protocol, InsertionProtocol)
-    return simulate(protocol, load_rig(RIGS / "rig-simulated.yaml", rig_keys), 5)
+    return simulate(
+        find_experiment("insertion"), protocol, load_rig(RIGS / "rig-simulated.yaml", rig_keys), 5
+    )
 
 
 def test_a_virtual_insertion_is_the_same_whatever_only_pictures_need() -> None:

@@ -18,6 +18,7 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import RunPlan
 from labrig.runner.session import Session
 from tests.devices.rigs import OpenedRig, large_rig, opened_rig, simulated_rig
@@ -118,7 +119,7 @@ large_bench = partial(bench, describe=large_rig)
 
 def plan_of(protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
     """Return the plan of a protocol's experiment on a rig."""
-    return find_experiment(protocol.experiment).plan(protocol, rig)
+    return plan_run(find_experiment(protocol.experiment), protocol, rig)
 
 
 def find_problems(protocol: ExperimentProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:

@@ -24,6 +24,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.reopen import reopen_run
 from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
+from labrig.runner.past import read_past
 from labrig.runner.replay import Replay, replay_run
 from labrig.runner.session import Session
 from tests.record.runs import killed_run
@@ -285,8 +286,8 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
         devices = open_run(again.recorder.path).devices
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
         experiment = find_run_experiment(run)
-        remainder = experiment.resume(protocol, run)
-        outcome = conduct_remainder(experiment, remainder, Session(again.opened.rig, recorder, Told()))
+        session = Session(again.opened.rig, recorder, Told())
+        outcome = conduct_remainder(experiment, protocol, read_past(run), session)
     assert outcome.exit_status == "success"
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference

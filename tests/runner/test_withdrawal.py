@@ -21,7 +21,6 @@ from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
 from labrig.runner.withdrawal import (
     ReverseMove,
-    plan_partial_moves,
     plan_reverse_moves,
     read_needle_path,
     withdraw,
@@ -60,15 +59,6 @@ def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
     """A needle already retracted beyond its turn is only moved out."""
     on_the_way_out = (*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10))
     assert plan_reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
-
-
-@pytest.mark.parametrize(("to_mm", "rolls"), [(18.0, []), (4.0, [0.0])])
-def test_part_of_the_way_only_the_turns_on_it_are_undone(to_mm: float, rolls: list[float]) -> None:
-    """The needle ends at the given length, with its bevel as it was there, and the sheath stays."""
-    moves = plan_partial_moves(TURNED, to_mm)
-    assert [move.position for move in moves if move.axis == "rotation"] == rolls
-    assert moves[-1] == ReverseMove("insertion", to_mm)
-    assert {move.axis for move in moves} <= {"insertion", "rotation"}
 
 
 def test_nothing_is_to_be_withdrawn_where_nothing_went_in() -> None:

@@ -12,8 +12,8 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import make_aim
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings
-from labrig.experiments.shared.rig_view import load_tip_view
 from labrig.protocol.load import load_protocol
+from labrig.runner.sight import load_plane_map, load_tip_template
 from labrig.steering.step import start_steering
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from tests.runner.sessions import PROTOCOLS
@@ -25,7 +25,9 @@ def _search(off_rad: float, misses: int) -> TipSearched:
     """Look for a tip that stands 20 mm deep and points elsewhere than expected, after so many misses."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
-    view = load_tip_view(load_rig(SIMULATED))
+    rig = load_rig(SIMULATED)
+    plane = load_plane_map(rig)
+    view = TipView(plane, load_tip_template(rig, plane))
     aim = make_aim(protocol, view.plane)
     state, _ = start_steering(make_insertion_settings(protocol, aim.target_mm, aim.obstacles))
     image, (y_mm, z_mm) = _picture(view)

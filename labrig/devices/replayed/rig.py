@@ -13,7 +13,7 @@ from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorReq
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.tape import SessionPart, Tape
 from labrig.devices.rig_calls import Photograph
-from labrig.devices.rig_file import RigDescription, kept_name, load_rig
+from labrig.devices.rig_file import RigDescription, check_axis_move, kept_name, load_rig
 from labrig.devices.state_line import read_state_line
 from labrig.errors import InputError, RecordError
 from labrig.plugins import require_devices_installed
@@ -129,6 +129,10 @@ class ReplayedRig:
             lambda: _parse_photograph(self._run.read_frame(int(line["frame"])), line, self._tape)
         )
 
+    def check_move(self, axis_name: str, position: float, speed: float) -> None:
+        """Refuse a move that an axis may not make. Raises `LimitError`."""
+        check_axis_move(self.description, axis_name, position, speed)
+
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Return what was sent for the next recorded move, which has to be of this axis."""
         line = self._tape.expect(Move.kind, f"a move of {axis_name} to {position:.6g}")
@@ -140,6 +144,9 @@ class ReplayedRig:
         )
 
     def wait(self, duration_s: float) -> None:
+        """Do nothing: time passes as the record does."""
+
+    def await_reading(self, axis_name: str | None = None, passing: float | None = None) -> None:
         """Do nothing: time passes as the record does."""
 
     def ask(

@@ -7,7 +7,6 @@ EXPERIMENT = ExperimentDeclaration(
     title="Camera calibration",
     protocol="labrig.experiments.camera_calibration.protocol:CameraCalibrationProtocol",
     result="labrig.experiments.camera_calibration.result:CalibrationResult",
-    plan="labrig.experiments.camera_calibration.procedure:plan",
     procedure="labrig.experiments.camera_calibration.procedure:run",
     analyze="labrig.experiments.camera_calibration.analysis:analyze",
     page="labrig.experiments.camera_calibration.page:make_page",

@@ -1,28 +1,18 @@
 """The pictures of a camera calibration: a chessboard held in many poses (Zhang 1999), then graph paper in the plane."""
 
 from labrig.devices.operator import ClearBench, HoldBoard, LayGraphPaper
-from labrig.devices.rig_file import RigDescription
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
-from labrig.runner.experiment import RunPlan
-from labrig.runner.plan import find_rig_file_problems
 from labrig.runner.session import Session
-
-
-def plan(protocol: CameraCalibrationProtocol, rig: RigDescription) -> RunPlan:
-    """Return the plan of a run: the pictures of the board, and one of the graph paper."""
-    views = protocol.views
-    return RunPlan(pictures=views + 1, operator_steps=views + 2, problems=tuple(find_rig_file_problems(rig)))
 
 
 def run(protocol: CameraCalibrationProtocol, session: Session) -> None:
     """Take every picture through the rig's camera; no axis moves."""
     board = protocol.board
     for view in range(protocol.views):
-        session.progress(float(view), f"board, view {view + 1} of {protocol.views}")
+        session.tell(f"board, view {view + 1} of {protocol.views}")
         session.ask(HoldBoard(view, protocol.views, board.columns, board.rows, board.square_mm))
         session.take_picture(CalibrationRole.BOARD)
     session.ask(LayGraphPaper(protocol.plane.pitch_mm))
     session.take_picture(CalibrationRole.GRAPH_PAPER)
     session.ask(ClearBench("the graph paper"))
-    session.progress(float(protocol.views + 1), "graph paper done")

@@ -2,21 +2,14 @@
 
 from collections.abc import Callable, Iterator
 
-from labrig.devices.rig_file import RigDescription
 from labrig.errors import AnswerIsNoError, InputError, Problem
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.needle.design_search import design_by_equations
 from labrig.needle.equations import EQUATION_3, count_links, radius_tolerance, rotation_for_radius_deg
 from labrig.needle.hinge import Hinge
 from labrig.needle.tube import Tube
-from labrig.runner.experiment import RunPlan
 
 Check = tuple[str, Callable[[], object]]
-
-
-def plan(protocol: DesignProtocol, _rig: RigDescription | None) -> RunPlan:
-    """Return a plan that moves nothing, with the problems of the design."""
-    return RunPlan(problems=find_design_problems(protocol))
 
 
 def find_design_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:

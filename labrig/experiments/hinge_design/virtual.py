@@ -7,7 +7,6 @@ cut; equations (3) and (1) then give the radius. How far equation (3) itself is 
 import math
 
 from labrig.analysis.outcome import TaskOutcome
-from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, InputError
 from labrig.experiments.hinge_design.plan import find_design_problems
 from labrig.experiments.hinge_design.protocol import DesignProtocol
@@ -21,7 +20,7 @@ REACH_DEPTH_MM = 20.0
 """Depth at which the reach is stated."""
 
 
-def simulate(protocol: DesignProtocol, _rig: RigDescription | None, seed: int) -> TaskOutcome:
+def simulate(protocol: DesignProtocol, seed: int) -> TaskOutcome:
     """Return the needle of a seed; the same seed gives the same bits in any process.
 
     Values: clearance_mm and beta_cut_deg as cut, beta_rot_deg, radius_mm, and reach_mm: how far aside of its axis the

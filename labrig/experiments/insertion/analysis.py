@@ -22,7 +22,7 @@ from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
-from labrig.errors import MeasurementRefusedError, PictureError, RecordError
+from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.insertion.ending import (
     TEMPLATE_BIAS_MM,
     Ending,
@@ -278,7 +278,10 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
 
 
 def _restore_settings(events: _Events, protocol: InsertionProtocol) -> SteeringSettings:
-    asked = make_insertion_settings(protocol, events.start.target_mm, events.start.obstacles)
+    try:
+        asked = make_insertion_settings(protocol, events.start.target_mm, events.start.obstacles)
+    except InputError:  # an insertion that ended before it was planned: its target lies in an obstacle
+        asked = make_insertion_settings(protocol, events.start.target_mm, ())
     return restore_settings(asked, events.sheath)
 
 

@@ -1,55 +1,106 @@
-"""The bevel of a needle that is being inserted: the rotation axis turns it as its path says."""
+"""The bevel of a needle that is being inserted: how it was turned, and how the rotation axis turns it next."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 from labrig.devices.needle_state import RollZero
-from labrig.experiments.insertion.bevel_path import BevelPath
-from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.events import BevelTurn
 from labrig.runner.session import Session
+from labrig.steering.out_of_plane import RolledStretch
+from labrig.steering.parameters import Turning
 from labrig.steering.state import SteeringState
-from labrig.steering.torsion import BaseLimits
+from labrig.steering.torsion import BaseLimits, BaseTurn, centre_bevel, plan_turn
+
+_SAME_RAD = 0.01
 
 
 @dataclass
 class Bevel:
-    """The bevel of one insertion: its path, and the axis that turns it."""
+    """The bevel on the way of one insertion.
 
-    protocol: InsertionProtocol
+    Attributes
+    ----------
+    session : Session
+        Its rotation axis turns the base.
+    trial : int
+        The number of the trial.
+    roll_zero : RollZero
+        Where the rotation axis stands at the roll zero, and the measured lag of the bevel behind the base.
+    turning : str
+        The protocol's key.
+    radius_mm : float
+        Expected of the needle's arcs.
+    base_rad : float
+        Where the base stands, from the roll zero; also where the bevel is, as far as its lag is known.
+    turned, centred : int
+        The directions in which it was turned last, and to the roll zero; 0 if that is not known.
+    turns : list of BevelTurn
+        The turns that were made.
+    rolled : list of RolledStretch
+        Stretches between turns, without the present one.
+    """
+
     session: Session
-    roll_zero: RollZero
     trial: int
+    roll_zero: RollZero
+    turning: Turning
+    radius_mm: float
+    base_rad: float = 0.0
+    turned: int = 0
+    centred: int = 0
+    turns: list[BevelTurn] = field(default_factory=list)
+    rolled: list[RolledStretch] = field(default_factory=list)
 
-    @cached_property
-    def path(self) -> BevelPath:
-        """How it was turned."""
-        zero_rad = self.roll_zero.zero_rad
-        return BevelPath(
-            trial=self.trial,
-            zero_rad=zero_rad,
-            lag=self.roll_zero.lag,
-            limits=BaseLimits.of_axis(self.session.axis("rotation").limits, zero_rad),
-            turning=self.protocol.policy.turning,
-            radius_mm=self.protocol.planner.radius_mm,
-        )
+    @property
+    def _limits(self) -> BaseLimits:
+        return BaseLimits.of_axis(self.session.axis("rotation").limits, self.roll_zero.zero_rad)
 
     def centre(self) -> None:
-        """Turn to the roll zero while the needle is in the sheath."""
+        """Turn to the roll zero while the needle is in the sheath, past it by the lag."""
         rotation, zero_rad = self.session.axis("rotation"), self.roll_zero.zero_rad
-        if self.path.turning == "compensated":
-            turn = self.path.centre(self.session.read_positions().rotation_rad - zero_rad)
+        if self.turning == "compensated":
+            from_rad = self.session.read_positions().rotation_rad - zero_rad
+            turn = centre_bevel(from_rad, self.roll_zero.lag, self._limits)
+            self.turned = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
+            self.centred = self.turned
             if turn.overshoot_rad:
                 self.session.move("rotation", zero_rad + turn.farthest_rad, rotation.max_speed / 2)
         self.session.move("rotation", zero_rad, rotation.max_speed / 2)
 
     def turn(self, roll_rad: float, state: SteeringState, depth_mm: float) -> None:
-        """Turn while the needle stands still."""
-        rotation, zero_rad = self.session.axis("rotation"), self.roll_zero.zero_rad
-        turn, event = self.path.turn(roll_rad, state, depth_mm)
-        self.session.record(event)
+        """Turn by an angle at a depth, in the direction that `turning` leads to, while the needle stands still."""
+        session, rotation, zero_rad = self.session, self.session.axis("rotation"), self.roll_zero.zero_rad
+        rolled = self._list_rolled(state.insertion_mm)
+        turn = self.choose(roll_rad, state, rolled)
+        event = BevelTurn(
+            trial=self.trial,
+            depth_mm=depth_mm,
+            from_rad=zero_rad + self.base_rad,
+            to_rad=zero_rad + turn.to_rad,
+            overshoot_rad=turn.overshoot_rad,
+        )
+        self.turns.append(event)
+        self.rolled, self.turned, self.base_rad = rolled, turn.direction, turn.to_rad
+        session.record(event)
         speed = rotation.nearest_speed(rotation.max_speed)
         if turn.overshoot_rad:
-            self.session.move("rotation", zero_rad + turn.farthest_rad, speed)
-            self.session.wait(rotation.lag_s)
-        self.session.move("rotation", zero_rad + turn.to_rad, speed)
-        self.session.wait(rotation.lag_s)
+            session.move("rotation", zero_rad + turn.farthest_rad, speed)
+            session.wait(rotation.lag_s)
+        session.move("rotation", zero_rad + turn.to_rad, speed)
+        session.wait(rotation.lag_s)
+
+    def choose(self, roll_rad: float, state: SteeringState, rolled: list[RolledStretch]) -> BaseTurn:
+        """Return the turn of the base that turns the bevel by an angle after these stretches."""
+        return plan_turn(
+            rolled,
+            self.base_rad,
+            state.list_turns(roll_rad),
+            self.roll_zero.lag,
+            self._limits,
+            turning=self.turning,
+            radius_mm=self.radius_mm,
+        )
+
+    def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
+        """Return the stretches between turns, the present one included."""
+        since_mm = sum(stretch.length_mm for stretch in self.rolled)
+        return [*self.rolled, RolledStretch(max(0.0, to_mm - since_mm), self.base_rad, self.turned)]

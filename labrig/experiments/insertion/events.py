@@ -44,7 +44,7 @@ class RecordedTorsion(_Part):
 class InsertionStart(SpecimenTrialStart):
     """An insertion begins: its target, its obstacles, and the roll zero and torsion in use.
 
-    `repeats` is the trial that it replaces, interrupted or made again by a person. `marker_ids` are the markers that
+    `marker_ids` are the markers that
     the target and each obstacle are bound to, the target's first; None for what is bound to none.
     """
 
@@ -57,23 +57,23 @@ class InsertionStart(SpecimenTrialStart):
     roll_zero_sd_rad: float
     torsion: RecordedTorsion | None = None
     marker_ids: tuple[int | None, ...] = ()
-    repeats: int | None = None
 
 
 class InsertionStop(TrialStop):
-    """An insertion has ended: its outcome, by which stop, why, and at which depth.
+    """An insertion has ended: its outcome, and at which depth; one that did not leave its sheath has no last picture.
 
-    One that was interrupted has no last picture. `centred` is the direction in which the bevel was turned to the roll
-    zero before: 1, -1, or 0 if it is not known.
+    `centred` is the direction in which the bevel was turned to the roll zero before: 1, -1, or 0 if it is not known.
+    `error_mm` and `interval_mm` are the distances from the target in the plane and, with a probability of 95 %, in
+    space, by the last picture.
     """
 
-    outcome: str
-    stop: str | None
-    cause: str
-    final_frame: int | None
-    depth_mm: float
-    replans: int
+    outcome: str = "stopped"
+    final_frame: int | None = None
+    depth_mm: float = 0.0
+    replans: int = 0
     centred: int = 0
+    error_mm: float | None = None
+    interval_mm: tuple[float, float] | None = None
 
 
 class InsertionSheath(SheathEvent):

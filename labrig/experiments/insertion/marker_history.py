@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from labrig.errors import PictureError, RecordError
@@ -22,6 +22,7 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import MarkerMotion, MarkerStep
 from labrig.record.reader import Run
 from labrig.steering.policy import Halt, SteeringSettings
+from labrig.vision.marker import find_markers
 from labrig.vision.plane import PlaneMap
 
 
@@ -115,7 +116,7 @@ def seek_markers(
     last = followed[events[0].frame]
     for event in events[1:]:
         try:
-            last = follow_markers(last, run.pictures[event.frame], event.depth_mm)
+            last = follow_markers(last, partial(find_markers, run.pictures[event.frame]), event.depth_mm)
         except (PictureError, RecordError) as error:
             last = pass_unread_picture(last, error.message.replace(f"{run.path}/", ""), event.depth_mm)
         followed[event.frame] = last
@@ -127,7 +128,7 @@ def _find_start(run: Run, event: MarkersSought, view: MarkerView) -> MarkersFoll
         image = run.pictures[event.frame]
     except (PictureError, RecordError):
         return recall_start(event, view)
-    return find_start(image, view)
+    return find_start(partial(find_markers, image), view)
 
 
 def _list_steps(followed: MarkersFollowed, frame: int, depth_mm: float) -> Iterator[MarkerStep]:

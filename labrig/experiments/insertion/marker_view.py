@@ -1,9 +1,9 @@
 """The markers of an insertion in its pictures: a live insertion and its analysis find and follow them by this."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, TypeAlias
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from labrig.vision.marker import (
     MarkerPlace,
     count_bits,
     count_markers,
-    find_markers,
     locate_marker,
 )
 from labrig.vision.perspective import Perspective
-from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
+
+SearchMarkers: TypeAlias = Callable[[str, Mapping[int, FloatArray | None]], Sequence[MarkerFix]]
+"""(dictionary, last corners by id) -> what one picture shows of them; see `labrig.vision.marker.find_markers`."""
 
 # A marker that is seen larger or smaller by more lies beside where markers.x_mm puts it, or was printed otherwise.
 _SIDE_SHARE = 0.05
@@ -119,11 +120,10 @@ class MarkerView:
             **self.markers.model_dump(include={"sd_mm", "lost_sd_mm_per_mm", "most_lost_mm", "jump_mm"})
         )
 
-    def search(self, image: Picture, last_px: Mapping[int, FloatArray | None]) -> "dict[int, _Seen]":
+    def search(self, search: SearchMarkers, last_px: Mapping[int, FloatArray | None]) -> "dict[int, _Seen]":
         """Find markers in a picture by their ids, near where they were last seen."""
         return {
-            fix.marker_id: _Seen(fix, self.locate(fix))
-            for fix in find_markers(image, self.markers.dictionary, last_px)
+            fix.marker_id: _Seen(fix, self.locate(fix)) for fix in search(self.markers.dictionary, last_px)
         }
 
     def locate(self, fix: MarkerFix) -> MarkerPlace | None:
@@ -200,7 +200,7 @@ class MarkersFollowed:
         )
 
 
-def find_start(image: Picture, view: MarkerView) -> MarkersFollowed:
+def find_start(search: SearchMarkers, view: MarkerView) -> MarkersFollowed:
     """Find every marker before the needle moves.
 
     Raises
@@ -208,7 +208,7 @@ def find_start(image: Picture, view: MarkerView) -> MarkersFollowed:
     TargetMissedError
         When one is not seen, or is seen in another size than the protocol says.
     """
-    return _begin(view.search(image, dict.fromkeys(view.marker_ids)), view)
+    return _begin(view.search(search, dict.fromkeys(view.marker_ids)), view)
 
 
 def recall_start(event: MarkersSought, view: MarkerView) -> MarkersFollowed:
@@ -225,11 +225,11 @@ def _begin(seen: Mapping[int, "_Seen"], view: MarkerView) -> MarkersFollowed:
     return MarkersFollowed(view, tracked, _list_corners(seen), seen)
 
 
-def follow_markers(followed: MarkersFollowed, image: Picture, inserted_mm: float) -> MarkersFollowed:
+def follow_markers(followed: MarkersFollowed, search: SearchMarkers, inserted_mm: float) -> MarkersFollowed:
     """Find the markers in another picture, at an insertion length, and return how far they have moved."""
     view = followed.view
     seen = view.search(
-        image, {marker.marker_id: followed.last_px[marker.marker_id] for marker in followed.tracked}
+        search, {marker.marker_id: followed.last_px[marker.marker_id] for marker in followed.tracked}
     )
     return _take_in(followed, seen, inserted_mm)
 

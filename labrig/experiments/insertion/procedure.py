@@ -15,11 +15,10 @@ space too.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property, partial
+from functools import lru_cache, partial
 
-from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
@@ -44,7 +43,6 @@ from labrig.experiments.insertion.ending import (
     bound_error,
     decide_ending,
     find_depth,
-    measure_end,
 )
 from labrig.experiments.insertion.events import (
     InsertionRole,
@@ -58,18 +56,24 @@ from labrig.experiments.insertion.events import (
     RecordedTorsion,
     TipObserved,
 )
+from labrig.experiments.insertion.foresight import (
+    find_place_problems,
+    find_problems,
+    find_warnings,
+    foresee_doubt,
+    list_stretches,
+)
 from labrig.experiments.insertion.marker_view import (
     MarkersFollowed,
     MarkerView,
+    SearchMarkers,
     find_start,
     find_target_sd_mm,
     follow_markers,
     list_marker_ids,
     place_settings,
 )
-from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
 from labrig.experiments.insertion.settings import (
     SAME_MM,
     make_insertion_settings,
@@ -77,20 +81,18 @@ from labrig.experiments.insertion.settings import (
     with_start,
 )
 from labrig.experiments.shared.needle_events import NeedleRole
-from labrig.experiments.shared.rig_view import load_tip_view, require_light
-from labrig.experiments.shared.roll_zero_search import find_roll_zero
-from labrig.record.decisions import Decisions
+from labrig.experiments.shared.roll_zero_search import RollZeroOrder, find_roll_zero
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
-from labrig.runner.session import Session, TakenPicture
+from labrig.runner.session import Session, TrialRun
+from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering, step_steering
-from labrig.steering.tip_search import TipSearched, TipView, find_tip
+from labrig.steering.tip_search import TipSearched
 from labrig.vision.overlay import DrawnPlan, draw_plan
-from labrig.vision.picture import Picture
 
 IN_TISSUE = "in_tissue"
 """The safe point between two steps on the way to the target, as the record names it: the axes stop, and hold."""
@@ -100,84 +102,33 @@ _OFF_ZERO_MM = 0.05
 
 
 def run(protocol: InsertionProtocol, session: Session) -> None:
-    """Make every repetition. Raises as `make_insertions`."""
-    make_insertions(protocol, session)
-
-
-@dataclass(frozen=True)
-class MadeTrial:
-    """An insertion that has started, and how it ended; None if it was interrupted."""
-
-    begun: BegunInsertion
-    ending: Ending | None
-
-
-def make_insertions(protocol: InsertionProtocol, session: Session, earlier: Sequence[MadeTrial] = ()) -> None:
-    """Make the insertions that remain; a person may skip one or have one made again.
-
-    Parameters
-    ----------
-    protocol : InsertionProtocol
-        The run.
-    session : Session
-        The session.
-    earlier : sequence of MadeTrial
-        The insertions of earlier sessions.
+    """Make every repetition, or those that remain.
 
     Raises
     ------
     TargetMissedError
-        When there is no path, or, after all repetitions, when one of them did not reach the target.
+        When no roll zero is known.
     CalibrationRefusedError
         When the grid pictures before and after show that the camera was bumped.
     """
-    view = session.compute(partial(load_tip_view, session.description))
+    for warning in find_warnings(protocol, session):
+        session.warn(warning)
+    if problems := tuple(find_problems(protocol, session)):
+        raise FileFormatError(problems)
+    sight = session.open_sight(finds_tip=True)
+    if problems := tuple(find_place_problems(protocol, sight.plane)):
+        raise FileFormatError(problems)
     before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
-    roll_zero = _obtain_roll_zero(protocol, session)
-    made = _make_remaining(
-        protocol, session, earlier, partial(_insert_once, protocol, session, view, roll_zero)
-    )
+    roll_zero = _obtain_roll_zero(protocol, session, sight)
+    for trial in session.trials(range(protocol.repetitions), starts_itself=True):
+        session.tell_place(f"insertion {trial.what + 1} of {protocol.repetitions}")
+        with trial:
+            _insert_once(Insertion(protocol, session, sight, roll_zero, trial))
     after = photograph_grid(protocol.sentinel, GridRole.AFTER, session)
-    require_same_grid(before, after, protocol.sentinel, view.plane, session)
-    _require_reached([trial for trial in made if not _is_left_out(trial, session.decisions)])
+    require_same_grid(before, after, protocol.sentinel, sight, session)
 
 
-def _make_remaining(
-    protocol: InsertionProtocol,
-    session: Session,
-    earlier: Sequence[MadeTrial],
-    insert: Callable[[PlannedInsertion], Ending],
-) -> list[MadeTrial]:
-    """Make one insertion after another, and return them all."""
-    made = list(earlier)
-    while planned := find_next_trial(
-        protocol.repetitions, [trial.begun for trial in made], session.decisions
-    ):
-        session.tell_place(f"insertion {planned.repetition + 1} of {protocol.repetitions}")
-        ending = session.attempt(planned.trial, partial(insert, planned), repeats=planned.repeats)
-        if ending is not None:
-            made.append(MadeTrial(BegunInsertion(planned), ending))
-    return made
-
-
-def _is_left_out(trial: MadeTrial, decisions: Decisions) -> bool:
-    return trial.ending is None or bool(decisions.explain_left_out(trial.begun.planned.trial))
-
-
-def _require_reached(made: Sequence[MadeTrial]) -> None:
-    """Raise `TargetMissedError` if an insertion did not reach the target."""
-    endings = [trial.ending for trial in made if trial.ending is not None]
-    missed = [ending for ending in endings if not ending.reached]
-    if missed:
-        worst = min(missed, key=lambda ending: ending.reached is None)
-        raise TargetMissedError(
-            f"{len(made) - len(missed)} of {len(made)} insertions reached the target; {worst.stop}: {worst.cause}",
-            worst.hint or "the report shows where the needle left its path",
-            reason=worst.reason,
-        )
-
-
-def _obtain_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
+def _obtain_roll_zero(protocol: InsertionProtocol, session: Session, sight: Sight) -> RollZero:
     """Return the certified roll zero of the needle; without one, find it as the protocol's section says."""
     needle = protocol.needle
     known = session.recall_roll_zero(needle.needle_id)
@@ -191,7 +142,13 @@ def _obtain_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero
             "labrig run protocols/roll-zero.yaml finds it; or say how under roll_zero: in the protocol",
             reason="no_roll_zero",
         )
-    return find_roll_zero(make_roll_zero_order(protocol, protocol.roll_zero), session)
+    return find_roll_zero(
+        RollZeroOrder(
+            needle, protocol.sheath, protocol.insertion, protocol.roll_zero, protocol.planner.radius_mm
+        ),
+        session,
+        sight,
+    )
 
 
 def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:
@@ -202,35 +159,30 @@ def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:
             session.move(axis, 0.0, speed)
 
 
-def _insert_once(
-    protocol: InsertionProtocol,
-    session: Session,
-    view: TipView,
-    roll_zero: RollZero,
-    planned: PlannedInsertion,
-) -> Ending:
-    """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return how it ended."""
-    sheath, trial = protocol.sheath, planned.trial
-    session.progress(
-        _estimate_done_s(protocol, planned.repetition, 0.0),
-        f"insertion {planned.repetition + 1} of {protocol.repetitions}",
-    )
-    aim = _find_aim(protocol, session, view, trial)
-    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
-    state, command = session.compute(partial(start_steering, settings))
-    insertion = _Insertion(protocol, session, view, roll_zero, planned, aim, settings)
-    insertion.record_start(state)
-    insertion.find_markers()
-    session.tell_next_point("at the next question")
-    if command.stop is not None:
-        raise TargetMissedError(
-            f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
+def _insert_once(insertion: "Insertion") -> None:
+    """Place the block, plan, have the operator confirm the plan, insert, hold and withdraw.
+
+    Raises
+    ------
+    TargetMissedError
+        When there is no path, or the target was not reached; the needle is out.
+    """
+    session, protocol = insertion.session, insertion.protocol
+    session.tell(f"insertion {insertion.repetition + 1} of {protocol.repetitions}")
+    insertion.place()
+    try:
+        state, command = insertion.plan()
+    except TargetMissedError as error:
+        stop = InsertionStop(
+            trial=insertion.trial, exit_status="failed", stop=error.reason, cause=error.message
         )
-    session.mark_needle_in_tissue()
+        session.record(stop)
+        raise
+    session.tell_next_point("at the next question")
     insertion.bevel.centre()
-    session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
+    session.move("linear", protocol.sheath.depth_mm, protocol.sheath.speed_mm_s)
     insertion.path.append(session.read_positions())
-    picture = session.take_picture(InsertionRole.SCENE, trial)
+    picture = session.take_picture(InsertionRole.SCENE, insertion.trial)
     origin = insertion.find_sheath(picture)
     halt = insertion.follow_markers(picture, 0.0)
     if halt is not None:
@@ -238,14 +190,16 @@ def _insert_once(
     elif origin is not None or insertion.markers is not None:
         state, command = insertion.start_from(origin, state)
     if command.stop is None:
-        insertion.confirm(picture.image, state, origin)
-        state, command = _steer(insertion, state, command)
+        insertion.confirm(picture, state, origin)
+        state, command = steer(insertion, state, command)
     session.stop()
-    return insertion.finish(state, command)
+    ending = insertion.finish(state, command)
+    if not ending.reached:
+        raise TargetMissedError(ending.cause, ending.hint, reason=ending.reason)
 
 
-def _steer(
-    insertion: "_Insertion", state: SteeringState, command: SteeringCommand
+def steer(
+    insertion: "Insertion", state: SteeringState, command: SteeringCommand
 ) -> tuple[SteeringState, SteeringCommand]:
     """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
     insertion.session.tell_next_point("now, axes hold")
@@ -267,21 +221,6 @@ def _steer(
     return state, command
 
 
-def _find_aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: int) -> Aim:
-    """Have the block placed, ask for the places that the protocol asks for, and return target and obstacles."""
-    specimen = protocol.specimen
-    obstacles = tuple(
-        (view.compute_pixel(obstacle.position_mm), obstacle.radius_mm)
-        for obstacle in locate_stated_obstacles(protocol, view.plane)
-    )
-    name = specimen.name if protocol.repetitions == 1 and trial == 0 else f"{specimen.name} {trial + 1}"
-    session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
-    aim = make_aim(protocol, view.plane, _pick_places(protocol, session, trial))
-    if problems := tuple(find_aim_problems(protocol, aim, view.plane)):
-        raise FileFormatError(problems)
-    return aim
-
-
 def _pick_places(protocol: InsertionProtocol, session: Session, trial: int) -> PickedPlaces:
     """Take a picture and have the places named in it that the protocol asks for."""
     if not protocol.asked_places:
@@ -299,38 +238,76 @@ def _pick_places(protocol: InsertionProtocol, session: Session, trial: int) -> P
     )
 
 
-def _estimate_done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> float:
-    """Return how much of the estimated duration has passed [s]."""
-    speed_mm_s = protocol.insertion.speed_mm_s
-    return (
-        estimate_roll_zero_s(protocol) + (trial * protocol.insertion.max_length_mm + inserted_mm) / speed_mm_s
-    )
+@lru_cache(maxsize=16)
+def _plan_from_origin(
+    protocol: InsertionProtocol, aim: Aim
+) -> tuple[SteeringSettings, SteeringState, SteeringCommand]:
+    """Return the settings and the first plan from the plane's origin; a campaign asks for the same one again."""
+    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    return settings, *start_steering(settings)
 
 
 @dataclass
-class _Insertion:
+class Insertion:
     """One insertion in progress: its parts, and the path of the needle so far."""
 
     protocol: InsertionProtocol
     session: Session
-    view: TipView
+    sight: Sight
     roll_zero: RollZero
-    planned: PlannedInsertion
-    aim: Aim
-    settings: SteeringSettings
+    made: TrialRun[int]
     markers: MarkersFollowed | None = None
     path: list[AxisPositions] = field(default_factory=list)
     run_to_mm: float = 0.0
+    bounds: TargetErrorBounds | None = None
 
-    @property
-    def trial(self) -> int:
-        """The number of the trial."""
-        return self.planned.trial
+    def __post_init__(self) -> None:
+        self.trial, self.repetition = self.made.number, self.made.what
+        turning, radius_mm = self.protocol.policy.turning, self.protocol.planner.radius_mm
+        self.bevel = Bevel(self.session, self.trial, self.roll_zero, turning, radius_mm)
+        self.aim: Aim
+        self.settings: SteeringSettings
 
-    @cached_property
-    def bevel(self) -> Bevel:
-        """Its bevel."""
-        return Bevel(self.protocol, self.session, self.roll_zero, self.trial)
+    def place(self) -> None:
+        """Have the block placed, ask for the places that the protocol asks for, and record target and obstacles."""
+        protocol, plane, specimen = self.protocol, self.sight.plane, self.protocol.specimen
+        obstacles = tuple(
+            (plane.to_pixel(obstacle.position_mm[1:]), obstacle.radius_mm)
+            for obstacle in locate_stated_obstacles(protocol, plane)
+        )
+        is_named = protocol.repetitions == 1 and self.trial == 0
+        name = specimen.name if is_named else f"{specimen.name} {self.trial + 1}"
+        self.session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
+        self.aim = make_aim(protocol, plane, _pick_places(protocol, self.session, self.trial))
+        self.record_start()
+
+    def plan(self) -> tuple[SteeringState, SteeringCommand]:
+        """Return the first plan.
+
+        Raises
+        ------
+        TargetMissedError
+            When the places cannot be aimed at, or there is no path.
+        """
+        if problems := tuple(find_aim_problems(self.protocol, self.aim, self.sight.plane)):
+            raise TargetMissedError(problems[0].message, problems[0].hint, reason="no_target")
+        plan = partial(_plan_from_origin, self.protocol, self.aim)
+        self.settings, state, command = self.session.compute(plan)
+        self._record_plan(state, None)
+        self.find_markers()
+        if command.stop is not None:
+            raise TargetMissedError(
+                f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
+            )
+        self._warn(state)
+        return state, command
+
+    def _warn(self, state: SteeringState) -> None:
+        """Warn of a tolerance below what the last picture will be able to certify."""
+        stretches = list_stretches(state.plan, self.roll_zero, self.session.description, self.protocol)
+        warning = foresee_doubt(self.protocol, self.settings, stretches, self.roll_zero, self.sight.plane)
+        if warning is not None:
+            self.session.warn(warning)
 
     def turn_bevel(self, roll_rad: float, state: SteeringState) -> None:
         """Turn the bevel, if by anything."""
@@ -343,40 +320,38 @@ class _Insertion:
         if abs(command.run_to_mm - self.run_to_mm) > SAME_MM:
             self.session.start("insertion", command.run_to_mm, self.protocol.insertion.speed_mm_s)
             self.run_to_mm = command.run_to_mm
-        there = False
-        while not there:
-            states = self.session.record_next_states()
-            self.path.append(collect_axis_positions(states))
-            passing = command.run_to_mm - command.observe_at_mm > SAME_MM
-            there = states["insertion"].target_reached or (
-                passing and self.path[-1].insertion_mm >= command.observe_at_mm
-            )
+        passes = command.run_to_mm - command.observe_at_mm > SAME_MM
+        states = self.session.wait_until("insertion", command.observe_at_mm if passes else None)
+        self.path.append(collect_axis_positions(states))
         return self.session.take_picture(NeedleRole.OBSERVE, self.trial)
 
     def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
         """Find the tip in a picture, near where the last state predicts it."""
-        require_light(picture.image)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         expected = state.predict(inserted_mm, self.settings)
         return self.session.compute(
-            partial(find_tip, self.view, picture.image, expected, state.tip, self.bevel.path.base_rad)
+            partial(self.sight.find_tip, picture, expected, state.tip, self.bevel.base_rad)
         )
 
     def find_markers(self) -> None:
         """Find every marker before the needle moves, if the protocol has any."""
-        view = MarkerView.of(self.protocol, self.view.plane)
+        view = MarkerView.of(self.protocol, self.sight.plane)
         if view is None:
             return
         picture = self.session.take_picture(InsertionRole.MARKERS, self.trial)
-        require_light(picture.image)
-        self.markers = self.session.compute(partial(find_start, picture.image, view))
+        self.markers = self.session.compute(partial(find_start, self._search_markers(picture), view))
         self.session.record(self.markers.make_event(self.trial, picture.frame, 0.0))
+
+    def _search_markers(self, picture: TakenPicture) -> SearchMarkers:
+        """Return what finds markers in a picture."""
+        return partial(self.sight.find_markers, picture)
 
     def follow_markers(self, picture: TakenPicture, inserted_mm: float) -> Halt | None:
         """Move target and obstacles with their markers; return why the needle has to stop, if it has to."""
         if self.markers is None:
             return None
-        self.markers = self.session.compute(partial(follow_markers, self.markers, picture.image, inserted_mm))
+        search = self._search_markers(picture)
+        self.markers = self.session.compute(partial(follow_markers, self.markers, search, inserted_mm))
         self.session.record(self.markers.make_event(self.trial, picture.frame, inserted_mm))
         self.settings, halt = place_settings(self.settings, self.aim, self.markers)
         return halt
@@ -386,19 +361,7 @@ class _Insertion:
         sheath = self.protocol.sheath
         if sheath.origin is None:
             return None
-        require_light(picture.image)
-        linear_mm = picture.positions.linear_mm
-        origin = self.session.compute(
-            partial(
-                find_sheath,
-                picture.image,
-                self.view.plane,
-                sheath,
-                linear_mm,
-                trial=self.trial,
-                frame=picture.frame,
-            )
-        )
+        origin = self.session.compute(partial(self.sight.find_sheath, picture, sheath, self.trial))
         self.session.record(InsertionSheath(origin=origin))
         return origin
 
@@ -417,7 +380,7 @@ class _Insertion:
         self._record_plan(state, origin.frame, because="origin")
         return state, command
 
-    def confirm(self, image: Picture, state: SteeringState, origin: TrialOrigin | None = None) -> None:
+    def confirm(self, picture: TakenPicture, state: SteeringState, origin: TrialOrigin | None = None) -> None:
         """Draw plan, axes, sheath, target and obstacles, and have it confirmed."""
         problem = self.settings.problem
         drawn = DrawnPlan(
@@ -429,28 +392,24 @@ class _Insertion:
             if origin is None or origin.tip_mm is None
             else (origin.tip_mm, origin.heading_rad or 0.0),
         )
-        picture = self.session.compute(partial(draw_plan, image, self.view.plane, drawn))
-        file = self.session.draw(picture, InsertionRole.PLAN, self.trial)
+        paint = partial(draw_plan, plane=self.sight.plane, plan=drawn)
+        file = self.session.draw(picture, paint, InsertionRole.PLAN, self.trial)
         arcs = len(state.plan.arcs)
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
-        self.session.ask(ConfirmPlan(str(file), self.view.compute_pixel(self.aim.target_mm), plan))
+        self.session.ask(ConfirmPlan(str(file), self.sight.plane.to_pixel(self.aim.target_mm[1:]), plan))
 
     def finish(self, state: SteeringState, command: SteeringCommand) -> Ending:
         """Hold, take the last picture, record the truth, withdraw along the path, and return how it ended."""
-        session, protocol = self.session, self.protocol
+        session = self.session
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.wait(_HOLD_S)
         final = session.take_picture(NeedleRole.FINAL, self.trial)
         self.follow_markers(final, state.insertion_mm)
-        bounds = (
-            self._bound_error(final, state) if command.stop == "target_reached" or session.is_judged else None
-        )
-        ending = self._decide(bounds, command)
+        if command.stop == "target_reached" or session.is_judged:
+            self.bounds = self._bound_error(final, state)
+        bounds, ending = self.bounds, self._decide(self.bounds, command)
         session.record_truth(self.trial)
-        session.progress(
-            _estimate_done_s(protocol, self.planned.repetition, state.insertion_mm),
-            f"{ending.stop}: {ending.cause}",
-        )
+        session.tell(f"{ending.stop}: {ending.cause}")
         if command.stop in UNSURE_STOPS:
             session.ask(ConfirmStopped(command.detail))
         withdraw(session, self.path, self._withdrawal_speeds)
@@ -466,7 +425,9 @@ class _Insertion:
                 final_frame=final.frame,
                 depth_mm=state.insertion_mm,
                 replans=state.replans,
-                centred=self.bevel.path.centred,
+                centred=self.bevel.centred,
+                error_mm=error_mm,
+                interval_mm=None if bounds is None else bounds.interval_mm,
             )
         )
         return ending
@@ -484,21 +445,27 @@ class _Insertion:
         if unseen is None:
             return None
         path = TracedPath(
-            tuple(self.bevel.path.turns), self.roll_zero.zero_rad, state.insertion_mm, self.bevel.path.centred
+            tuple(self.bevel.turns), self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred
         )
         problem = self.settings.problem
-        seen = self._see_end(final.image, state, path, unseen)
+        seen = self._see_end(final, state, path, unseen)
         budget = budget_out_of_plane(path.split(self.settings), problem.radius_mm, unseen)
         target_sd_mm = find_target_sd_mm(self.protocol, self.markers)
         return bound_error(seen, budget, problem.target_mm, target_sd_mm)
 
     def _see_end(
-        self, image: Picture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
+        self, final: TakenPicture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
     ) -> SeenEnd:
         """Return the end of the shaft in the last picture, or of the estimate if that cannot be measured."""
-        plane = self.view.plane
+        plane, protocol = self.sight.plane, self.protocol
         estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
-        measure = partial(measure_end, image, self.view, self.protocol, self.roll_zero.sd_rad)
+        measure = partial(
+            self.sight.measure_end,
+            final,
+            protocol.needle.diameter_mm,
+            protocol.sheath.diameter_mm,
+            self.roll_zero.sd_rad,
+        )
         try:
             end = self.session.compute(measure)
         except MeasurementRefusedError:
@@ -511,8 +478,8 @@ class _Insertion:
         """The speed of each axis while the needle is withdrawn [mm/s or rad/s]."""
         return find_speeds(self.session.description, self.protocol.insertion, self.protocol.sheath)
 
-    def record_start(self, state: SteeringState) -> None:
-        """Record target and obstacles, and the first plan."""
+    def record_start(self) -> None:
+        """Record target and obstacles."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
         torsion = self.roll_zero.torsion
         self.session.record(
@@ -524,7 +491,7 @@ class _Insertion:
                 hole_position_mm=specimen.first_hole_mm,
                 needle_id=needle.needle_id,
                 target_mm=self.aim.target_mm,
-                tolerance_mm=self.settings.problem.tolerance_mm,
+                tolerance_mm=self.protocol.target.tolerance_mm,
                 obstacles=self.aim.obstacles,
                 start_mm=(0.0, 0.0, 0.0),
                 start_heading_rad=0.0,
@@ -532,10 +499,9 @@ class _Insertion:
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
                 torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
                 marker_ids=list_marker_ids(self.protocol),
-                repeats=self.planned.repeats,
+                repeats=self.made.repeats,
             )
         )
-        self._record_plan(state, None)
 
     def record_sighting(
         self, picture: TakenPicture, seen: TipSearched, before: SteeringState, state: SteeringState
@@ -552,7 +518,7 @@ class _Insertion:
                 frame=picture.frame,
                 depth_mm=inserted_mm,
                 step_mm=inserted_mm - before.insertion_mm,
-                bevel_rad=self.bevel.path.base_rad,
+                bevel_rad=self.bevel.base_rad,
                 accepted=fix.accepted,
                 reason=fix.reason,
                 tip_px=fix.tip_px,
@@ -578,8 +544,7 @@ class _Insertion:
         )
         if state.why is not None:
             self._record_plan(state, picture.frame)
-        done_s = _estimate_done_s(self.protocol, self.planned.repetition, inserted_mm)
-        self.session.progress(done_s, f"inserted {inserted_mm:.0f} mm")
+        self.session.tell(f"inserted {inserted_mm:.0f} mm")
 
     def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
         pose = state.plan_start

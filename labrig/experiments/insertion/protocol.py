@@ -339,6 +339,11 @@ class InsertionProtocol(JudgedProtocol):
         }
 
     @property
+    def expected_radius_mm(self) -> float:
+        """The radius that is planned with."""
+        return self.planner.radius_mm
+
+    @property
     def pictured_needle(self) -> NeedleInPicture:
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)

@@ -7,7 +7,6 @@ EXPERIMENT = ExperimentDeclaration(
     title="Roll zero",
     protocol="labrig.experiments.roll_zero.protocol:RollZeroProtocol",
     result="labrig.experiments.roll_zero.result:RollZeroResult",
-    plan="labrig.experiments.roll_zero.procedure:plan",
     procedure="labrig.experiments.roll_zero.procedure:run",
     analyze="labrig.experiments.roll_zero.analysis:analyze",
     page="labrig.experiments.roll_zero.page:make_page",

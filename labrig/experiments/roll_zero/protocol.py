@@ -34,6 +34,11 @@ class RollZeroProtocol(MovingProtocol):
     )
 
     @property
+    def expected_radius_mm(self) -> float:
+        """The design radius of the needle."""
+        return self.needle.design_radius_mm
+
+    @property
     def pictured_needle(self) -> NeedleInPicture:
         """Needle and sheath of the run."""
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)

@@ -17,13 +17,12 @@ from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
 from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, measure_bend
 from labrig.protocol.sections import Advance, Needle, RollZeroSteps, Sheath, TorsionSteps
-from labrig.runner.session import Session, TakenPicture
+from labrig.runner.session import Session
+from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.torsion import BaseLimits, LagError, TorsionalLag, TurnAhead, choose_turn
 from labrig.steering.torsion_fit import TorsionBend, fit_torsion
-from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_tip import measure_shaft_tip
 
 DIRECTIONS = (1, -1)
 _QUARTER_RAD = math.pi / 2
@@ -31,10 +30,7 @@ _QUARTER_RAD = math.pi / 2
 
 @dataclass(frozen=True)
 class TorsionOrder:
-    """What to measure the torsion with: needle, sheath, speeds, steps of roll zero and torsion, expected radius.
-
-    begun_s : rig time of what is done before it.
-    """
+    """What to measure the torsion with: needle, sheath, speeds, steps of roll zero and torsion, expected radius."""
 
     needle: Needle
     sheath: Sheath
@@ -42,32 +38,14 @@ class TorsionOrder:
     roll_zero: RollZeroSteps
     steps: TorsionSteps
     radius_mm: float
-    begun_s: float
 
     @property
     def holes(self) -> list[tuple[float, int]]:
         """Depth and direction of each hole."""
         return [(depth_mm, direction) for depth_mm in self.steps.depths_mm for direction in DIRECTIONS]
 
-    @property
-    def pictures(self) -> int:
-        """The number of pictures: two of each hole."""
-        return 2 * len(self.holes)
 
-    @property
-    def deepest_mm(self) -> float:
-        """How far the needle goes in."""
-        return max(self.steps.depths_mm) + self.steps.further_mm
-
-    @property
-    def duration_s(self) -> float:
-        """The rig time [s]."""
-        one_mm_s = 1 / self.advance.speed_mm_s + 1 / self.advance.withdraw_speed_mm_s
-        inserted_mm = sum(depth_mm + self.steps.further_mm for depth_mm, _ in self.holes)
-        return inserted_mm * one_mm_s + len(self.holes) * 2 * self.sheath.depth_mm / self.sheath.speed_mm_s
-
-
-def measure_torsion(order: TorsionOrder, zero_rad: float, plane: PlaneMap, session: Session) -> Torsion:
+def measure_torsion(order: TorsionOrder, zero_rad: float, sight: Sight, session: Session) -> Torsion:
     """Insert the needle at each depth from both sides, fit the lag, and return it.
 
     Raises
@@ -76,7 +54,7 @@ def measure_torsion(order: TorsionOrder, zero_rad: float, plane: PlaneMap, sessi
         When a picture does not show the needle, the bends do not fit it, or the lag is too uncertain.
     """
     bends = [
-        _measure_hole(_Probe(order, zero_rad, session), number, plane) for number in range(len(order.holes))
+        _measure_hole(_Probe(order, zero_rad, session), number, sight) for number in range(len(order.holes))
     ]
     fit = fit_torsion(bends, find_lengths(order.steps), order.radius_mm)
     session.record(TorsionFound(needle_id=order.needle.needle_id, **asdict(fit)))
@@ -95,13 +73,12 @@ def measure_torsion(order: TorsionOrder, zero_rad: float, plane: PlaneMap, sessi
     )
 
 
-def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
+def _measure_hole(probe: "_Probe", number: int, sight: Sight) -> TorsionBend:
     """Insert into a fresh hole, withdraw, and return the deflections before and after the turn."""
     order, session = probe.order, probe.session
     steps, (depth_mm, direction) = order.roll_zero, order.holes[number]
     place = steps.rolls + number
-    done_s = order.begun_s + order.duration_s * number / len(order.holes)
-    session.progress(done_s, f"torsion, {number + 1} of {len(order.holes)}")
+    session.tell(f"torsion, {number + 1} of {len(order.holes)}")
     session.ask(ShiftToHole(steps.specimen.name, place, place * steps.hole_spacing_mm))
     turn, end = probe.insert(depth_mm, direction)
     withdraw(session, probe.path, find_speeds(session.description, order.advance, order.sheath))
@@ -114,9 +91,7 @@ def _measure_hole(probe: "_Probe", number: int, plane: PlaneMap) -> TorsionBend:
     )
     session.record(made)
     shafts = [
-        session.compute(
-            partial(measure_shaft_tip, taken.image, plane, order.needle.diameter_mm, order.sheath.diameter_mm)
-        )
+        session.compute(partial(sight.measure_end, taken, order.needle.diameter_mm, order.sheath.diameter_mm))
         for taken in (turn, end)
     ]
     return measure_bend(made, *shafts)
@@ -136,7 +111,6 @@ class _Probe:
         """Insert to a depth, turn to 90 degrees in a direction, go on, and return the pictures at turn and end."""
         arcs_mm = list_arcs_mm(depth_mm)
         self._turn(self._fit_in(0.0 if len(arcs_mm) % 2 else math.pi))
-        self.session.mark_needle_in_tissue()
         self.session.move("linear", self.order.sheath.depth_mm, self.order.sheath.speed_mm_s)
         rolled: list[RolledStretch] = []
         for number, arc_mm in enumerate(arcs_mm):

@@ -12,9 +12,7 @@ class SweepRole(PictureRole):
 
 
 class SweepTrialStart(SpecimenTrialStart):
-    """An insertion begins; `repeats` is the trial that it replaces, interrupted or made again by a person."""
-
-    repeats: int | None = None
+    """An insertion begins."""
 
 
 class SweepTrialStop(TrialStop):

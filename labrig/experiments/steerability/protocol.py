@@ -1,7 +1,7 @@
 """The protocol of a steerability sweep."""
 
 from collections.abc import Iterator, Mapping
-from math import cos, pi
+from math import ceil, cos, pi
 from typing import ClassVar, Literal, Self
 
 from pydantic import Field
@@ -35,6 +35,12 @@ class Insertion(Model):
         le=2 * pi,
         description="Roll of the bevel before the insertion, kept through it [rad]; 0 bends towards -y.",
     )
+
+    def list_stops_mm(self) -> list[float]:
+        """Return the inserted lengths at which a picture is taken on the way [mm]."""
+        return [
+            self.frame_every_mm * number for number in range(1, ceil(self.length_mm / self.frame_every_mm))
+        ]
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a picture spacing longer than the insertion."""
@@ -84,6 +90,11 @@ class SteerabilityProtocol(JudgedProtocol):
     def last_place_mm(self) -> float:
         """The last entry point from which such an arc stays in its block [mm]."""
         return self.specimen_width_mm - self.lateral_reach_mm
+
+    @property
+    def expected_radius_mm(self) -> float:
+        """The design radius of the needle."""
+        return self.needle.design_radius_mm
 
     @property
     def pictured_needle(self) -> NeedleInPicture:

@@ -24,7 +24,7 @@ def design(*settings: str) -> Any:
 def test_radii_fill_the_tolerance_and_stay_within_it() -> None:
     """The radii of a thousand needles lie within the worst cases of the design, and come near both."""
     protocol = design()
-    radii_mm = np.array([simulate(protocol, None, seed).values["radius_mm"] for seed in range(1000)])
+    radii_mm = np.array([simulate(protocol, seed).values["radius_mm"] for seed in range(1000)])
     order = DesignOrder.of(protocol)
     worst = radius_tolerance(
         EQUATION_3,
@@ -41,8 +41,8 @@ def test_radii_fill_the_tolerance_and_stay_within_it() -> None:
 
 def test_a_seed_gives_the_same_needle_again() -> None:
     """Each seed is a needle of its own, to the last bit; without tolerances it is the one that was asked for."""
-    assert simulate(design(), None, 3) == simulate(design(), None, 3) != simulate(design(), None, 4)
-    exact = simulate(design("tolerances.clearance_mm=0", "tolerances.cut_deg=0"), None, 3)
+    assert simulate(design(), 3) == simulate(design(), 3) != simulate(design(), 4)
+    exact = simulate(design("tolerances.clearance_mm=0", "tolerances.cut_deg=0"), 3)
     assert exact.values["radius_mm"] == pytest.approx(30.0, abs=1e-9)
 
 
@@ -55,6 +55,6 @@ def test_the_reach_is_that_of_an_arc() -> None:
 def test_what_equation_3_does_not_cover_is_refused() -> None:
     """Another tube, and a design that a run refuses, have no virtual needles."""
     with pytest.raises(InputError, match="equation \\(3\\) was fitted to a tube"):
-        simulate(design("tube.outer_diameter_mm=1.5"), None, 1)
+        simulate(design("tube.outer_diameter_mm=1.5"), 1)
     with pytest.raises(FileFormatError, match="radius"):
-        simulate(design("radius_mm=1"), None, 1)
+        simulate(design("radius_mm=1"), 1)

@@ -2,8 +2,9 @@
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,30 @@ import pytest
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.needle_state import RollZero, Torsion
-from labrig.devices.operator import ConfirmPlan, ConfirmStopped, Paused, PickObstacle, PickPixel, PickTarget
+from labrig.devices.operator import (
+    NO_OFFER,
+    Answer,
+    ConfirmPlan,
+    ConfirmStopped,
+    Offer,
+    Operator,
+    OperatorRequest,
+    Paused,
+    PickObstacle,
+    PickPixel,
+    PickTarget,
+)
 from labrig.errors import (
     CameraError,
     ConditionMetError,
     DriveError,
-    FileFormatError,
     SafetyStopError,
     TargetMissedError,
+    TrialsFailedError,
 )
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.registry import find_experiment, load_run_protocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
@@ -419,13 +433,35 @@ def test_an_obstacle_that_the_world_lacks_is_named(tmp_path: Path) -> None:
     assert "sees 0 marked obstacles" in outcome.reason
 
 
-def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:
-    """A picked target is checked like one in the protocol."""
-    protocol = insertion("target={ask: true}", "specimen.width_mm=20")
-    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-15,35]")) as opened:
-        outcome, _ = opened.conduct(protocol)
-    assert isinstance(outcome.error, FileFormatError)
-    assert "outside of the tissue" in outcome.error.message
+@dataclass
+class MissesOnce:
+    """Clicks a target out of the tissue first, and the right one afterwards."""
+
+    operator: Operator
+    has_missed: bool = False
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
+        """Answer."""
+        if isinstance(request, PickTarget) and not self.has_missed:
+            self.has_missed = True
+            return Answer(confirmed=True, note="", pixel=(123.0, 30.0))
+        return self.operator.ask(request, meanwhile, offer)
+
+
+def test_a_wrongly_clicked_target_ends_its_insertion_and_not_the_run(tmp_path: Path) -> None:
+    """The other insertion is made, every start has its stop, the run has failed for that reason, and is measured."""
+    protocol = insertion("target={ask: true}", "specimen.width_mm=20", "repetitions=2")
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-3,25]")) as opened:
+        opened.opened.rig.operator = MissesOnce(opened.opened.rig.operator)
+        outcome, run = opened.conduct(protocol)
+    assert (outcome.exit_status, outcome.reason) == ("failed", "no_target")
+    assert isinstance(outcome.error, TrialsFailedError)
+    assert "1 of 2 insertions failed; no_target: the target at y" in outcome.error.message
+    assert list(run.trials["exit_status"]) == ["failed", "success"]
+    made = analyze_run(run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE)
+    assert isinstance(made.content, InsertionResult)
+    first, second = made.content.insertions
+    assert (first.stop, first.reached, second.reached) == ("no_target", False, True)
 
 
 def test_repetitions_are_all_made(tmp_path: Path) -> None:

@@ -2,42 +2,23 @@
 
 from pathlib import Path
 
-import pytest
-
 from labrig.devices.operator import MountNeedle
-from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.events import InsertionStart, InsertionStop, MarkersSought
-from labrig.experiments.insertion.schedule import BegunInsertion, PlannedInsertion, find_next_trial
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
-from labrig.record.decisions import NO_DECISIONS, fold_decisions
-from labrig.record.events import Repeat, Skip
 from labrig.record.reader import open_run
 from labrig.record.reopen import reopen_run
 from labrig.runner.conduct import conduct, conduct_remainder
+from labrig.runner.dry_run import plan_run
+from labrig.runner.past import read_past
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
 from tests.experiments.insertion.test_markers import BOUND, PUSHED, world
 from tests.experiments.insertion.test_procedure import EVEN, FROM_THE_BEGINNING
 from tests.runner.sessions import PROTOCOLS, Told, Watched, large_bench
-
-
-def test_what_remains_follows_from_what_was_made_and_decided() -> None:
-    """An interrupted insertion, or one that a person had made again, comes next under a new number, and only once."""
-    first = BegunInsertion(PlannedInsertion(0, 0))
-    assert find_next_trial(2, [], NO_DECISIONS) == PlannedInsertion(0, 0)
-    assert find_next_trial(2, [first], NO_DECISIONS) == PlannedInsertion(1, 1)
-    broken = [first, BegunInsertion(PlannedInsertion(1, 1), interrupted=True)]
-    assert find_next_trial(2, broken, NO_DECISIONS) == PlannedInsertion(2, 1, repeats=1)
-    again = [*broken, BegunInsertion(PlannedInsertion(2, 1, repeats=1))]
-    assert find_next_trial(2, again, NO_DECISIONS) is None
-    repeated = fold_decisions([Repeat(trial=2)])
-    assert find_next_trial(2, again, repeated) == PlannedInsertion(3, 1, repeats=2)
-    assert find_next_trial(2, again, repeated.add(Skip(trial=3, repeats=2))) is None
-    assert find_next_trial(2, [], fold_decisions([Skip(trial=0)])) == PlannedInsertion(1, 1)
 
 
 def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None:
@@ -61,9 +42,13 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
         devices = open_run(again.recorder.path).devices
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
         watched = again.opened.rig.operator = Watched(again.opened.rig.operator)
-        remainder = experiment.resume(protocol, run)
-        assert (remainder.kept, remainder.left) == (1, 1)
-        outcome = conduct_remainder(experiment, remainder, Session(again.opened.rig, recorder, Told()))
+        past = read_past(run)
+        assert (past.kept, plan_run(experiment, protocol, again.opened.rig.description, past).trials) == (
+            1,
+            1,
+        )
+        session = Session(again.opened.rig, recorder, Told())
+        outcome = conduct_remainder(experiment, protocol, past, session)
     assert outcome.exit_status == "success"
     assert sum(isinstance(request, MountNeedle) for request in watched.asked) == 1
     run = open_run(run.path)
@@ -78,5 +63,4 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
     assert check_run(run.path).damage == ()
     found = replay_run(run, experiment, protocol, Told())
     assert found.verdict is Verdict.IDENTICAL, found.first_difference
-    with pytest.raises(InputError, match=r"every insertion of .* has been made"):
-        experiment.resume(protocol, run)
+    assert plan_run(experiment, protocol, again.opened.rig.description, read_past(run)).trials == 0

@@ -16,6 +16,7 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run, open_run
 from labrig.record.reopen import reopen_run
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder
+from labrig.runner.past import read_past
 from labrig.runner.session import Session
 from tests.runner.sessions import RunBench, Told, Watched, bench, sweep
 
@@ -38,8 +39,8 @@ def _stop_while_inserting(at: RunBench, protocol: SteerabilityProtocol) -> Run:
 def _go_on(at: RunBench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome, Run]:
     recorder = reopen_run(run.path, "test")
     sweep_experiment = find_experiment(protocol.experiment)
-    remainder = sweep_experiment.resume(protocol, run)
-    outcome = conduct_remainder(sweep_experiment, remainder, Session(at.opened.rig, recorder, Told()))
+    session = Session(at.opened.rig, recorder, Told())
+    outcome = conduct_remainder(sweep_experiment, protocol, read_past(run), session)
     return outcome, open_run(run.path)
 
 

@@ -7,7 +7,6 @@ EXPERIMENT = ExperimentDeclaration(
     title="Repeatability",
     protocol="labrig_example.repeatability.protocol:RepeatabilityProtocol",
     result="labrig_example.repeatability.result:RepeatabilityResult",
-    plan="labrig_example.repeatability.procedure:plan",
     procedure="labrig_example.repeatability.procedure:run",
     analyze="labrig_example.repeatability.analysis:analyze",
     page="labrig_example.repeatability.page:make_page",

@@ -1,20 +1,24 @@
 """The insertions of a sweep, and the remaining ones of an interrupted sweep."""
 
+from collections.abc import Sequence
+from functools import partial
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
-from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import (
-    BegunTrial,
-    PlannedTrial,
+from labrig.experiments.steerability.holes import (
+    Hole,
     describe_order,
     describe_place,
-    list_planned_trials,
-    list_remaining_trials,
+    find_another_hole,
+    list_holes,
+    sort_holes,
 )
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.record.decisions import NO_DECISIONS
+from labrig.runner.trials import BegunTrial, Trial, list_remaining
 from tests.protocol.specimens import make_section, make_track
 from tests.runner.sessions import sweep
 
@@ -28,38 +32,44 @@ def protocol(*overrides: str) -> SteerabilityProtocol:
     return loaded
 
 
-def begin(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
+def begin(planned: Trial[Hole], *, finished: bool) -> BegunTrial:
     """Return a recorded trial."""
-    start = SweepTrialStart(
-        t_s=0.0,
-        trial=planned.trial,
-        specimen=planned.specimen.name,
-        gelatin_percent=planned.specimen.gelatin_percent,
-        hole=planned.hole,
-        hole_position_mm=planned.hole_position_mm,
-        needle_id="n",
-        repeats=planned.repeats,
-    )
-    exit_status = "success" if finished else "interrupted"
-    return BegunTrial(start, SweepTrialStop(t_s=1.0, trial=planned.trial, exit_status=exit_status))
+    return BegunTrial(planned.number, planned.repeats, "success" if finished else "interrupted")
+
+
+def list_planned(sweep_of: SteerabilityProtocol) -> list[Trial[Hole]]:
+    """Return every trial."""
+    return [Trial(number, hole) for number, hole in enumerate(list_holes(sweep_of))]
+
+
+def list_left(sweep_of: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> list[Trial[Hole]]:
+    """Return the trials that remain, as the procedure asks for them."""
+    again = partial(find_another_hole, sweep_of)
+    return list_remaining(list_holes(sweep_of), begun, NO_DECISIONS, again, sort_holes(sweep_of))
+
+
+def describe(sweep_of: SteerabilityProtocol, trial: Trial[Hole]) -> str:
+    """Return where a trial is."""
+    return describe_place(sweep_of, trial.number, trial.what, trial.repeats)
 
 
 def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
     """Trials are numbered through the sweep; holes are numbered within each block."""
-    trials = list_planned_trials(protocol())
-    assert [(trial.trial, trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in trials] == [
+    trials = list_planned(protocol())
+    holes = [(trial.number, trial.what) for trial in trials]
+    assert [(number, hole.specimen.name, hole.number, hole.position_mm) for number, hole in holes] == [
         (0, "a", 0, 0.0), (1, "a", 1, 10.0), (2, "a", 2, 20.0),
         (3, "b", 0, 0.0), (4, "b", 1, 10.0), (5, "b", 2, 20.0),
     ]  # fmt: skip
-    assert list_remaining_trials(protocol(), ()) == trials
+    assert list_left(protocol(), ()) == trials
 
 
 def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
     """A repeated trial gets its own number, hole and place; trials not yet begun keep theirs."""
-    trials = list_planned_trials(protocol())
+    trials = list_planned(protocol())
     past = [begin(trials[0], finished=True), begin(trials[1], finished=False)]
-    left = list_remaining_trials(protocol(), past)
-    assert [(trial.trial, trial.hole, trial.hole_position_mm, trial.repeats) for trial in left] == [
+    left = list_left(protocol(), past)
+    assert [(trial.number, trial.what.number, trial.what.position_mm, trial.repeats) for trial in left] == [
         (2, 2, 20.0, None), (6, 3, 30.0, 1), (3, 0, 0.0, None), (4, 1, 10.0, None), (5, 2, 20.0, None),
     ]  # fmt: skip
 
@@ -67,25 +77,25 @@ def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
 def test_a_narrow_block_is_entered_between_two_holes() -> None:
     """Without room beyond the last hole, a trial is repeated at the nearest free place halfway between two holes."""
     narrow = protocol("specimen_width_mm=44")
-    trials = list_planned_trials(narrow)
-    past = [begin(trial, finished=trial.trial != 2) for trial in trials[:3]]
-    left = list_remaining_trials(narrow, past)
-    assert (left[0].hole_position_mm, left[0].hole, left[0].repeats) == (15.0, 3, 2)
+    trials = list_planned(narrow)
+    past = [begin(trial, finished=trial.number != 2) for trial in trials[:3]]
+    left = list_left(narrow, past)
+    assert (left[0].what.position_mm, left[0].what.number, left[0].repeats) == (15.0, 3, 2)
 
 
 def test_a_block_without_room_is_refused() -> None:
-    """A block without a free place is refused; block and trial are named."""
+    """A block without a free place is refused; the block is named."""
     narrow = protocol("specimen_width_mm=44")
-    past = [begin(trial, finished=False) for trial in list_planned_trials(narrow)[:3]]
-    with pytest.raises(InputError, match=r"specimen a has no room for another entry point, in which trial 2"):
-        list_remaining_trials(narrow, past)
+    past = [begin(trial, finished=False) for trial in list_planned(narrow)[:3]]
+    with pytest.raises(InputError, match=r"specimen a has no room for another entry point"):
+        list_left(narrow, past)
 
 
 def test_a_random_order_is_of_the_seed_and_the_block() -> None:
     """Each block has an order of its own; the same seed gives the same one, another seed another, holes keep places."""
     orders = [
         [
-            [trial.hole for trial in list_planned_trials(drawn) if trial.specimen.name == gel]
+            [trial.what.number for trial in list_planned(drawn) if trial.what.specimen.name == gel]
             for gel in ("a", "b")
         ]
         for seed in (7, 7, 8)
@@ -99,21 +109,21 @@ def test_a_random_order_is_of_the_seed_and_the_block() -> None:
     seven = protocol("insertions_per_specimen=18", "hole_order=random", "seed=7")
     assert next(iter(describe_order(seven))).startswith("holes of a, in this order: 7, 4, 13, 12, ")
     assert not list(describe_order(protocol()))
-    drawn = list_planned_trials(protocol("hole_order=random"))
-    assert [trial.trial for trial in drawn] == list(range(6))
-    assert all(trial.hole_position_mm == 10.0 * trial.hole for trial in drawn)
+    drawn = list_planned(protocol("hole_order=random"))
+    assert [trial.number for trial in drawn] == list(range(6))
+    assert all(trial.what.position_mm == 10.0 * trial.what.number for trial in drawn)
 
 
 def test_a_random_order_keeps_its_rest_and_repeats_last() -> None:
     """What an interrupted sweep has left is the rest of its order; the repeated trial comes last in its block."""
     drawn = protocol("hole_order=random")
-    trials = list_planned_trials(drawn)
-    left = list_remaining_trials(drawn, [begin(trials[0], finished=False)])
-    assert [trial.trial for trial in left] == [1, 2, 6, 3, 4, 5]
+    trials = list_planned(drawn)
+    left = list_left(drawn, [begin(trials[0], finished=False)])
+    assert [trial.number for trial in left] == [1, 2, 6, 3, 4, 5]
     assert (left[0], left[2].repeats) == (trials[1], 0)
-    assert describe_place(drawn, left[0]) == f"hole {trials[1].hole + 1} (2nd of 3)"
-    assert describe_place(drawn, left[2]) == "hole 4 (repeats trial 0)"
-    assert describe_place(protocol(), list_planned_trials(protocol())[4]) == "hole 2 of 3"
+    assert describe(drawn, left[0]) == f"hole {trials[1].what.number + 1} (2nd of 3)"
+    assert describe(drawn, left[2]) == "hole 4 (repeats trial 0)"
+    assert describe(protocol(), list_planned(protocol())[4]) == "hole 2 of 3"
 
 
 @pytest.mark.parametrize("order", ["sequential", "random"])
@@ -124,17 +134,19 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
     """After any number of interruptions every planned trial is finished once, each at a place of its own."""
     wide = protocol("specimen_width_mm=1000", f"hole_order={order}")
     past: list[BegunTrial] = []
+    used: list[Hole] = []
     for cut in cuts:
-        left = list_remaining_trials(wide, past)
+        left = list_left(wide, past)
         past += [begin(trial, finished=number < cut) for number, trial in enumerate(left[: cut + 1])]
-    past += [begin(trial, finished=True) for trial in list_remaining_trials(wide, past)]
+        used += [trial.what for trial in left[: cut + 1]]
+    used += [trial.what for trial in list_left(wide, past)]
+    past += [begin(trial, finished=True) for trial in list_left(wide, past)]
     finished = [trial for trial in past if trial.exit_status == "success"]
-    starts = [trial.start for trial in past]
-    assert len(finished) == len(list_planned_trials(wide))
-    assert len({start.trial for start in starts}) == len(past)
-    assert len({(start.specimen, start.hole_position_mm) for start in starts}) == len(past)
-    assert len({(start.specimen, start.hole) for start in starts}) == len(past)
-    assert list_remaining_trials(wide, past) == ()
+    assert len(finished) == len(list_planned(wide))
+    assert len({trial.number for trial in past}) == len(past)
+    assert len({(hole.specimen.name, hole.position_mm) for hole in used}) == len(past)
+    assert len({(hole.specimen.name, hole.number) for hole in used}) == len(past)
+    assert list_left(wide, past) == []
 
 
 def test_a_repeated_hole_keeps_off_old_tracks() -> None:
@@ -145,7 +157,7 @@ def test_a_repeated_hole_keeps_off_old_tracks() -> None:
     sweep_in_a1 = loaded.model_copy(
         update={"specimens": (gel.model_copy(update={"block": make_section(old)}),)}
     )
-    begun = [begin(trial, finished=trial.trial != 1) for trial in list_planned_trials(sweep_in_a1)]
-    (again,) = list_remaining_trials(sweep_in_a1, begun)
-    assert (again.repeats, again.hole_position_mm) == (1, 5.0)
-    assert list_remaining_trials(loaded, begun)[0].hole_position_mm == 30.0
+    begun = [begin(trial, finished=trial.number != 1) for trial in list_planned(sweep_in_a1)]
+    (again,) = list_left(sweep_in_a1, begun)
+    assert (again.repeats, again.what.position_mm) == (1, 5.0)
+    assert list_left(loaded, begun)[0].what.position_mm == 30.0

@@ -1,0 +1,158 @@
+"""What can be said of an insertion before anything moves: what it lacks, and how sure its end can be."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from labrig.devices.can_description import ONLY_SIMULATED
+from labrig.devices.needle_state import RollZero
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import LimitError, Problem
+from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
+from labrig.experiments.insertion.ending import EstimatedEnd, SeenEnd, bound_error
+from labrig.experiments.insertion.marker_view import find_marker_problems, find_target_sd_mm
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.settings import make_out_of_plane
+from labrig.experiments.shared.holes import find_near_holes
+from labrig.runner.session import Session
+from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
+from labrig.steering.planner import Plan
+from labrig.steering.policy import SteeringSettings
+from labrig.steering.torsion import BaseLimits, TurnAhead, plan_turn
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import READ_PX
+
+
+def find_problems(protocol: InsertionProtocol, session: Session) -> Iterator[Problem]:
+    """Yield what an insertion lacks on this rig: travel, what nobody measured, a hole that is clear."""
+    rig, known = session.description, session.state.roll_zero
+    try:
+        rig.axes.insertion.check_move(
+            "insertion", protocol.insertion.max_length_mm, protocol.insertion.speed_mm_s
+        )
+    except LimitError as error:
+        yield Problem("insertion.max_length_mm", error.message, error.hint)
+    yield from _find_unmeasured(protocol, rig, known)
+    specimen, diameter_mm = protocol.specimen, protocol.sheath.diameter_mm
+    yield from find_near_holes("specimen", specimen, [specimen.first_hole_mm], diameter_mm, specimen.width_mm)
+
+
+def find_place_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield stated places that are out of the camera's view or cannot be aimed at."""
+    astray = tuple(find_pixel_problems(protocol, plane))
+    yield from astray
+    yield from find_marker_problems(protocol, plane)
+    if not (astray or protocol.asked_places):
+        yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
+
+
+def find_warnings(protocol: InsertionProtocol, session: Session) -> Iterator[Problem]:
+    """Yield what may make the answer no, or wrong."""
+    yield from _warn_of_torsion(protocol, session.description, session.state.roll_zero)
+    yield from _warn_of_marker_depth(protocol)
+
+
+def foresee_doubt(
+    protocol: InsertionProtocol,
+    settings: SteeringSettings,
+    stretches: Sequence[RolledStretch],
+    roll_zero: RollZero,
+    plane: PlaneMap,
+) -> Problem | None:
+    """Return the warning that the last picture will not be able to certify the tolerance; None if it may."""
+    unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
+    if unseen is None:
+        return None
+    problem = settings.problem
+    budget = budget_out_of_plane(stretches, problem.radius_mm, unseen)
+    end = EstimatedEnd(np.array(problem.target_mm[1:]), READ_PX * plane.mm_per_px)
+    seen = SeenEnd.of_estimate(end, plane)
+    bounds = bound_error(seen, budget, problem.target_mm, find_target_sd_mm(protocol, None))
+    return bounds.warn(problem.tolerance_mm)
+
+
+def _find_unmeasured(
+    protocol: InsertionProtocol, rig: RigDescription, certified: RollZero | None
+) -> Iterator[Problem]:
+    """Yield what is stated to be exactly 0 and was not measured; in the simulated world alone that may be so.
+
+    A success would rest on it.
+    """
+    unseen = protocol.out_of_plane
+    if unseen is None or rig.kind == ONLY_SIMULATED:
+        return
+    if unseen.heading_sd_deg_per_root_mm == 0.0:
+        yield Problem(
+            "out_of_plane.heading_sd_deg_per_root_mm",
+            f"0 says that needles on rig {rig.name} never wander out of the plane; only a simulated one does not",
+            "state what you measured, or null: as much as in the plane",
+        )
+    if unseen.lag_sd_deg == 0.0 and not _knows_torsion(protocol, certified):
+        yield Problem(
+            "out_of_plane.lag_sd_deg",
+            f"0 says that the bevel of needle {protocol.needle.needle_id} never lags behind the rotation axis, and its "
+            f"torsion was not measured on rig {rig.name}",
+            "measure it: torsion: {} under roll_zero:, or labrig run protocols/roll-zero.yaml; or state how far it may "
+            "lag (5 to 45 degrees were seen in needles 100 mm deep)",
+        )
+
+
+def _knows_torsion(protocol: InsertionProtocol, certified: RollZero | None) -> bool:
+    """Return whether the lag of the bevel is measured before the insertion, and compensated."""
+    if protocol.policy.turning != "compensated":
+        return False
+    if certified is not None and certified.needle_id == protocol.needle.needle_id:
+        return certified.torsion is not None
+    return protocol.roll_zero is not None and protocol.roll_zero.torsion is not None
+
+
+def _warn_of_torsion(
+    protocol: InsertionProtocol, rig: RigDescription, certified: RollZero | None
+) -> Iterator[Problem]:
+    """Yield a measured torsion of another needle, which says nothing of this one."""
+    needle_id, steps = protocol.needle.needle_id, protocol.roll_zero
+    if certified is None or certified.torsion is None or steps is None:
+        return
+    if certified.needle_id != needle_id and steps.torsion is None:
+        yield Problem(
+            "roll_zero.torsion",
+            f"the torsion that rig {rig.name} knows is of needle {certified.needle_id}; that of {needle_id} is not "
+            "compensated",
+            "measure it: torsion: {} under roll_zero:, or labrig run protocols/roll-zero.yaml",
+        )
+
+
+def _warn_of_marker_depth(protocol: InsertionProtocol) -> Iterator[Problem]:
+    """Yield markers beside the steering plane."""
+    markers = protocol.markers
+    if markers is not None and markers.x_mm != 0.0:
+        yield Problem(
+            "markers.x_mm",
+            f"the markers lie {abs(markers.x_mm):g} mm {'behind' if markers.x_mm > 0 else 'before'} the calibrated "
+            f"plane: what they move looks {'smaller' if markers.x_mm > 0 else 'larger'} there, and is scaled back by "
+            "this number alone",
+            "put them into the plane, or measure how far from it they are",
+        )
+
+
+def list_stretches(
+    path: Plan, roll_zero: RollZero, rig: RigDescription, protocol: InsertionProtocol
+) -> list[RolledStretch]:
+    """Return the arcs of a path with the directions in which the bevel will be turned before them."""
+    limits = BaseLimits.of_axis(rig.axes.rotation.limits, roll_zero.zero_rad)
+    ahead = [TurnAhead(arc.roll_rad, arc.length_mm) for arc in path.arcs]
+    base_rad, turned, rolled = 0.0, 0, list[RolledStretch]()
+    for number, arc in enumerate(path.arcs):
+        if arc.roll_rad != 0.0:
+            turn = plan_turn(
+                rolled,
+                base_rad,
+                ahead[number:],
+                roll_zero.lag,
+                limits,
+                turning=protocol.policy.turning,
+                radius_mm=protocol.planner.radius_mm,
+            )
+            base_rad, turned = turn.to_rad, turn.direction
+        rolled.append(RolledStretch(arc.length_mm, base_rad, turned))
+    return rolled

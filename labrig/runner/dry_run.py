@@ -1,0 +1,265 @@
+"""A procedure on a virtual rig: the plan that `labrig check` tells, and the virtual runs of campaigns.
+
+The plan is what the procedure did: its moves, pictures and questions, its rig time, and what it was refused. The world
+is that of the rig file, or, for a bench, an ideal one with the stated noise of a camera; questions take the default
+answer. A run of many trials is planned from the first of them: the others are taken to be like these.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from labrig.analysis.outcome import TaskOutcome
+from labrig.devices.needle_state import NEW, NeedleState
+from labrig.devices.operator import PickPixel
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import BugError, FileFormatError, InputError, Problem, TargetMissedError
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.events import Event, Move, OperatorQuestion, TrialStart
+from labrig.runner.conduct import Outcome, conduct, conduct_remainder
+from labrig.runner.dialogue import Dialogue
+from labrig.runner.experiment import Experiment, RunPlan
+from labrig.runner.plan import find_calibration_problems, find_rig_problems
+from labrig.runner.session import Session
+from labrig.runner.sight import Sight, load_plane_map, load_tip_template
+from labrig.runner.trials import NO_PAST, Past
+from labrig.runner.virtual_rig import EventList, VirtualRig
+from labrig.runner.virtual_sight import WorldSight
+from labrig.simulation.description import (
+    GelDescription,
+    NeedleDescription,
+    SheathDescription,
+    WorldDescription,
+)
+from labrig.simulation.seeds import stream
+from labrig.simulation.world import World
+from labrig.vision.plane import PlaneMap
+
+ENOUGH_CALLS = 2000
+"""After so many moves, pictures and questions no further trial is begun."""
+
+_ANSWERED = {request.__name__ for request in PickPixel.__subclasses__()}
+"""Questions that a bench alone can answer: what a dry run takes for the answer says nothing."""
+
+
+class _EnoughError(Exception):
+    """The trials made so far tell what the others take."""
+
+
+class _Watch(EventList):
+    """Ends a dry run before a trial when there are enough."""
+
+    calls = trials = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.unfit: list[Problem] = []
+
+    def record_event(self, event: Event, t_s: float) -> None:
+        """Keep an event."""
+        self.calls += isinstance(event, Move | OperatorQuestion)
+        if isinstance(event, TrialStart):
+            if self.calls + self.frames > ENOUGH_CALLS:
+                raise _EnoughError
+            self.trials += 1
+        super().record_event(event, t_s)
+
+
+@dataclass(frozen=True)
+class VirtualRun:
+    """A procedure that was carried out on a virtual rig: how it ended, and what it wrote."""
+
+    outcome: Outcome
+    record: EventList
+
+
+def run_virtually(
+    experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription, seed: int
+) -> VirtualRun:
+    """Carry out a procedure in the world of a simulated rig; the same seed gives the same bits in any process.
+
+    Raises
+    ------
+    InputError
+        For a rig without a simulated world.
+    """
+    if rig.world is None:
+        raise InputError(
+            "a virtual run is made in the world of a simulated rig, and there is none",
+            "name a rig file of kind simulated",
+        )
+    record = EventList()
+    return VirtualRun(conduct(experiment, protocol, _open_session(protocol, rig, record, seed)), record)
+
+
+def simulate(
+    experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription | None, seed: int
+) -> TaskOutcome:
+    """Return what comes of one virtual run, without pictures; the same seed gives the same bits in any process.
+
+    The rig is None for a protocol that moves none.
+
+    Raises
+    ------
+    InputError
+        When the experiment or the rig does not allow it, or the protocol cannot be run.
+    """
+    if not experiment.moves_rig:
+        return experiment.simulate(protocol, seed)
+    if rig is None:
+        raise InputError("a virtual run needs a rig, and there is none", "name a rig file of kind simulated")
+    made = run_virtually(experiment, protocol, rig, seed)
+    error = made.outcome.error
+    if isinstance(error, InputError | BugError):
+        raise error
+    values = experiment.tell_values(made.record.events, made.record.truths)
+    return TaskOutcome(made.outcome.exit_status, made.outcome.reason or None, values)
+
+
+def plan_run(
+    experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription | None, past: Past = NO_PAST
+) -> RunPlan:
+    """Return the plan of a run on a rig, or of what is left of one; the rig is None for a protocol that moves none."""
+    if rig is None:
+        return RunPlan(problems=experiment.find_problems(protocol))
+    record = _Watch()
+    record.unfit += find_rig_problems(protocol, rig)
+    try:
+        session = _open_session(protocol, rig, record, protocol.seed)
+    except InputError as error:
+        return RunPlan(problems=tuple(record.unfit) or (Problem("rig", error.message, error.hint),))
+    try:
+        if past is not NO_PAST:
+            outcome = conduct_remainder(experiment, protocol, past, session)
+        else:
+            outcome = conduct(experiment, protocol, session)
+    except _EnoughError:
+        outcome = Outcome("success", "", None)
+    return _describe(protocol, rig, session, record, outcome)
+
+
+def _open_session(protocol: ExperimentProtocol, rig: RigDescription, record: EventList, seed: int) -> Session:
+    needle = getattr(protocol, "needle", None)
+    placed = rig if needle is None else rig.with_needle(needle)
+    world = _IdealWorld(protocol) if placed.world is None else World(placed.world, seed)
+    state = NEW if rig.state_path is None else NeedleState(rig.state_path).state
+    exposure_s = 0.0 if rig.kind == "simulated" and rig.clock is None else 1.0 / rig.camera.rate_hz
+    virtual = VirtualRig(placed, world, state, exposure_s)
+    lens = None if placed.world is None else placed.world.lens
+
+    def make_sight(rig: RigDescription, *, finds_tip: bool = False) -> Sight:
+        plane = load_plane_map(rig)
+        if finds_tip and isinstance(record, _Watch):
+            try:
+                load_tip_template(rig, plane)
+            except InputError as error:
+                record.unfit.append(Problem("calibration.template", error.message, error.hint))
+        record.sights += 1
+        if isinstance(world, _IdealWorld):
+            world.plane = plane
+        return WorldSight(world, plane, stream(seed, "sightings"), lens)
+
+    return Session(virtual, record, lambda _done, _doing: None, Dialogue(), make_sight)
+
+
+class _IdealWorld(World):
+    """The world of a bench as its protocol expects it: nothing is off, and places are where the map has them."""
+
+    def __init__(self, protocol: ExperimentProtocol) -> None:
+        self.plane: PlaneMap | None = None
+        needle, sheath = getattr(protocol, "needle", None), getattr(protocol, "sheath", None)
+        radius_mm = protocol.expected_radius_mm
+        gels = tuple(
+            GelDescription(gelatin_percent=percent, radius_mean_mm=radius_mm, radius_sd_mm=0.0)
+            for percent in (1e-3, 100.0)
+        )
+        super().__init__(
+            WorldDescription(
+                gels=gels,
+                needle=NeedleDescription()
+                if needle is None
+                else NeedleDescription(diameter_mm=needle.diameter_mm),
+                sheath=SheathDescription(lateral_play_sd_mm=0.0, angle_play_sd_deg=0.0),
+                sheath_tip_at_origin_linear_mm=0.0 if sheath is None else sheath.origin_depth_mm,
+            ),
+            protocol.seed,
+        )
+
+    def point_at_pixel_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
+        """Return where the map has a pixel."""
+        if self.plane is None:
+            return 0.0, 0.0, 0.0
+        y, z = self.plane.to_mm([pixel])[0]
+        return 0.0, float(y), float(z)
+
+    def target_mark_px(self) -> tuple[float, float]:
+        """Return a place straight ahead."""
+        return self._find_px(0.0, 60.0)
+
+    def obstacle_mark_px(self, asked: int) -> tuple[float, float]:
+        """Return a place aside."""
+        return self._find_px(30.0 + 10.0 * asked, 30.0)
+
+    def _find_px(self, y: float, z: float) -> tuple[float, float]:
+        if self.plane is None:
+            return 0.0, 0.0
+        u, v = self.plane.to_px([[y, z]])[0]
+        return float(u), float(v)
+
+
+def _describe(
+    protocol: ExperimentProtocol, rig: RigDescription, session: Session, record: _Watch, outcome: Outcome
+) -> RunPlan:
+    """Return the plan that a dry run tells."""
+    dialogue, events = session.dialogue, record.events
+    questions = [event for event in events if isinstance(event, OperatorQuestion)]
+    trials = max(dialogue.planned - dialogue.past.kept, record.trials)
+    share = trials / record.trials if record.trials else 1.0
+    problems = [*record.unfit, *_list_refused(protocol, session.rig)]
+    error = outcome.error
+    uncalibrated = find_calibration_problems(rig) if record.sights else ()
+    problems += [problem for problem in uncalibrated if problem not in problems]
+    if isinstance(error, FileFormatError):
+        problems += error.problems
+    elif isinstance(error, InputError | BugError) and not problems:
+        problems.append(Problem("protocol", error.message, error.hint))
+    elif isinstance(error, TargetMissedError) and error.reason == "no_roll_zero":
+        problems.append(Problem("roll_zero", error.message, error.hint))
+    refusal = None
+    assumed = any(question.request in _ANSWERED for question in questions) and rig.world is None
+    if isinstance(error, TargetMissedError) and error.reason in _SURE and not assumed:
+        refusal = Problem("target", error.message, error.hint)
+    return RunPlan(
+        trials=trials,
+        duration_s=share * session.rig.clock.now_s(),
+        moves=round(share * sum(isinstance(event, Move) for event in events)),
+        pictures=round(share * (record.frames - record.drawn)),
+        operator_steps=round(share * len(questions)),
+        problems=tuple(problems),
+        refusal=refusal,
+        warnings=tuple(dialogue.warnings),
+        notes=tuple(dialogue.notes),
+        uses_calibration=record.sights > 0,
+    )
+
+
+_SURE = ("no_path", "no_marker")
+"""What a dry run says for sure: nothing that is drawn decides it."""
+
+
+def _list_refused(protocol: ExperimentProtocol, rig: Any) -> Iterator[Problem]:
+    """Yield each move beyond a limit, at the key of the protocol that has its position or its speed."""
+    keys, told = dict(_list_numbers(protocol.model_dump())), set()
+    for axis, position, speed, error in rig.refused:
+        if error.message not in told:
+            told.add(error.message)
+            place = next((key for key, value in keys.items() if value in {position, speed}), f"axes.{axis}")
+            yield Problem(place, error.message, error.hint)
+
+
+def _list_numbers(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, float]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _list_numbers(value, f"{before}{key}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool) and value:
+            yield f"{before}{key}", value

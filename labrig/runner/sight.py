@@ -1,0 +1,222 @@
+"""What a procedure sees: tip, sheath, end, shaft, grid and markers in a picture that it has taken.
+
+`PictureSight` reads them from the pixels by the rig's calibration, with the functions that the analysis uses. On a rig
+without a camera the world is asked instead (`labrig.runner.virtual_sight`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.analysis.origin import find_sheath
+from labrig.analysis.result import Point, TrialOrigin
+from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.rig_calls import Photograph
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import CameraError, InputError, MeasurementRefusedError
+from labrig.protocol.sections import Sheath
+from labrig.steering.tip import TipState
+from labrig.steering.tip_search import TipSearched, TipView, find_tip
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.grid_check import GridCheck, check_grid
+from labrig.vision.marker import MarkerFix, find_markers
+from labrig.vision.mask import Mask, load_mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.template_file import load_template
+from labrig.vision.tip_template import TipTemplate
+
+FloatArray = NDArray[np.float64]
+
+_DARKEST_GREY = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class TakenPicture:
+    """A recorded picture: its number, and what the rig gave."""
+
+    frame: int
+    photograph: Photograph
+
+    @cached_property
+    def image(self) -> Picture:
+        """The picture, (H, W) or (H, W, 3) uint8."""
+        return self.photograph.read()
+
+    @property
+    def positions(self) -> AxisPositions:
+        """The axis positions at its exposure."""
+        return self.photograph.positions
+
+
+@dataclass(frozen=True)
+class SeenRadius:
+    """A radius of curvature and its standard deviation [mm]; None with the reason where none is accepted."""
+
+    radius_mm: float | None
+    sd_mm: float | None
+    reason: str = ""
+
+
+class Sight(Protocol):
+    """What can be seen in a picture; places are (y, z) in the steering plane [mm].
+
+    Each raises `MeasurementRefusedError` where the picture does not show it, unless it says so in its result.
+    """
+
+    @property
+    def plane(self) -> PlaneMap:
+        """The map from pixels to the steering plane."""
+
+    def find_tip(
+        self, taken: TakenPicture, expected: FloatArray, tip: TipState, roll_rad: float
+    ) -> TipSearched:
+        """Find the needle's tip near a predicted pose (4, 4); `roll_rad` is that of the bevel. See `find_tip`."""
+
+    def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
+        """Return the pose of a sheath that nothing has left yet, compared with its command."""
+
+    def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:
+        """Return the end of a needle that bends to one side, by the circle through its shaft."""
+
+    def measure_end(
+        self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
+    ) -> ShaftTip:
+        """Return the shaft of a needle and where it ends."""
+
+    def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
+        """Return the radius of curvature of a needle."""
+
+    def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:
+        """Measure ruled paper. Raises `CalibrationRefusedError`."""
+
+    def find_markers(
+        self, taken: TakenPicture, dictionary: str, last_px: Mapping[int, FloatArray | None]
+    ) -> Sequence[MarkerFix]:
+        """Find printed markers by their ids, near the corners (4, 2) where each was last seen."""
+
+
+class PictureSight:
+    """Reads pictures by the calibration files of a rig.
+
+    `finds_tip` says whether the tip is searched for, which takes a template.
+
+    Raises
+    ------
+    InputError
+        When the rig names no map of the plane or no template, or a file cannot be read.
+    """
+
+    def __init__(self, rig: RigDescription, *, finds_tip: bool = False) -> None:
+        self.plane = load_plane_map(rig)
+        self._mask = load_rig_mask(rig)
+        self._template = load_tip_template(rig, self.plane) if finds_tip else None
+
+    def find_tip(
+        self, taken: TakenPicture, expected: FloatArray, tip: TipState, roll_rad: float
+    ) -> TipSearched:
+        """Find the tip by its template. Raises `CameraError` for a dark picture."""
+        assert self._template is not None, "the sight was opened without a template of the tip"
+        require_light(taken.image)
+        view = TipView(self.plane, self._template, self._mask)
+        return find_tip(view, taken.image, expected, tip, roll_rad)
+
+    def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
+        """Find the sheath. Raises `CameraError` for a dark picture."""
+        require_light(taken.image)
+        linear_mm = taken.positions.linear_mm
+        return find_sheath(taken.image, self.plane, sheath, linear_mm, trial=trial, frame=taken.frame)
+
+    def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:
+        """Find the end of a bent needle."""
+        measured = measure_curvature(
+            taken.image, self.plane, CurvatureSettings(diameter_mm, sheath_diameter_mm)
+        )
+        if measured.tip_mm is None:
+            raise MeasurementRefusedError(
+                f"picture {taken.frame} does not show the needle: {measured.reason}",
+                "look at it, mend the light",
+            )
+        return measured.tip_mm
+
+    def measure_end(
+        self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
+    ) -> ShaftTip:
+        """Measure the shaft."""
+        masked = None if self._mask is None else self._mask.find_masked("", taken.image)
+        return measure_shaft_tip(
+            taken.image, self.plane, diameter_mm, sheath_diameter_mm, masked=masked, roll_sd_rad=roll_sd_rad
+        )
+
+    def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
+        """Measure the curvature as the analysis does."""
+        masked = None if self._mask is None else self._mask.find_masked("", taken.image)
+        found = measure_curvature(taken.image, self.plane, settings, masked=masked)
+        if not found.accepted:
+            return SeenRadius(None, None, found.reason or "")
+        return SeenRadius(found.radius_mm, found.sigma_radius_mm)
+
+    def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:
+        """Measure the paper."""
+        return check_grid(taken.image, self.plane, pitch_mm)
+
+    def find_markers(
+        self, taken: TakenPicture, dictionary: str, last_px: Mapping[int, FloatArray | None]
+    ) -> Sequence[MarkerFix]:
+        """Find the markers. Raises `CameraError` for a dark picture."""
+        require_light(taken.image)
+        return find_markers(taken.image, dictionary, last_px)
+
+
+def load_tip_template(rig: RigDescription, plane: PlaneMap) -> TipTemplate:
+    """Return the template of the tip from a rig's calibration files. Raises `InputError` when it names none."""
+    files = rig.template_paths()
+    if not files:
+        raise InputError(
+            "the rig file names no template of the tip",
+            "labrig calibrate template makes one; see calibration:",
+        )
+    return load_template(files["template.png"]).relative_to(plane.insertion)
+
+
+def load_rig_mask(rig: RigDescription) -> Mask | None:
+    """Return the mask of a rig; None if its file names none. Raises `InputError` when it cannot be read."""
+    masks = [load_mask(path) for path in rig.mask_paths().values()]
+    return masks[0] if masks else None
+
+
+def load_plane_map(rig: RigDescription) -> PlaneMap:
+    """Return the plane map of a rig from its calibration files.
+
+    Raises
+    ------
+    InputError
+        When the rig has none, or it cannot be read.
+    """
+    paths = rig.calibration_paths()
+    if "plane.json" not in paths:
+        raise InputError("the rig file names no plane", "labrig run protocols/calibration.yaml finds it")
+    lens = paths.get("intrinsics.json")
+    return load_plane(paths["plane.json"], None if lens is None else load_intrinsics(lens))
+
+
+def require_light(image: Picture) -> None:
+    """Refuse a picture that is too dark to show anything.
+
+    Raises
+    ------
+    CameraError
+        For a dark picture, with its mean and the limit.
+    """
+    mean = float(image.mean())
+    if mean < _DARKEST_GREY:
+        raise CameraError(
+            f"the picture is dark: its mean is {mean:.1f} of 255, and {_DARKEST_GREY:g} is the least",
+            "check the light and the lens cap; then take the needle out with labrig devices withdraw",
+        )

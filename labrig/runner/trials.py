@@ -1,0 +1,133 @@
+"""The trials of a run that remain: those planned, less those begun or skipped, plus those that are made again.
+
+It is told anew after each trial, while a run is made and when it is resumed: a person may skip one, or have one made
+again, and an interrupted one is made again under a number of its own.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeAlias, TypeVar
+
+from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.past_insertion import PastInsertion
+from labrig.record.decisions import NO_DECISIONS, Decisions
+from labrig.record.events import INCOMPLETE, INTERRUPTED
+
+T = TypeVar("T")
+
+Again: TypeAlias = Callable[[T, Sequence[T]], T]
+"""(what was lost, all that is planned or was made again) -> what takes its place; `InputError` without room for it."""
+
+
+@dataclass(frozen=True)
+class Trial(Generic[T]):
+    """A trial that is to be made: its number, unique in a run, what is made, and the trial whose place it takes."""
+
+    number: int
+    what: T
+    repeats: int | None = None
+
+
+@dataclass(frozen=True)
+class BegunTrial:
+    """A trial that has started: its number, the trial whose place it takes, and its status."""
+
+    number: int
+    repeats: int | None = None
+    exit_status: str = INCOMPLETE
+
+    def is_lost(self, decisions: Decisions) -> bool:
+        """Return whether another trial takes its place: it was interrupted, or a person has had it made again."""
+        return self.exit_status in {INCOMPLETE, INTERRUPTED} or self.number in decisions.repeated
+
+
+@dataclass(frozen=True)
+class Past:
+    """What the record of an interrupted run holds.
+
+    Attributes
+    ----------
+    begun : tuple of BegunTrial
+    decisions : Decisions
+        Of its person.
+    holes : tuple of PastInsertion
+        Its insertions, as a gel remembers them.
+    failed : mapping of int to (str, str)
+        The trials that have failed: why, in a word and in words.
+    last_specimen : str
+        The specimen of its last trial; empty if there is none.
+    needle_path : tuple of AxisPositions
+        The path of a needle that may still be in tissue; empty if it was out.
+    """
+
+    begun: tuple[BegunTrial, ...] = ()
+    decisions: Decisions = NO_DECISIONS
+    holes: tuple[PastInsertion, ...] = ()
+    failed: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    last_specimen: str = ""
+    needle_path: tuple[AxisPositions, ...] = ()
+
+    @property
+    def kept(self) -> int:
+        """How many trials are kept."""
+        return sum(not trial.is_lost(self.decisions) for trial in self.begun)
+
+
+NO_PAST = Past()
+"""A run that begins."""
+
+
+def make_same_again(lost: T, _used: Sequence[T]) -> T:
+    """Return the same: a trial that is made again takes nothing up."""
+    return lost
+
+
+def put_repeats_first(trial: Trial[Any]) -> tuple[bool, int]:
+    """Return the key by which trials that are made again come first."""
+    return trial.repeats is None, trial.number
+
+
+def list_remaining(
+    planned: Sequence[T],
+    begun: Sequence[BegunTrial],
+    decisions: Decisions,
+    again: Again[T] = make_same_again,
+    order: Callable[[Trial[T]], Any] = put_repeats_first,
+) -> list[Trial[T]]:
+    """Return the trials that remain, in the order in which they are made.
+
+    Parameters
+    ----------
+    planned : sequence
+        What is made in each trial; the first is trial 0.
+    begun : sequence of BegunTrial
+        In the order of the record.
+    decisions : Decisions
+        What a person has skipped, and had made again.
+    again, order : callable
+        Where a trial is made again, and the key by which trials are sorted.
+
+    Raises
+    ------
+    InputError
+        From `again`, where there is no room.
+    """
+    begun_numbers = {trial.number for trial in begun}
+    skipped = {skip.trial for skip in decisions.skipped}
+    settled = {trial.repeats for trial in begun} | {skip.repeats for skip in decisions.skipped}
+    made, used = dict(enumerate(planned)), list(planned)
+    for trial in begun:
+        if trial.repeats is not None and trial.number not in made:
+            made[trial.number] = again(made[trial.repeats], used)
+            used.append(made[trial.number])
+    left = [
+        Trial(number, what) for number, what in enumerate(planned) if number not in begun_numbers | skipped
+    ]
+    number = max([len(planned) - 1, *begun_numbers, *skipped]) + 1
+    for lost in begun:
+        if lost.is_lost(decisions) and lost.number not in settled:
+            what = again(made[lost.number], used)
+            used.append(what)
+            left.append(Trial(number, what, lost.number))
+            number += 1
+    return sorted(left, key=order)

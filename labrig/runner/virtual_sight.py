@@ -1,0 +1,488 @@
+"""What a camera would say of sheath, tip, shaft, paper and markers of a simulated world, without pictures.
+
+A place is seen where the world's lens shows it, and read by the map of the plane that the rig was calibrated with, as
+from a picture. What else is off in pictures is drawn: `SIGHTING_ERRORS` and `SHAFT_ERRORS`, which were fitted to runs
+of one rig, calibration/rig-simulated.yaml, with its light, noise and template. What they say of reading a picture grows
+with the mm per pixel of a rig; that another camera, light or template is as good as that one is not known.
+
+Along a shaft the error of the width is an Ornstein-Uhlenbeck process; besides, the needle tapers, and looks wider
+towards the rim of the picture, and length and end are off.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from labrig.analysis.origin import compare_with_command
+from labrig.analysis.result import Point, TrialOrigin
+from labrig.errors import MeasurementRefusedError
+from labrig.needle.kinematics import FloatArray
+from labrig.protocol.sections import Sheath
+from labrig.runner.sight import SeenRadius, TakenPicture
+from labrig.runner.virtual_rig import VirtualPhotograph
+from labrig.simulation.description import LensDescription
+from labrig.simulation.lens import plane_to_pixels
+from labrig.simulation.parallax import see_points
+from labrig.simulation.world import Glance, World
+from labrig.steering.tip import TipState
+from labrig.steering.tip_search import TipSearched
+from labrig.vision.curvature import CurvatureSettings
+from labrig.vision.error_budget import PlaceErrors
+from labrig.vision.grid_check import GridCheck
+from labrig.vision.marker import MarkerFix
+from labrig.vision.perspective import Perspective
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import ShaftTip
+from labrig.vision.sheath import SheathPose
+from labrig.vision.tip import TipFix
+
+FITTED_MM_PER_PX = 0.1053
+"""Scale of the rig that the errors were fitted to."""
+
+RIM_PX = 25.0
+"""A tip closer to the rim of the picture than this is not found."""
+
+
+@dataclass(frozen=True)
+class SightingErrors:
+    """Errors of places and directions that are measured in pictures, besides those of the map.
+
+    Attributes
+    ----------
+    along_mm, along_sd_mm, across_mm, across_sd_mm : float
+        Mean and standard deviation of the tip's place by its template, along the needle and to its left.
+    rim_mm : float
+        What is added along `RIM_MM` from the camera's foot; this grows with the squared distance.
+    fresh_share, correlated_mm : float
+        Share of these variances that is drawn anew in each picture, and length over which the rest decays to 1/e.
+    side_mm, turn_mm : float
+        What is added across, towards the side to which the bevel bends: the template shows a tip that is bent to that
+        side, so that a straight one is read off by `side_mm`, and `turn_mm` less for each radian that the last
+        `TURN_MM` are turned.
+    missed_share : float
+        Share of pictures in which the tip is not found.
+    hidden_mm, hidden_share : float
+        Length of needle below which the sheath hides the tip, and the share of pictures in which it does.
+    sheath_along_mm, sheath_sd_mm, sheath_sd_rad : float
+        Mean error of the sheath's end along it, the standard deviation along each axis, and that of the heading.
+    bend_mm, bend_sd_mm : float
+        Of the end of a shaft bent to one side as in the search for the roll zero: mean towards that side, and standard
+        deviation across.
+    marker_sd_px : float
+        Standard deviation of a marker's corner along each axis, common to its corners.
+    """
+
+    along_mm: float
+    along_sd_mm: float
+    across_mm: float
+    across_sd_mm: float
+    rim_mm: float
+    fresh_share: float
+    correlated_mm: float
+    side_mm: float
+    turn_mm: float
+    missed_share: float
+    hidden_mm: float
+    hidden_share: float
+    sheath_along_mm: float
+    sheath_sd_mm: float
+    sheath_sd_rad: float
+    bend_mm: float
+    bend_sd_mm: float
+    marker_sd_px: float = 0.05
+
+    def scale(self, factor: float) -> "SightingErrors":
+        """Return the errors where a pixel shows so much more; how a tip bends and what hides it stays as it is."""
+        read = (
+            "along_mm",
+            "along_sd_mm",
+            "across_mm",
+            "across_sd_mm",
+            "rim_mm",
+            "sheath_along_mm",
+            "sheath_sd_mm",
+            "bend_mm",
+            "bend_sd_mm",
+        )
+        return replace(self, **{name: factor * getattr(self, name) for name in read})
+
+
+SIGHTING_ERRORS = SightingErrors(
+    along_mm=0.038,
+    along_sd_mm=0.0122,
+    across_mm=-0.007,
+    across_sd_mm=0.0066,
+    rim_mm=0.026,
+    fresh_share=0.5,
+    correlated_mm=5.0,
+    side_mm=0.046,
+    turn_mm=0.477,
+    missed_share=0.001,
+    hidden_mm=1.0,
+    hidden_share=0.58,
+    sheath_along_mm=0.006,
+    sheath_sd_mm=0.008,
+    sheath_sd_rad=0.0008,
+    bend_mm=0.042,
+    bend_sd_mm=0.028,
+)
+"""Of 40 runs of protocols/insertion.yaml on the simulated rig, seeds 700001 to 700040, with 4306 sightings.
+
+They hold for its light, its noise and its template. `fresh_share` and `correlated_mm` are between those of the errors
+along and across, whose autocorrelations are 0.56 and 0.33 at 1 mm and 0.26 and 0.10 at 5 mm: correlated ones alone make
+the heading too sure, and leave the final errors without their largest. `python -m tests.benchmarks world-agrees`
+compares the ends of virtual insertions with those of whole runs.
+"""
+
+TURN_MM = 2.0
+"""Length of the tip over which its turn counts for `SightingErrors.turn_mm`."""
+
+RIM_MM = 50.0
+"""Distance from the camera's foot at which `ShaftErrors.rim` is stated."""
+
+_ROW_MM = 0.1
+_END_POINTS = 4
+
+
+@dataclass(frozen=True)
+class ShaftErrors:
+    """Errors of a shaft in a picture.
+
+    Attributes
+    ----------
+    width, width_spread : float
+        Standard deviation of the width of a row, as a share of it, and that of its logarithm from picture to picture.
+    correlated_mm : float
+        Length over which the error of the width decays to 1/e.
+    taper_sd : float
+        Standard deviation of the change of width from end to end that is not depth, as a share of it.
+    rim : float
+        By how much it looks wider `RIM_MM` from the camera's foot, as a share; this grows with the squared distance.
+    length_mm, length_sd_mm : float
+        Of the seen length.
+    ends_mm : tuple of (float, float, float)
+        Lengths inserted since the bevel was turned, and the mean error of the end there: along the needle, and towards
+        the side to which it bends, interpolated in between: a parabola that is fitted to the last stretch does not
+        follow a bend that swings over.
+    along_sd_mm, across_sd_mm : float
+        Standard deviations about that.
+    told_mm : float
+        Standard deviation of the end's place along each axis, as the picture tells it.
+    """
+
+    width: float
+    width_spread: float
+    correlated_mm: float
+    taper_sd: float
+    rim: float
+    length_mm: float
+    length_sd_mm: float
+    ends_mm: tuple[tuple[float, float, float], ...]
+    along_sd_mm: float
+    across_sd_mm: float
+    told_mm: float
+
+    def scale(self, factor: float) -> "ShaftErrors":
+        """Return the errors where a pixel shows so much more."""
+        read = ("length_mm", "length_sd_mm", "along_sd_mm", "across_sd_mm", "told_mm")
+        ends_mm = tuple((since, factor * along, factor * across) for since, along, across in self.ends_mm)
+        return replace(self, **{name: factor * getattr(self, name) for name in read}, ends_mm=ends_mm)
+
+    def find_end_mm(self, since_turn_mm: float) -> tuple[float, float]:
+        """Return the mean error of the end so far after a turn, along the needle and towards its bend."""
+        since, along, across = np.transpose(self.ends_mm)
+        return float(np.interp(since_turn_mm, since, along)), float(np.interp(since_turn_mm, since, across))
+
+
+SHAFT_ERRORS = ShaftErrors(
+    width=0.0050,
+    width_spread=0.24,
+    correlated_mm=1.27,
+    taper_sd=0.003,
+    rim=0.006,
+    length_mm=0.047,
+    length_sd_mm=0.085,
+    ends_mm=(
+        (3.0, -0.16, -0.075),
+        (5.4, -0.07, 0.010),
+        (6.5, 0.01, 0.020),
+        (8.0, 0.05, 0.045),
+        (10.0, 0.03, 0.030),
+    ),
+    along_sd_mm=0.045,
+    across_sd_mm=0.015,
+    told_mm=0.066,
+)
+"""Widths and lengths are those of 200 pictures of the simulated rig, with the seeds 7000 to 7199; ends are those of the
+last pictures in 40 runs of protocols/insertion.yaml, with the seeds 700001 to 700040."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPath:
+    """A path as seen in the plane, (N, 2), its seen arc lengths, and its seen widths over the true, (N,)."""
+
+    places_mm: FloatArray
+    arcs_mm: FloatArray
+    scales: FloatArray
+
+    @classmethod
+    def of(cls, places_mm: FloatArray, scales: FloatArray) -> "SeenPath":
+        """Return a path by where its points are seen (N, 2), and by their scales (N,)."""
+        steps_mm = np.linalg.norm(np.diff(places_mm, axis=0), axis=1)
+        return cls(places_mm, np.concatenate(([0.0], np.cumsum(steps_mm))), scales)
+
+    @property
+    def length_mm(self) -> float:
+        """The seen length."""
+        return float(self.arcs_mm[-1])
+
+
+def draw_shaft(
+    seen: SeenPath,
+    plane: PlaneMap,
+    diameter_mm: float,
+    since_turn_mm: float,
+    noise: np.random.Generator,
+    *,
+    errors: ShaftErrors = SHAFT_ERRORS,
+) -> ShaftTip:
+    """Return a shaft as measured in a picture of a needle with this path, the sheath's end first."""
+    at_mm = np.arange(0.0, seen.length_mm, _ROW_MM)
+    places_mm = np.column_stack([np.interp(at_mm, seen.arcs_mm, line) for line in seen.places_mm.T])
+    wider = (
+        errors.rim * square_distances(places_mm, Perspective.of(plane))
+        + noise.normal(0.0, errors.taper_sd) * (at_mm / seen.length_mm - 0.5)
+        + _draw_rough(len(at_mm), noise, errors)
+    )
+    widths_mm = diameter_mm * np.interp(at_mm, seen.arcs_mm, seen.scales) * (1.0 + wider)
+    length_mm = seen.length_mm + noise.normal(errors.length_mm, errors.length_sd_mm)
+    y, z = _draw_end(seen, errors.find_end_mm(since_turn_mm), noise, errors)
+    pixels = plane.to_px(np.array([[y, z]]))[0]
+    forward = seen.places_mm[-1] - seen.places_mm[-2]
+    return ShaftTip(
+        tip_px=(float(pixels[0]), float(pixels[1])),
+        tip_mm=(y, z),
+        heading_rad=math.atan2(*forward),
+        length_mm=length_mm,
+        width_px=float(np.median(widths_mm)) / plane.mm_per_px,
+        centre_line_mm=places_mm,
+        centre_line_px=plane.to_px(places_mm),
+        arc_mm=at_mm * (length_mm / seen.length_mm),
+        widths_mm=widths_mm,
+        errors=PlaceErrors(fit_mm=errors.told_mm),
+    )
+
+
+def _draw_end(
+    seen: SeenPath, mean_mm: tuple[float, float], noise: np.random.Generator, errors: ShaftErrors
+) -> tuple[float, float]:
+    """Return the end (y, z) of a shaft, read off by the mean along it and towards its bend, and at random."""
+    forward = np.diff(seen.places_mm[-_END_POINTS:], axis=0)
+    headings_rad = np.arctan2(*forward.T)
+    side = math.copysign(1.0, headings_rad[-1] - headings_rad[0])
+    along_mm, across_mm = noise.normal(
+        (mean_mm[0], side * mean_mm[1]), (errors.along_sd_mm, errors.across_sd_mm)
+    )
+    sine, cosine = math.sin(headings_rad[-1]), math.cos(headings_rad[-1])
+    y, z = seen.places_mm[-1]
+    return float(y + along_mm * sine + across_mm * cosine), float(z + along_mm * cosine - across_mm * sine)
+
+
+@dataclass
+class WorldSight:
+    """Asks a world what pictures of it show; see `Sight`.
+
+    Attributes
+    ----------
+    world : World
+    plane : PlaneMap
+        The map of the rig.
+    noise : Generator
+        Draws the errors.
+    lens : LensDescription or None
+        The world's own; None: every place is read where it is, which is all that is known of a bench.
+    """
+
+    world: World
+    plane: PlaneMap
+    noise: np.random.Generator
+    lens: LensDescription | None
+
+    def __post_init__(self) -> None:
+        factor = self.plane.mm_per_px / FITTED_MM_PER_PX
+        self.errors, self.shaft_errors = SIGHTING_ERRORS.scale(factor), SHAFT_ERRORS.scale(factor)
+        self._scatter, self._arc_mm = self.noise.standard_normal(2), 0.0
+        self._perspective = Perspective.of(self.plane)
+
+    def find_tip(
+        self, taken: TakenPicture, expected: FloatArray, tip: TipState, roll_rad: float
+    ) -> TipSearched:
+        """Return where the tip is seen."""
+        del tip
+        position_mm = self.see_tip(_look(taken).glance, roll_rad)
+        heading_rad = math.atan2(expected[1, 2], expected[2, 2])
+        fix = TipFix(accepted=position_mm is not None, reason=None if position_mm is not None else "not seen")
+        return TipSearched(fix, position_mm, (0.0, 0.0), heading_rad, 0.0)
+
+    def see_tip(self, glance: Glance | None, base_rad: float) -> FloatArray | None:
+        """Return where the tip is seen (x, y, z), with x 0; None where it is not found.
+
+        `base_rad` is where the base of the bevel stands, from the roll zero.
+        """
+        errors = self.errors
+        found, drawn = self.noise.random(), self.noise.standard_normal((2, 2))
+        node = None if glance is None else glance.node_before_tip()
+        if glance is None or node is None:
+            return None
+        before = glance.node_before_tip(TURN_MM)
+        assert before is not None
+        along, across = self._scatter_on(node.arc_mm, drawn).tolist()
+        if found < (errors.hidden_share if node.arc_mm < errors.hidden_mm else errors.missed_share):
+            return None
+        seen_mm, pixels = self._read(np.array([(node.x_mm, node.y_mm, node.z_mm)]))
+        if not self._shows(*pixels[0].tolist()):
+            return None
+        turn_rad, side = node.heading_rad - before.heading_rad, -math.cos(base_rad)
+        along_mm = errors.along_mm + errors.along_sd_mm * along
+        along_mm += errors.rim_mm * float(square_distances(seen_mm, self._perspective)[0])
+        across_mm = errors.across_mm + errors.across_sd_mm * across
+        across_mm += errors.side_mm * side - errors.turn_mm * turn_rad
+        sine, cosine = math.sin(node.heading_rad), math.cos(node.heading_rad)
+        y, z = seen_mm[0].tolist()
+        return np.array(
+            (0.0, y + along_mm * sine + across_mm * cosine, z + along_mm * cosine - across_mm * sine)
+        )
+
+    def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
+        """Return the pose of the sheath, as measured in a picture."""
+        glance, errors = _look(taken).glance, self.errors
+        assert glance is not None
+        end_mm, before_mm = self.locate(np.array(glance.sheath_mm))[0]
+        heading_rad = math.atan2(*(end_mm - before_mm)) + float(self.noise.normal(0.0, errors.sheath_sd_rad))
+        y, z = (end_mm + self.noise.normal((0.0, errors.sheath_along_mm), errors.sheath_sd_mm)).tolist()
+        u, v = self.plane.to_px(np.array([[y, z]]))[0].tolist()
+        pose = SheathPose((u, v), (y, z), heading_rad, sheath.diameter_mm)
+        return compare_with_command(pose, sheath, taken.positions.linear_mm, trial=trial, frame=taken.frame)
+
+    def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:  # noqa: ARG002
+        """Return the end of a needle that is bent to one side of its sheath."""
+        glance = _look(taken).glance
+        node = None if glance is None else glance.node_before_tip()
+        if glance is None or node is None:
+            raise MeasurementRefusedError("the needle is inside its sheath", "insert it further")
+        (end_mm, sheath_mm), _ = self.locate(
+            np.array([(node.x_mm, node.y_mm, node.z_mm), glance.sheath_mm[0]])
+        )
+        side = math.copysign(1.0, end_mm[0] - sheath_mm[0])
+        off_mm = side * self.errors.bend_mm + float(self.noise.normal(0.0, self.errors.bend_sd_mm))
+        return float(end_mm[0]) + off_mm, float(end_mm[1])
+
+    def measure_end(
+        self,
+        taken: TakenPicture,
+        diameter_mm: float,
+        sheath_diameter_mm: float,  # noqa: ARG002 - of pictures
+        roll_sd_rad: float = 0.0,  # noqa: ARG002 - of pictures
+    ) -> ShaftTip:
+        """Return the shaft of a needle; refuse one that has hardly left its sheath."""
+        looked = _look(taken)
+        points_mm = np.empty((0, 3)) if looked.glance is None else looked.glance.points_mm()
+        if len(points_mm) < _END_POINTS:
+            raise MeasurementRefusedError("the needle is inside its sheath", "insert it further")
+        seen = SeenPath.of(*self.locate(points_mm))
+        return draw_shaft(
+            seen, self.plane, diameter_mm, looked.since_turn_mm, self.noise, errors=self.shaft_errors
+        )
+
+    def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:  # noqa: ARG002
+        """Return the radius that the hole has; how well it is read off is not drawn."""
+        glance = _look(taken).glance
+        if glance is None or glance.track is None or not math.isfinite(glance.radius_mm):
+            return SeenRadius(None, None, "the needle is inside its sheath")
+        return SeenRadius(glance.radius_mm, self.errors.bend_sd_mm)
+
+    def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:  # noqa: ARG002
+        """Return paper that is as it should be: nobody bumps the camera of a world."""
+        return GridCheck(1.0, 1.0, 0.0, 0)
+
+    def find_markers(
+        self, taken: TakenPicture, dictionary: str, last_px: Mapping[int, FloatArray | None]
+    ) -> Sequence[MarkerFix]:
+        """Return the corners of the markers that the world has."""
+        del taken
+        return tuple(self._find_marker(marker_id, dictionary) for marker_id in last_px)
+
+    def _find_marker(self, marker_id: int, dictionary: str) -> MarkerFix:
+        found = self.world.locate_markers().get(marker_id)
+        if found is None or found[0].dictionary != dictionary:
+            return MarkerFix(marker_id, None, "it was not found")
+        marker, moved_mm = found
+        half_mm, turn = marker.side_mm / 2, math.radians(marker.turn_deg)
+        corners = np.array(
+            [(-half_mm, half_mm), (half_mm, half_mm), (half_mm, -half_mm), (-half_mm, -half_mm)]
+        )
+        along, up = corners.T
+        z = marker.position_mm[1] + moved_mm[1] + along * math.cos(turn) - up * math.sin(turn)
+        y = marker.position_mm[0] + moved_mm[0] + along * math.sin(turn) + up * math.cos(turn)
+        _, pixels = self._read(np.column_stack((np.full(4, marker.x_mm), y, z)))
+        return MarkerFix(marker_id, pixels + self.noise.normal(0.0, self.errors.marker_sd_px, 2))
+
+    def locate(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return where points in space (N, 3) are read by the map (N, 2), as (y, z), and their scales (N,)."""
+        if self.lens is None:
+            return points_mm[:, 1:], np.ones(len(points_mm))
+        return locate_points(points_mm, self.lens, self.plane)
+
+    def _read(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return where points in space (N, 3) are read (N, 2), and their pixels (N, 2)."""
+        if self.lens is None:
+            return points_mm[:, 1:], self.plane.to_px(points_mm[:, 1:])
+        pixels = plane_to_pixels(see_points(points_mm, self.lens)[0], self.lens)
+        return self.plane.to_mm(pixels), pixels
+
+    def _shows(self, u: float, v: float) -> bool:
+        """Return whether a tip at a pixel is far enough from the rim of the picture to be found."""
+        if self.plane.image_size is None:
+            return True
+        width, height = self.plane.image_size
+        return RIM_PX <= u <= width - 1 - RIM_PX and RIM_PX <= v <= height - 1 - RIM_PX
+
+    def _scatter_on(self, arc_mm: float, drawn: FloatArray) -> FloatArray:
+        """Return what scatters at a length of the path, (2,): an Ornstein-Uhlenbeck process, and noise beside it."""
+        kept = math.exp(-abs(arc_mm - self._arc_mm) / self.errors.correlated_mm)
+        self._scatter = kept * self._scatter + math.sqrt(1.0 - kept**2) * drawn[0]
+        self._arc_mm = arc_mm
+        fresh = self.errors.fresh_share
+        return np.asarray(math.sqrt(1.0 - fresh) * self._scatter + math.sqrt(fresh) * drawn[1])
+
+
+def _look(taken: TakenPicture) -> VirtualPhotograph:
+    assert isinstance(taken.photograph, VirtualPhotograph)
+    return taken.photograph
+
+
+def locate_points(
+    points_mm: FloatArray, lens: LensDescription, plane: PlaneMap
+) -> tuple[FloatArray, FloatArray]:
+    """Return where points in space (N, 3) are read by a map of the plane (N, 2), as (y, z), and their scales (N,)."""
+    flat_mm, scales = see_points(points_mm, lens)
+    return plane.to_mm(plane_to_pixels(flat_mm, lens)), scales
+
+
+def square_distances(places_mm: FloatArray, perspective: Perspective | None) -> FloatArray:
+    """Return the squares of the distances of places (N, 2) from the camera's foot over that of `RIM_MM`, (N,)."""
+    if perspective is None:
+        return np.zeros(len(places_mm))
+    return np.asarray(np.sum((places_mm - perspective.foot_mm) ** 2, axis=1) / RIM_MM**2)
+
+
+def _draw_rough(rows: int, noise: np.random.Generator, errors: ShaftErrors) -> FloatArray:
+    """Return the errors of the widths of rows, (rows,)."""
+    sd = errors.width * math.exp(errors.width_spread * noise.standard_normal())
+    kept = math.exp(-_ROW_MM / errors.correlated_mm)
+    drawn = noise.standard_normal(rows) * sd * math.sqrt(1.0 - kept**2)
+    drawn[0] = sd * noise.standard_normal()
+    return np.asarray(lfilter([1.0], [1.0, -kept], drawn))

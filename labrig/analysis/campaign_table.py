@@ -1,13 +1,12 @@
 """The table of a campaign: its rows on disk, and the DataFrame that they make."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from labrig.errors import RecordError
+from labrig.record.json_lines import read_lines
 
 ROWS_FILE = "tasks.jsonl"
 TABLE_FILE = "table.parquet"
@@ -26,20 +25,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
         When a line is damaged; names it.
     """
     path = folder / ROWS_FILE
-    try:
-        *lines, _ = path.read_bytes().split(b"\n")
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}", "check the disk") from error
-    rows = []
-    for number, line in enumerate(lines, start=1):
-        try:
-            rows.append(dict(json.loads(line)))
-        except (ValueError, TypeError) as error:
-            again = "restore the file from a copy, or make the campaign again"
-            raise RecordError(f"{path}:{number}: the line is damaged: {error}", again) from error
-    return rows
+    return read_lines(path) if path.exists() else []
 
 
 def make_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

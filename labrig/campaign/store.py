@@ -7,8 +7,6 @@ the table, and the next start goes on behind it. `table.parquet` is made of the 
 
 import hashlib
 import json
-import math
-import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -20,7 +18,6 @@ import pandas as pd
 from labrig.analysis.campaign_table import BY_RULE, ROWS_FILE, TABLE_FILE, make_table, read_rows
 from labrig.analysis.installation import describe_installation, describe_kernels
 from labrig.durable import (
-    append_or_restore,
     disk_errors,
     find_temporaries,
     temporary_file,
@@ -28,7 +25,7 @@ from labrig.durable import (
 )
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
-from labrig.record.json_lines import encode_document
+from labrig.record.json_lines import LineFile, encode_document, encode_line
 from labrig.record.layout import CAMPAIGN, LOCK
 from labrig.record.lock import FileLock
 from labrig.record.processor import describe_change
@@ -69,12 +66,13 @@ class CampaignStore:
         How the kernels of this process differ from those that the campaign began with; empty if they do not.
     """
 
+    _file: LineFile
+
     def __init__(self, folder: Path, lock: FileLock) -> None:
         self.folder = folder
         self.done = 0
         self.change = ""
         self._lock = lock
-        self._file = folder / ROWS_FILE
         self._content: dict[str, Any] = {}
 
     @classmethod
@@ -111,7 +109,8 @@ class CampaignStore:
             held.callback(lock.release)
             store = cls(folder, lock)
             store._begin(json.loads(json.dumps(document, allow_nan=False)), plan)
-            store._find_done()
+            store._open_rows()
+            held.callback(store._file.close)
             store._keep_plan(plan)
             held.pop_all()
         return store
@@ -122,6 +121,7 @@ class CampaignStore:
 
     def __exit__(self, *_: object) -> None:
         """Let other processes write there."""
+        self._file.close()
         self._lock.release()
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -141,7 +141,9 @@ class CampaignStore:
         if tasks != list(range(self.done, self.done + len(rows))):
             raise ValueError(f"rows of tasks {tasks[:3]}..., expected those from {self.done} on")
         try:
-            self._append(b"".join(map(_encode, rows)))
+            with disk_errors(self._file.path):
+                self._file.append(b"".join(map(encode_line, rows)))
+                self._file.sync()
         except DiskError as error:
             hint = f"{error.hint}; {self.done} tasks are done, and the same command goes on behind them"
             raise error.reword(error.message, hint) from error
@@ -179,7 +181,7 @@ class CampaignStore:
         with disk_errors(self.folder):
             for left in find_temporaries(self.folder):
                 left.unlink()
-            names = sorted(path.name for path in self.folder.iterdir() if path.name != LOCK)
+            names = sorted(path.name for path in self.folder.iterdir() if not path.name.startswith(LOCK))
         if CAMPAIGN not in names:
             if names:
                 raise OutputExistsError(f"{self.folder} holds {names[0]} and no campaign", _ELSEWHERE)
@@ -235,32 +237,14 @@ class CampaignStore:
             raise RecordError(f"{path} is damaged: {error}", _ELSEWHERE) from error
         return dict(kept) if isinstance(kept, Mapping) else {}
 
-    def _find_done(self) -> None:
-        """Count the rows that are there; a torn last line is cut off, and its task is computed again."""
-        rows = self.read_rows()
+    def _open_rows(self) -> None:
+        """Open the rows, and count those that are there; the task of a torn last line is computed again."""
+        rows, path = self.read_rows(), self.folder / ROWS_FILE
         if [row.get("task") for row in rows] != list(range(len(rows))):
-            raise RecordError(
-                f"{self._file} lacks rows between others", f"restore it from a copy, or {_ELSEWHERE}"
-            )
+            raise RecordError(f"{path} lacks rows between others", f"restore it from a copy, or {_ELSEWHERE}")
         self.done = len(rows)
-        if self._file.exists():
-            with disk_errors(self._file):
-                content = self._file.read_bytes()
-                os.truncate(self._file, content.rfind(b"\n") + 1)
-
-    def _append(self, lines: bytes) -> None:
-        """Append lines, durably; of lines that do not fit nothing is left."""
-        with disk_errors(self._file), self._file.open("ab", buffering=0) as file:
-            append_or_restore(file.fileno(), lines, file.tell())
-            os.fsync(file.fileno())
-
-
-def _encode(row: Mapping[str, Any]) -> bytes:
-    plain = {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
-    }
-    return json.dumps(plain, ensure_ascii=False, allow_nan=False).encode() + b"\n"
+        with disk_errors(path):
+            self._file = LineFile.reopen(path) if path.exists() else LineFile.create(path)
 
 
 def _digest(document: Mapping[str, Any]) -> str:

@@ -66,11 +66,8 @@ def test_a_campaign_that_was_begun_goes_on_behind_its_rows(tmp_path: Path) -> No
         assert store.done == 2
         with pytest.raises(ValueError, match="expected those from 2 on"):
             store.append([row(3)])
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
-        CAMPAIGN_FILE,
-        TABLE_FILE,
-        ROWS_FILE,
-    ]
+    names = sorted(path.name for path in (tmp_path / "new").iterdir() if not path.name.startswith("."))
+    assert names == [CAMPAIGN_FILE, TABLE_FILE, ROWS_FILE]
 
 
 def test_another_campaign_is_refused_with_the_difference(tmp_path: Path) -> None:

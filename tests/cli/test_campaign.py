@@ -4,7 +4,7 @@ import json
 import signal
 import subprocess
 import sys
-import time
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
@@ -155,9 +155,10 @@ def test_ctrl_c_ends_a_campaign_with_a_page_of_what_is_done(tmp_path: Path) -> N
     with subprocess.Popen(
         [sys.executable, "-m", "labrig", *options], stderr=subprocess.PIPE, text=True
     ) as process:
-        while not (out / "tasks.jsonl").exists():
-            assert process.poll() is None
-            time.sleep(0.05)
+        rows = out / "tasks.jsonl"
+        while not (rows.exists() and rows.stat().st_size):
+            with suppress(subprocess.TimeoutExpired):
+                assert process.wait(0.05) is None
         process.send_signal(signal.SIGINT)
         assert process.stderr is not None
         rest = process.stderr.read()

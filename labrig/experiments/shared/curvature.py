@@ -108,13 +108,7 @@ def measure_curvature(
     )
     named = None if mask is None else mask.with_names(_list_sources(pictures))
     measured, (origins, sentinel) = measure_pictures(
-        places,
-        plane,
-        settings,
-        named,
-        workers=request.workers,
-        progress=request.progress,
-        meanwhile=others,
+        places, plane, settings, named, workers=request.workers, progress=request.progress, meanwhile=others
     )
     bare = [
         describe_picture(picture.line, picture.trial, measurement)

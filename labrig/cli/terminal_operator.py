@@ -3,12 +3,11 @@
 import math
 import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
-from typing import TextIO, TypeVar
+from typing import TYPE_CHECKING, TextIO, TypeVar
 
 from labrig.cli.output import CONTROLS, ring_bell, say
-from labrig.cli.pixel_page import PixelPage, offer_page
 from labrig.cli.progress import hold_bar
 from labrig.cli.signals import SignalNote
 from labrig.devices.clocks import SystemClock
@@ -24,6 +23,9 @@ from labrig.devices.operator import (
 )
 from labrig.errors import InterruptedRunError, SafetyStopError
 from labrig.posix import discard_typed, is_in_background, read_typed, wait_for_input
+
+if TYPE_CHECKING:
+    from labrig.cli.pixel_page import PixelPage
 
 _T = TypeVar("_T")
 
@@ -116,11 +118,11 @@ class TerminalOperator:
 
     def _ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer) -> Answer:
         """Ask until the answer is understood or no; say what is wanted if it is neither."""
-        with offer_page(request, meanwhile) as page:
+        with _offer_page(request, meanwhile) as page:
             return self._ask_beside(page, request, meanwhile, offer)
 
     def _ask_beside(
-        self, page: PixelPage | None, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer
+        self, page: "PixelPage | None", request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer
     ) -> Answer:
         """Ask at the terminal, and take the answer of a page too; the one that is read first counts."""
         wanted, read_answer = _choose_reader(request)
@@ -161,7 +163,9 @@ class TerminalOperator:
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         return self._read_line_or_click(meanwhile, None)[0]
 
-    def _read_line_or_click(self, meanwhile: Callable[[], None], page: PixelPage | None) -> tuple[str, bool]:
+    def _read_line_or_click(
+        self, meanwhile: Callable[[], None], page: "PixelPage | None"
+    ) -> tuple[str, bool]:
         """Wait for a line, and return it without control characters, and whether it comes from the page.
 
         Signals are checked for, and the rig is looked after, twenty times a second.
@@ -197,7 +201,18 @@ class TerminalOperator:
             ) from error
 
 
-def _confirm_click(page: PixelPage | None, answer: Answer) -> Answer:
+def _offer_page(
+    request: OperatorRequest, meanwhile: Callable[[], None]
+) -> AbstractContextManager["PixelPage | None"]:
+    """Offer a page to click on, where a pixel is asked for; what draws it takes a second to load."""
+    if not isinstance(request, PickPixel):
+        return nullcontext()
+    from labrig.cli.pixel_page import offer_page
+
+    return offer_page(request, meanwhile)
+
+
+def _confirm_click(page: "PixelPage | None", answer: Answer) -> Answer:
     """Tell page and terminal that a click is the answer, and return it with a note of that."""
     if page is not None:
         page.confirm()

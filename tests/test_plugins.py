@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.drive import find_drive_kind
+from labrig.devices.drives.drive import find_drive_kind
 from labrig.errors import InputError, MachineError, PluginError
 from labrig.plugins import CAMERAS, DRIVES, find_plugin, find_plugins
 from tests.installing import install_package

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 
 from labrig.cli.bug_report import keep_traceback
-from labrig.devices.cia402_states import describe_statusword
 from labrig.devices.clocks import SystemClock
+from labrig.devices.drives.states import describe_statusword
 from labrig.errors import LabrigError
 from labrig.experiments.registry import follow_run
 from labrig.posix import end_with_parent, lower_priority

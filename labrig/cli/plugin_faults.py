@@ -33,6 +33,6 @@ def _finder(group: str) -> Callable[[str], object]:
         from labrig.devices.camera import find_camera_kind
 
         return find_camera_kind
-    from labrig.devices.drive import find_drive_kind
+    from labrig.devices.drives.drive import find_drive_kind
 
     return find_drive_kind

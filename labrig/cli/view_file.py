@@ -4,7 +4,7 @@ from pathlib import Path
 
 from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
 from labrig.cli.output import say
-from labrig.devices.cia402_states import describe_statusword
+from labrig.devices.drives.states import describe_statusword
 from labrig.errors import InputError
 from labrig.experiments.registry import make_run_view
 from labrig.record.reader import Run

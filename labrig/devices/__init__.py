@@ -6,9 +6,9 @@ What is decided here
   and so does `replayed.rig.ReplayedRig`, which answers what the rig of a record answered.
 - The rig file says whether a rig is real or simulated, and only `hardware.make_hardware` asks. The seam is at the
   wire: a simulated drive is a CANopen node on a bus inside the process, driven by the driver of real drives.
-- A kind of drive is a folder (`epos2/`, `cia402/`) behind `Drive` and `DriveKind`, which an entry point of the group
-  `labrig.drives` names; what CANopen drives share stands beside it (`cia402_drive`, `canopen_objects`, `sdo_client`).
-  Nothing else imports such a folder.
+- A kind of drive is a `DriveKind`, which an entry point of the group `labrig.drives` names, behind the interface
+  `Drive`. CiA 402 drives have one driver (`drives/cia402`); a product is an EDS file and a `Model` (`drives/epos2`,
+  `drives/generic`).
 - Positions are mm or rad above `Drive` and counts of the motor below; speeds are rounded to the drive's integers, and
   the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.cia402_states import DriveState
-from labrig.devices.drive import Drive, Homing
+from labrig.devices.drives.drive import Drive, Homing
+from labrig.devices.drives.states import DriveState
 from labrig.devices.input_channel import InputValue
 from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
 from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError, SafetyStopError

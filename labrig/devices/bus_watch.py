@@ -18,8 +18,8 @@ from collections.abc import Mapping
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.canopen_objects import MODE
 from labrig.devices.commands import CommandFormatter
+from labrig.devices.drives.objects import MODE
 from labrig.errors import NOT_OPERATIONAL, DriveStrayedError, SecondMasterError
 
 _NMT, _NMT_ALL = 0x000, 0

@@ -17,7 +17,7 @@ from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.drive import find_drive_kind
+from labrig.devices.drives.drive import find_drive_kind
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import motion_log_path, read_last_motion

@@ -1,8 +1,9 @@
 """CAN frames in words: which axis, which object, which value."""
 
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.canopen_objects import LOWER_LIMIT, TARGET_POSITION, UPPER_LIMIT, Entry
-from labrig.devices.drive import find_drive_kind
+from labrig.devices.drives.drive import find_drive_kind
+from labrig.devices.drives.eds import count_bytes
+from labrig.devices.drives.objects import LOWER_LIMIT, TARGET_POSITION, UPPER_LIMIT, Place
 from labrig.devices.rig_file import RigDescription
 
 _POSITIONS = (TARGET_POSITION, LOWER_LIMIT, UPPER_LIMIT)
@@ -32,18 +33,18 @@ class CommandFormatter:
 
     def _describe_question(self, node: int, data: bytes) -> str:
         name, axis = self._axes.get(node, (f"node {node}", None))
-        index, subindex = int.from_bytes(data[1:3], "little"), data[3]
-        entry = None if axis is None else find_drive_kind(axis.driver).find_object(axis, index, subindex)
-        if axis is None or entry is None:
-            return f"{name}: object 0x{index:04X}:{subindex:02X} = {data[4:].hex()}"
-        what = f"{name}: {entry.name} ({entry.place})"
+        place = Place(int.from_bytes(data[1:3], "little"), data[3])
+        found = None if axis is None else find_drive_kind(axis.driver).find_object(axis, *place)
+        if axis is None or found is None:
+            return f"{name}: object {place} = {data[4:].hex()}"
+        what = f"{name}: {found.name} ({place})"
         if data[0] == 0x40:
             return f"{what} is read"
-        value = entry.unpack(data[4:])
-        return f"{what} = {value}{_format_in_units(axis, entry, value)}"
+        value = int(found.decode_raw(data[4 : 4 + count_bytes(found)]))
+        return f"{what} = {value}{_format_in_units(axis, place, value)}"
 
 
-def _format_in_units(axis: AxisDescription, entry: Entry, value: int) -> str:
-    if entry not in _POSITIONS or axis.unknown:
+def _format_in_units(axis: AxisDescription, place: Place, value: int) -> str:
+    if place not in _POSITIONS or axis.unknown:
         return ""
     return f" {axis.count_unit}, {axis.scale().to_position(value):.4f} {axis.unit}"

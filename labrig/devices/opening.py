@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from labrig.devices.axis import Axis
 from labrig.devices.axis_description import AXES
-from labrig.devices.drive import Identity, raise_together, try_all
+from labrig.devices.drives.drive import Identity, raise_together, try_all
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.operator import ConfirmFaultReset
 from labrig.devices.rig_file import RigDescription

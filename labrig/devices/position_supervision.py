@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drive import STILL_COUNTS
+from labrig.devices.drives.drive import STILL_COUNTS
 from labrig.devices.trapezoid import Limits, Profile, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, DriveStrayedError
 

@@ -14,7 +14,7 @@ from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.drive import Homing, Identity, open_drive, try_all, wait_for_all
+from labrig.devices.drives.drive import Homing, Identity, open_drive, try_all, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock

@@ -14,8 +14,8 @@ from pydantic import Field, PrivateAttr
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.camera import CameraDescription, RigKind
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
-from labrig.devices.drive import DEFAULT_DRIVER
 from labrig.devices.driver_section import DriverSection
+from labrig.devices.drives.drive import DEFAULT_DRIVER
 from labrig.devices.fault_script import FaultDescription
 from labrig.errors import InputError
 from labrig.plugins import CAMERAS, DRIVES, Plugin, find_plugin

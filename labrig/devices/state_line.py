@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from labrig.devices.axis import AxisReadback
-from labrig.devices.cia402_states import decode_state
+from labrig.devices.drives.states import decode_state
 from labrig.devices.rig_file import RigDescription
 
 

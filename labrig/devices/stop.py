@@ -17,7 +17,7 @@ from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.clocks import SystemClock
-from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind, open_drive, try_all, wait_for_all
+from labrig.devices.drives.drive import DEFAULT_DRIVER, find_drive_kind, open_drive, try_all, wait_for_all
 from labrig.devices.exclusive import find_owner
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError

@@ -37,7 +37,7 @@ from labrig.clock import Clock
 from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
-from labrig.devices.drive import DriveReading, raise_together
+from labrig.devices.drives.drive import DriveReading, raise_together
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.opening import Opening
 from labrig.devices.position_supervision import (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labrig.devices.axis import AxisReadback, Setpoint
 from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.cia402_states import DriveState
+from labrig.devices.drives.states import DriveState
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion

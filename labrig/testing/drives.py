@@ -13,9 +13,9 @@ from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.cia402_states import DriveState
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drive import STILL_POLL_S, Drive, Homing, find_drive_kind, open_drive
+from labrig.devices.drives.drive import STILL_POLL_S, Drive, Homing, find_drive_kind, open_drive
+from labrig.devices.drives.states import DriveState
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.bus import InProcessWire, attach

@@ -36,7 +36,7 @@ import numpy as np
 from labrig.analysis.result import load_centre_lines
 from labrig.campaign.campaign_file import load_campaign_file
 from labrig.cli.main import run_command
-from labrig.devices.cia402.eds import read_eds
+from labrig.devices.drives.eds import read_eds
 from labrig.devices.motion_log import read_last_motion
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig

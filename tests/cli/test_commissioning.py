@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import pytest
 
 from labrig.devices.clocks import SystemClock
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
@@ -231,7 +231,7 @@ def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench:
     assert len(turns) == 2
 
 
-def _in_fault(drive: SimulatedDrive) -> bool:
+def _in_fault(drive: SimulatedCia402Drive) -> bool:
     return any(event.kind == "emergency" for event in drive.journal) and not drive.is_moving
 
 

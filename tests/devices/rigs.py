@@ -9,17 +9,19 @@ from typing import Any
 
 from labrig.clock import Clock
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drive import Drive
-from labrig.devices.epos2.driver import Epos2
-from labrig.devices.epos2.settings import Epos2Axis
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.drive import Drive, Homing
+from labrig.devices.drives.epos2 import DRIVE, Epos2Axis
 from labrig.devices.hardware import Hardware
 from labrig.devices.opening import WHOLE, Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
+from labrig.devices.simulated.kinds import simulate_epos2
+from labrig.devices.simulated.shaft import Mechanics
 from tests.small_camera import CALIBRATED_SMALL_CAMERA
 
 CALIBRATION = Path(__file__).parents[2] / "calibration"
@@ -56,6 +58,25 @@ def epos2_axis(**changes: object) -> Epos2Axis:
     axis = simulated_rig().axes.insertion.model_copy(update=changes)
     assert isinstance(axis, Epos2Axis)
     return axis
+
+
+_FREE = Mechanics()
+
+
+def epos2_node(
+    wire: InProcessWire,
+    node_id: int,
+    clock: Clock,
+    *,
+    encoder_pulses: int = 500,
+    mechanics: Mechanics = _FREE,
+    boot_time_s: float = 0.0,
+    hardware: int = 0x6220,
+    software: int = 0x2122,
+) -> SimulatedCia402Drive:
+    """Put a simulated EPOS2 on a wire."""
+    section = DRIVE.example_section(node_id).model_copy(update={"encoder_pulses_per_turn": encoder_pulses})
+    return simulate_epos2(section, wire, clock, mechanics, boot_time_s, hardware=hardware, software=software)
 
 
 @dataclass
@@ -107,8 +128,17 @@ class OneDrive:
 
     clock: SimulatedClock
     wire: InProcessWire
-    drive: SimulatedDrive
-    driver: Epos2
+    drive: SimulatedCia402Drive
+    driver: Cia402Drive
+
+    def home(self, homing: Homing) -> None:
+        """Home to the end."""
+        for _ in self.driver.home(homing):
+            self.clock.sleep(0.005)
+
+    def reopen(self, **changes: object) -> Cia402Drive:
+        """Return another driver, with changes in its section."""
+        return Cia402Drive(self.driver._link, epos2_axis(**changes), "insertion", self.clock)
 
 
 @contextmanager
@@ -116,17 +146,17 @@ def one_drive(**drive_settings: Any) -> Iterator[OneDrive]:
     """Set up a drive on a bus, with a driver."""
     clock, wire = SimulatedClock(), InProcessWire()
     link = attach(wire, clock, ANSWER_TIMEOUT_S)
-    drive = SimulatedDrive(wire, 1, clock, **drive_settings)
+    drive = epos2_node(wire, 1, clock, **drive_settings)
     clock.on_advance(drive.tick)
-    driver = Epos2(link, epos2_axis(), "insertion", clock)
+    driver = Cia402Drive(link, epos2_axis(), "insertion", clock)
     yield OneDrive(clock, wire, drive, driver)
     link.close()
     drive.unplug()
 
 
-def epos2_drives(hardware: SimulatedHardware) -> dict[str, SimulatedDrive]:
+def epos2_drives(hardware: SimulatedHardware) -> dict[str, SimulatedCia402Drive]:
     """Return the simulated EPOS2 of each axis that has one."""
-    return {name: drive for name, drive in hardware.drives.items() if isinstance(drive, SimulatedDrive)}
+    return {name: drive for name, drive in hardware.drives.items() if isinstance(drive, SimulatedCia402Drive)}
 
 
 @dataclass
@@ -137,7 +167,7 @@ class OpenedRig:
     hardware: SimulatedHardware
 
     @property
-    def drives(self) -> dict[str, SimulatedDrive]:
+    def drives(self) -> dict[str, SimulatedCia402Drive]:
         """The simulated EPOS2 of each axis."""
         return epos2_drives(self.hardware)
 

@@ -11,9 +11,9 @@ from typing import Any
 import can
 import pytest
 
-from labrig.devices.drive import DEFAULT_DRIVER
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.drives.drive import DEFAULT_DRIVER
 from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.serving import ServedDrives, open_bus
 from labrig.devices.simulated.slcan_server import SlcanServer
 from labrig.errors import BusError
@@ -28,7 +28,7 @@ class Served:
     """What is served, and how another bus reaches it: the arguments of `can.Bus`."""
 
     reached_by: dict[str, Any]
-    drives: dict[int, SimulatedDrive]
+    drives: dict[int, SimulatedCia402Drive]
     bus: can.BusABC
     wire: InProcessWire
     actions: SimpleQueue[Callable[[], object]]
@@ -97,7 +97,9 @@ def served_drives(
     thread = threading.Thread(target=served.serve, args=(until,))
     thread.start()
     try:
-        drives = {node: drive for node, drive in served.drives.items() if isinstance(drive, SimulatedDrive)}
+        drives = {
+            node: drive for node, drive in served.drives.items() if isinstance(drive, SimulatedCia402Drive)
+        }
         yield Served(reached_by, drives, bus, served.wire, actions)
     finally:
         over.set()

@@ -5,8 +5,8 @@ from threading import Thread
 
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.epos2.driver import Epos2
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.heartbeat import LONGEST_EXCHANGE_S, HeartbeatClock
 from labrig.devices.rig_file import RigDescription
 from tests.devices.beats import listening, require_no_fault
@@ -54,7 +54,7 @@ def test_an_exchange_without_end_is_no_supervision() -> None:
         opened.rig.reference_axes()
         opened.rig.insertion.start_move(100.0, 5.0)
         drive, clock = opened.rig.insertion.drive, opened.hardware.clock
-        assert isinstance(drive, Epos2)
+        assert isinstance(drive, Cia402Drive)
         opened.rig.wait(0.1)
         began_s = clock.now_s()
         opened.hardware.wire.delay(10**9, ONE_WAY_S)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
-from labrig.devices.drive import Homing
-from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.settings import HOMING_DIRECTIONS
+from labrig.devices.drives import epos2 as od
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.epos2 import HOMING_DIRECTIONS
+from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
@@ -40,7 +40,7 @@ def _connect_and_reference(opened: OpenedRig) -> None:
     opened.rig.reference_axes()
 
 
-def _value(opened: OpenedRig, entry: Entry) -> int:
+def _value(opened: OpenedRig, entry: Place) -> int:
     return opened.drives["insertion"].objects.value(entry)
 
 
@@ -63,13 +63,14 @@ def test_the_drive_has_the_settings_of_the_rig_file() -> None:
         }
 
 
-@pytest.mark.parametrize("entry", READ_BACK, ids=lambda entry: entry.place)
-def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: Entry) -> None:
+@pytest.mark.parametrize("place", READ_BACK, ids=str)
+def test_a_setting_that_the_drive_does_not_keep_is_refused(place: Place) -> None:
     """Each setting is read back after it has been written; the error names the object."""
     with _rig() as opened:
         objects = opened.drives["insertion"].objects
-        objects._live = {**objects._live, entry: lambda: entry.default}
-        with pytest.raises(DriveError, match=f"kept {entry.name} .{entry.place}. at {entry.default} when"):
+        kept, name = objects.values[place], objects._objects[place].name
+        objects._live = {**objects._live, place: lambda: kept}
+        with pytest.raises(DriveError, match=f"kept {name} .{place}. at {kept} when"):
             _connect_and_reference(opened)
 
 
@@ -80,10 +81,11 @@ def _list_writes(opened: OpenedRig) -> object:
 def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
     """A second connection writes nothing; the first ends with both parts of 0x1020."""
     with _rig() as opened:
+        opened.drives["insertion"].objects.values |= dict.fromkeys(od.CONFIGURATION, 7)
         opened.rig.connect()
         written = _list_writes(opened)
         assert isinstance(written, list)
-        assert co.POSITION_WINDOW.place in written
+        assert str(co.POSITION_WINDOW) in written
         requests = [
             data for _, can_id, data, way in opened.rig.take_can_frames() if can_id == 0x601 and way == "T"
         ]
@@ -107,7 +109,7 @@ def test_all_failures_of_all_drives_are_reported_together() -> None:
             opened.rig.connect()
         for words in (
             "(node 1) did not answer",
-            "(node 2) is set to 500 encoder pulses a turn, the rig file says 512",
+            "(node 2) has encoder_pulses_per_turn 500 (0x2210:01), the rig file says 512",
             "(node 2) has the configuration fingerprint [0, 0]",
             "the drives of rotation and linear share the COB-ID 0x203",
         ):

@@ -6,17 +6,18 @@ from pathlib import Path
 import can
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
 from labrig.devices.check import check_bus, check_rig
 from labrig.devices.check_result import CheckStatus
-from labrig.devices.cia402 import objects as od
-from labrig.devices.cia402_check import check_dead_man
-from labrig.devices.cia402_states import DriveState
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.check import check_axis
+from labrig.devices.drives.drive import Drive
+from labrig.devices.drives.model import STOP_OPTIONS
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.states import DriveState
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.errors import DriveError, SecondMasterError
 from tests.devices.bench_rig import PATIENT, bench_description, bench_rig
-from tests.devices.cia402.eds_text import EVERY, eds_text
+from tests.devices.cia402.eds_text import eds_text, entry
 from tests.devices.cia402.sections import HEARTBEAT, drive_on_a_bus, section_of
 from tests.devices.rigs import OneDrive, OpenedRig, one_drive, opened_rig, simulated_rig
 from tests.devices.served import served_drives
@@ -25,10 +26,10 @@ BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
 RETARGET = (0x601, b"\x23\x7a\x60\0\x80\xa9\x03\0")
 
 
-def keep(one: OneDrive, entry: Entry, value: int) -> None:
+def keep(one: OneDrive, place: Place, value: int) -> None:
     """Let a drive take what is written to an object, and keep its value."""
     objects = one.drive.objects
-    objects._live = {**objects._live, entry: lambda: value}
+    objects._live = {**objects._live, place: lambda: value}
 
 
 def send(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
@@ -46,48 +47,52 @@ def configured(one: OneDrive) -> OneDrive:
     return one
 
 
+def dead_man(drive: Drive) -> dict[str, int | None]:
+    """Return what the record says of how a drive stops by itself."""
+    found = drive.describe()["dead_man"]
+    assert isinstance(found, dict)
+    return found
+
+
 def test_option_codes_of_an_epos2_are_written_and_read_back() -> None:
     """Whatever they were: a lost heartbeat is a fault, and every way to stop is by a ramp."""
     with one_drive() as one:
-        configured(one)
         one.drive.objects.values |= {co.ABORT_CONNECTION: 0, co.SHUTDOWN_OPTION: 0, co.FAULT_REACTION: 0}
-        one.driver.verify_dead_man(HEARTBEAT)
-        found = [one.drive.objects.value(entry) for entry in one.driver.stop_options()]
-        assert found == [1, 1, 1, 2]
-        dead_man = one.driver.describe()["dead_man"]
-        assert isinstance(dead_man, dict)
-        assert (dead_man["0x6007:00"], dead_man["0x1016:01"]) == (1, 127 << 16 | 500)
-
-
-def test_an_epos2_without_an_action_is_refused() -> None:
-    """One that keeps 0x6007 at 0 would move on when labrig ends."""
-    with one_drive() as one:
-        keep(configured(one), co.ABORT_CONNECTION, 0)
-        with pytest.raises(
-            DriveError, match=r"takes no action when the computer falls silent \(0x6007:00 = 0\)"
-        ):
-            one.driver.verify_dead_man(HEARTBEAT)
-
-
-def test_any_setting_that_is_not_kept_is_refused() -> None:
-    """The dead-man cannot be relied upon then, and the message says which setting it is."""
-    with one_drive() as one:
-        keep(configured(one), co.FAULT_REACTION, 0)
-        with pytest.raises(
-            DriveError, match=r"fault reaction option code .*; its dead-man cannot be relied upon"
-        ):
-            one.driver.verify_dead_man(HEARTBEAT)
-
-
-def test_a_firmware_without_an_option_is_told_by_the_check() -> None:
-    """What the drive does not have cannot be verified: the record has null there, and the check warns."""
-    with one_drive() as one:
         configured(one)
+        assert [one.drive.objects.value(place) for place in STOP_OPTIONS] == [1, 1, 1, 2]
+        assert dead_man(one.driver)["0x6007:00"] == 1
+        assert dead_man(one.driver)["0x1016:01"] == 127 << 16 | 500
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (co.ABORT_CONNECTION, r"takes no action when the computer falls silent \(0x6007:00 = 0\)"),
+        (co.FAULT_REACTION, r"fault reaction option code .*; its dead-man cannot be relied upon"),
+    ],
+)
+def test_a_drive_that_keeps_no_action_is_refused(place: Place, words: str) -> None:
+    """It would move on when labrig ends; the message says which setting it is."""
+    with one_drive() as one:
+        keep(one, place, 0)
+        with pytest.raises(DriveError, match=words):
+            configured(one)
+
+
+def test_an_option_that_a_firmware_lacks_is_null_in_the_record() -> None:
+    """What the drive does not have cannot be read back."""
+    with one_drive() as one:
         one.drive.abort_next(0x06020000, co.SHUTDOWN_OPTION.index)
-        one.driver.verify_dead_man(HEARTBEAT)
-        dead_man = one.driver.describe()["dead_man"]
-        assert isinstance(dead_man, dict)
-        assert dead_man["0x605B:00"] is None
+        configured(one)
+        assert dead_man(one.driver)["0x605B:00"] is None
+
+
+def test_a_drive_without_a_reaction_to_silence_says_so() -> None:
+    """Nobody knows whether it stops when labrig ends: a person has to confirm that."""
+    with one_drive() as one:
+        one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
+        assert "it may move on when labrig falls silent" in one.driver.identify().unguarded
+        assert one.driver.identify().unguarded == ""
 
 
 def test_process_data_that_labrig_does_not_use_is_switched_off() -> None:
@@ -117,21 +122,20 @@ def test_a_simulated_epos2_does_what_its_option_says(option: int, moves_on: bool
 def test_a_cia_402_drive_is_verified_by_its_own_objects(tmp_path: Path) -> None:
     """The options of its section are written and read back, and its receive PDOs switched off."""
     with drive_on_a_bus(section_of(tmp_path, abort_connection_option=3)) as one:
+        one.node.objects.values |= {co.ABORT_CONNECTION: 0, co.QUICK_STOP_OPTION: 5, co.DISABLE_OPTION: 0}
         one.get_ready()
-        one.node.objects.values |= {co.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, co.DISABLE_OPTION: 0}
-        one.driver.verify_dead_man(HEARTBEAT)
-        found = [one.node.objects.value(entry) for entry in one.driver.stop_options()]
-        assert found == [3, 1, 1, 2, 6]
+        options = (*STOP_OPTIONS, co.QUICK_STOP_OPTION)
+        assert [one.node.objects.value(place) for place in options] == [3, 1, 1, 2, 6]
         assert one.driver.cob_ids()[1] == frozenset()
 
 
 def test_a_cia_402_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> None:
     """Read-only and "no action": nothing would stop it."""
-    locked = [Entry(0x6007, 0, e.name, "h", "ro", 0) if e == co.ABORT_CONNECTION else e for e in EVERY]
+    locked = entry("6007", "h", "ro", name="abort connection option code")
     with drive_on_a_bus(section_of(tmp_path, eds_text(locked))) as one:
         one.driver.identify()
         with pytest.raises(DriveError, match="takes no action when the computer falls silent"):
-            one.driver.verify_dead_man(HEARTBEAT)
+            one.driver.configure(HEARTBEAT, None)
 
 
 # The bus
@@ -214,8 +218,8 @@ def test_the_check_warns_of_another_master() -> None:
     """It says what it heard; a quiet bus passes, and so do drives that stop by themselves."""
     results = {result.check: result for result in check_rig(simulated_rig())}
     assert results["bus"].status is CheckStatus.PASS
-    assert results["dead-man insertion"].status is CheckStatus.PASS
-    assert "0x6007:00 = 1" in results["dead-man insertion"].value
+    assert results["guards insertion"].status is CheckStatus.PASS
+    assert "0x6007:00 = 1" in results["guards insertion"].value
     with opened_rig() as opened, ExitStack() as stack:
         opened.hardware.clock.on_advance(lambda: send(opened, BEAT))
         found = next(check_bus(opened.rig.description, opened.hardware, stack))
@@ -227,9 +231,11 @@ def test_a_drive_that_lacks_an_option_is_not_guarded_by_it() -> None:
     """The check says which, and where to look."""
     with one_drive() as one:
         one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
-        found = check_dead_man("insertion", one.driver)
+        link, section = one.driver._link, one.driver.section
+        results = check_axis(link, section, "insertion", one.clock, HEARTBEAT)
+        found = next(result for result in results if result.check == "guards insertion")
         assert found.status is CheckStatus.WARN
-        assert "abort connection option code (0x6007:00)" in found.value
+        assert "heartbeat stops (0x6007)" in found.value
 
 
 @pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])

@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.cia402_drive import still_time_s
-from labrig.devices.cia402_states import (
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.drives import epos2 as od
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.cia402 import still_time_s
+from labrig.devices.drives.drive import STILL_COUNTS, Homing
+from labrig.devices.drives.states import (
     ENABLE,
     FAULT_RESET,
     HALT,
@@ -21,11 +24,10 @@ from labrig.devices.cia402_states import (
     TargetState,
     decode_state,
 )
-from labrig.devices.drive import STILL_COUNTS, Homing
-from labrig.devices.epos2 import objects as od
 from labrig.devices.homing import HOMING_HERE
-from labrig.errors import DriveError
-from tests.devices.rigs import OneDrive, epos2_axis, one_drive
+from labrig.devices.input_channel import InputChannel
+from labrig.errors import DriveError, DriveRefusedError, DriveSilentError
+from tests.devices.rigs import OneDrive, one_drive
 
 SETTINGS = {
     co.POSITION_WINDOW: 20,
@@ -38,9 +40,7 @@ COUNTS_PER_S_AT_120_RPM = 4000
 
 
 def _configure(bench: OneDrive) -> None:
-    bench.driver.hold_off()
-    bench.driver.expect_fingerprint((1, 2))
-    bench.driver.write_settings(SETTINGS)
+    bench.driver.configure(HeartbeatDescription(), None)
 
 
 @pytest.fixture(name="bench")
@@ -57,10 +57,7 @@ def _ready(bench: OneDrive) -> OneDrive:
 
 
 def _home_here(bench: OneDrive) -> None:
-    bench.driver.start_homing(Homing(HOMING_HERE))
-    while not bench.driver.has_homed():
-        bench.clock.sleep(0.005)
-    bench.driver.finish_homing(Homing(HOMING_HERE))
+    bench.home(Homing(HOMING_HERE))
 
 
 def _run_until_done(bench: OneDrive) -> float:
@@ -90,7 +87,7 @@ def test_identity_is_read(bench: OneDrive) -> None:
 )
 def test_every_known_type_is_accepted(version: int, model: str) -> None:
     """The last digit of the hardware version, its revision, does not matter."""
-    with one_drive(hardware_version=version) as bench:
+    with one_drive(hardware=version) as bench:
         assert bench.driver.identify().model == model
 
 
@@ -104,36 +101,38 @@ def test_every_known_type_is_accepted(version: int, model: str) -> None:
 )
 def test_another_type_is_refused_with_its_hardware_version(version: int, words: str) -> None:
     """A first-generation EPOS and unknown models are not driven; the hint lists the known ones."""
-    with one_drive(hardware_version=version) as bench, pytest.raises(DriveError, match=words) as refusal:
+    with one_drive(hardware=version) as bench, pytest.raises(DriveError, match=words) as refusal:
         bench.driver.read_identity()
     assert "EPOS2 70/10 (0x6420)" in str(refusal.value.hint)
 
 
 def test_an_unknown_type_is_accepted_by_the_version_in_the_rig_file() -> None:
     """Refused at first, with the line that accepts it; with that line it is driven, and no other drive is."""
-    with one_drive(hardware_version=0x6552) as bench:
+    with one_drive(hardware=0x6552) as bench:
         with pytest.raises(DriveError) as refusal:
             bench.driver.read_identity()
         assert "hardware_version: 0x6552" in str(refusal.value.hint)
-        bench.driver.section = epos2_axis(hardware_version=0x6552)
-        assert bench.driver.identify().document()["model"] == "EPOS2 of a type unknown to labrig"
-        bench.driver.section = epos2_axis(hardware_version=0x6553)
+        assert (
+            bench.reopen(hardware_version=0x6552).identify().document()["model"]
+            == "EPOS2 of a type unknown to labrig"
+        )
         with pytest.raises(DriveError, match="hardware version 0x6552, the rig file says 0x6553"):
-            bench.driver.read_identity()
+            bench.reopen(hardware_version=0x6553).read_identity()
 
 
 def test_a_first_generation_epos_is_refused_whatever_the_rig_file_says() -> None:
     """Its objects have other meanings."""
-    with one_drive(hardware_version=0x6210) as bench:
-        bench.driver.section = epos2_axis(hardware_version=0x6210)
-        with pytest.raises(DriveError, match="hardware version 0x6210, EPOS 24/5"):
-            bench.driver.read_identity()
+    with (
+        one_drive(hardware=0x6210) as bench,
+        pytest.raises(DriveError, match="hardware version 0x6210, EPOS 24/5"),
+    ):
+        bench.reopen(hardware_version=0x6210).read_identity()
 
 
 @pytest.mark.parametrize("version", [0x2101, 0x2110, 0x2122, 0x2126])
 def test_a_drive_with_other_software_of_its_generation_is_accepted(version: int) -> None:
     """The record tells which it has."""
-    with one_drive(software_version=version) as bench:
+    with one_drive(software=version) as bench:
         assert bench.driver.identify().versions["software_version"] == version
 
 
@@ -141,7 +140,7 @@ def test_a_drive_with_other_software_of_its_generation_is_accepted(version: int)
 def test_software_of_another_generation_is_refused(version: int) -> None:
     """Its objects may have other meanings."""
     with (
-        one_drive(software_version=version) as bench,
+        one_drive(software=version) as bench,
         pytest.raises(DriveError, match=rf"software version 0x{version:04X}, an EPOS2 has 0x2100 to 0x21FF"),
     ):
         bench.driver.identify()
@@ -149,15 +148,14 @@ def test_software_of_another_generation_is_refused(version: int) -> None:
 
 def test_a_wrong_encoder_is_refused_and_never_written(bench: OneDrive) -> None:
     """The encoder resolution of the drive is compared with the rig file and not changed."""
-    bench.driver.section = epos2_axis(encoder_pulses_per_turn=512)
-    with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
-        bench.driver.identify()
+    with pytest.raises(DriveError, match=r"encoder_pulses_per_turn 500 \(0x2210:01\), the rig file says 512"):
+        bench.reopen(encoder_pulses_per_turn=512).identify()
     assert bench.driver.upload(od.ENCODER_PULSES) == 500
 
 
 def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
     """After configuring, each object holds its setting."""
-    assert {entry: ready.driver.upload(entry) for entry in SETTINGS} == SETTINGS
+    assert {place: ready.driver.upload(place) for place in SETTINGS} == SETTINGS
 
 
 def test_enabling_moves_nothing(bench: OneDrive) -> None:
@@ -294,11 +292,16 @@ def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
 
 
 def test_a_refusal_names_object_value_and_reason(bench: OneDrive) -> None:
-    """The error explains the SDO abort code of maxon."""
+    """What is out of range is not sent; what the drive refuses has the meaning of its SDO abort code."""
     with pytest.raises(
-        DriveError, match=r"profile velocity \(0x6081:00\) = 0: the value is too low .*0x06090032"
+        DriveError, match=r"does not take profile velocity \(0x6081:00\) = 0, only 1 to 25000"
     ):
         bench.driver.download(co.PROFILE_VELOCITY, 0)
+    bench.drive.abort_next(0x08000022)
+    with pytest.raises(
+        DriveRefusedError, match=r"profile velocity \(0x6081:00\) = 1: wrong device state .*0x08000022"
+    ):
+        bench.driver.download(co.PROFILE_VELOCITY, 1)
 
 
 def test_a_silent_drive_is_named(bench: OneDrive) -> None:
@@ -404,16 +407,48 @@ def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:
 
 @pytest.mark.parametrize(
     ("bit", "name"),
-    [
-        (0, "negative-limit"),
-        (1, "positive-limit"),
-        (2, "home"),
-        (8, "general-H"),
-        (13, "general-C"),
-        (15, "general-A"),
-    ],
+    [(0, "negative-limit"), (2, "home"), (8, "general-H"), (13, "general-C"), (15, "general-A")],
 )
 def test_an_input_has_the_name_of_its_function(bench: OneDrive, bit: int, name: str) -> None:
     """The general inputs count backwards: maxon's EposCmd gives A the number 15 and H the number 8."""
+    driver = bench.reopen(
+        inputs={"wired": InputChannel(source=name), "other": InputChannel(source="general-B")}
+    )
     bench.drive.press(1 << bit)
-    assert [found for found, is_on in bench.driver.inputs().items() if is_on] == [name]
+    assert driver.read_inputs() == {"wired": True, "other": False}
+
+
+def test_a_homing_that_takes_too_long_is_given_up(ready: OneDrive) -> None:
+    """The attained bit of an earlier homing does not count."""
+    _home_here(ready)
+    with pytest.raises(DriveError, match="did not find home in time"):
+        ready.home(Homing(-3, timeout_s=0.05))
+
+
+def test_a_silent_heartbeat_is_noticed(ready: OneDrive) -> None:
+    """The error names the drive and for how long; nothing is sent to it."""
+    ready.drive.stop_heartbeat()
+    ready.clock.sleep(0.6)
+    with pytest.raises(DriveSilentError, match=r"has sent no heartbeat for 0\.6"):
+        ready.driver.check()
+
+
+def test_the_fingerprint_is_as_before_whatever_labrig_writes(bench: OneDrive) -> None:
+    """It is the drive's record of its configuration; another one than in the rig file is refused."""
+    values = bench.drive.objects.values
+    values |= dict(zip(od.CONFIGURATION, (1, 2), strict=True))
+    driver = bench.reopen(configuration_fingerprint=(1, 2))
+    driver.identify()
+    driver.configure(HeartbeatDescription(), 500)
+    driver.enable()
+    driver.start_profile(10, 77)
+    driver.close()
+    assert (values[od.CONFIGURATION[0]], values[od.CONFIGURATION[1]]) == (1, 2)
+    with pytest.raises(DriveError, match="parameters have been changed"):
+        bench.reopen(configuration_fingerprint=(1, 3)).identify()
+
+
+def test_states_that_an_epos2_passes_are_waited_through(bench: OneDrive) -> None:
+    """Measure init and refresh look like switched on to the standard: no command is repeated in them."""
+    assert bench.driver.decode(0x4323) is bench.driver.decode(0x0333) is DriveState.PASSING
+    assert bench.driver.decode(0x0323) is DriveState.SWITCHED_ON

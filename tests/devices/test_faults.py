@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.epos2 import objects as od
+from labrig.devices.drives import epos2 as od
+from labrig.devices.drives import objects as co
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.hardware import SimulatedHardware

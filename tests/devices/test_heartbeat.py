@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from labrig.devices import canopen_objects as co
 from labrig.devices.axis import AxisReadback
-from labrig.devices.cia402_states import DriveState
-from labrig.devices.epos2.driver import Epos2
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.states import DriveState
 from labrig.devices.operator import NO_OFFER, Answer, ClearBench, Offer, OperatorRequest
 from labrig.errors import (
     BusError,
@@ -109,8 +109,8 @@ def test_two_drives_that_share_a_cob_id_are_refused() -> None:
     with opened_rig() as opened:
         first = co.RECEIVE_PDO_COB_IDS[0]
         rotation, insertion = opened.rig.rotation.drive, opened.rig.insertion.drive
-        assert isinstance(rotation, Epos2)
-        assert isinstance(insertion, Epos2)
+        assert isinstance(rotation, Cia402Drive)
+        assert isinstance(insertion, Cia402Drive)
         rotation.download(first, insertion.upload(first))
         with pytest.raises(DriveError, match=r"insertion and rotation share the COB-ID 0x201"):
             opened.rig.connect()

@@ -3,7 +3,7 @@
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from labrig.devices import canopen_objects as co
+from labrig.devices.drives import objects as co
 from labrig.errors import LimitError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 

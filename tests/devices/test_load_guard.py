@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.epos2 import objects as od
+from labrig.devices.drives import epos2 as od
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.opening import Opening
@@ -19,7 +19,7 @@ DOOR = "axes.linear.inputs={door: {source: general-A, expected: true}}"
 
 def limit_of(opened: OpenedRig, axis: str = "linear") -> int:
     """Return the current limit in a drive [mA]."""
-    return opened.drives[axis].objects.value(od.MAX_CURRENT)
+    return opened.drives[axis].objects.value(od.CURRENT_LIMIT)
 
 
 def open_again(opened: OpenedRig, opening: Opening | None = None, needle: NeedleState | None = None) -> Rig:
@@ -52,7 +52,7 @@ def test_the_limit_of_the_rig_file_holds_until_the_rig_is_closed() -> None:
         assert limit_of(opened, "insertion") == 10_000
         settings = opened.rig.linear.describe()["drive_settings"]
         assert isinstance(settings, dict)
-        assert settings[od.MAX_CURRENT.place] == 800
+        assert settings[str(od.CURRENT_LIMIT)] == 800
         opened.rig.close()
         assert limit_of(opened) == 10_000
 
@@ -82,7 +82,7 @@ def test_a_speed_above_that_of_the_motor_is_refused_with_both() -> None:
     with opened_rig() as opened:
         opened.drives["linear"].objects.put(od.MAX_MOTOR_SPEED, 500)
         with pytest.raises(
-            DriveError, match=r"to 500 rpm \(0x6410:04\), max_speed 20 mm/s of the rig file is 960 rpm"
+            DriveError, match=r"to 500 \(0x6410:04\), max_speed 20 mm/s of the rig file is 960 rpm"
         ):
             opened.rig.connect()
 

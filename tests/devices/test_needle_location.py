@@ -6,9 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from labrig.devices.cia402.error_codes import _CLASSES
-from labrig.devices.cia402.error_codes import _TABLE as CIA402_ERRORS
-from labrig.devices.epos2.error_codes import _TABLE as EPOS2_ERRORS
+from labrig.devices.drives.errors import _CLASSES, EPOS2_ERRORS, EPOS4_ERRORS, STANDARD_ERRORS
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig import Rig
 from labrig.errors import DriveFaultError, DriveSilentError, MachineError
@@ -156,7 +154,9 @@ def test_an_unknown_needle_is_said_to_be_unknown() -> None:
         assert located.document()["in_tissue"] is None
 
 
-@pytest.mark.parametrize("error", [*EPOS2_ERRORS, *CIA402_ERRORS], ids=str)
+@pytest.mark.parametrize(
+    "error", [*STANDARD_ERRORS.values(), *EPOS4_ERRORS.values(), *EPOS2_ERRORS.values()], ids=str
+)
 def test_no_remedy_costs_the_position_of_a_needle_in_tissue(error: object) -> None:
     """Power is switched off and on only with no needle in tissue, and nothing is moved by hand."""
     remedy = getattr(error, "remedy", "")

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from labrig.devices import canopen_objects as co
 from labrig.devices.axis import Axis
+from labrig.devices.drives import objects as co
 from labrig.devices.position_supervision import (
     AtRest,
     AxisBounds,

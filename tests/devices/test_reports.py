@@ -2,7 +2,9 @@
 
 import pytest
 
-from labrig.devices import canopen_objects as co
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.objects import Place
 from tests.devices.rigs import OpenedRig, one_drive, opened_rig, simulated_rig
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
@@ -100,9 +102,29 @@ def test_a_drive_with_another_mapping_is_read_by_sdo() -> None:
 def test_a_drive_that_refuses_to_report_is_read_by_sdo() -> None:
     """The refusal is no error."""
     with one_drive() as bench:
-        bench.driver.hold_off()
         bench.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)
-        bench.driver.let_report()
+        bench.driver.configure(HeartbeatDescription(), None)
+        bench.driver.enable()
         bench.driver.expect_report()
-        assert bench.driver.report()[co.STATUSWORD] == bench.drive._statusword()
-        assert bench.driver.counts() == {"retries": 0, "strays": 0}
+        assert bench.driver.read().statusword == bench.drive._statusword()
+
+
+def test_a_mapping_that_is_refused_midway_is_as_before() -> None:
+    """The drive reports statusword and position at each SYNC, as it did; the current comes by SDO."""
+    with one_drive() as bench:
+        found = dict(bench.drive.objects._mappable)
+        bench.drive.objects._mappable = {
+            place: each for place, each in found.items() if place != Place(0x2027)
+        }
+        bench.driver.configure(HeartbeatDescription(), None)
+        bench.driver.enable()
+        mapped = [bench.drive.objects.value(place) for place in co.TPDO_MAPS[2][:3]]
+        assert mapped == [2, 0x60410010, 0x60640020]
+        bench.driver.expect_report()
+        bench.driver._link.network.take_frames()
+        bench.driver._link.send(SYNC, b"")
+        assert bench.driver.read().current_ma == 0.0
+        asked = [
+            data[1:3] for _, can_id, data, way in bench.driver._link.network.take_frames() if can_id == 0x601
+        ]
+        assert asked == [b"\x27\x20"]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.cia402_states import DriveState, decode_state
-from labrig.devices.drive import wait_for_all
-from labrig.devices.epos2.driver import Epos2
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.drive import wait_for_all
+from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -177,7 +177,7 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         opened.rig.wait(1.0)
         assert wait_for_all({"one": opened.rig.insertion.wait_until_still()}, opened.rig._heartbeat) == {}
         driver = opened.rig.insertion.drive
-        assert isinstance(driver, Epos2)
+        assert isinstance(driver, Cia402Drive)
         statusword = driver.statusword()
         assert _still(opened)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
@@ -222,7 +222,7 @@ def test_closing_switches_the_power_off() -> None:
         _ready(opened)
         opened.rig.close()
         for axis in opened.rig.axes:
-            assert isinstance(axis.drive, Epos2)
+            assert isinstance(axis.drive, Cia402Drive)
             assert decode_state(axis.drive.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 

@@ -1,4 +1,4 @@
-"""CANopen of the simulated drive: NMT, heartbeat, guarding, PDO, EMCY, storing, and abort codes."""
+"""CANopen of the simulated drive, as any client sees it: NMT, heartbeat, SDO, PDO, EMCY, and abort codes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -6,14 +6,18 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.drives import epos2 as od
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.eds import count_bytes, find_default, read_own_eds
+from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from tests.devices.rigs import epos2_node
 
 NODE = 5
+OBJECTS = read_own_eds("epos2.eds").objects
+TOO_LONG, TOO_SHORT, READ_ONLY = 0x06070012, 0x06070013, 0x06010002
 
 
 @dataclass
@@ -22,7 +26,7 @@ class CanopenBench:
 
     clock: SimulatedClock
     wire: InProcessWire
-    drive: SimulatedDrive
+    drive: SimulatedCia402Drive
     bus: InProcessBus
     heard: list[can.Message] = field(default_factory=list)
 
@@ -47,21 +51,22 @@ class CanopenBench:
         self.heard[:] = [message for message in self.heard if message.arbitration_id != can_id]
         return found
 
-    def write(self, entry: Entry, value: int) -> int:
+    def write(self, place: Place, value: int) -> int:
         """Write an object; return 0 or the abort code."""
-        data = entry.pack(value)
-        head = bytes([0x23 | (4 - len(data)) << 2]) + entry.index.to_bytes(2, "little")
-        self.send(0x600 + NODE, head + bytes([entry.subindex]) + data.ljust(4, b"\0"))
+        data = OBJECTS[place].encode_raw(value) if place in OBJECTS else bytes([value])
+        head = bytes([0x23 | (4 - len(data)) << 2]) + place.index.to_bytes(2, "little")
+        self.send(0x600 + NODE, head + bytes([place.subindex]) + data.ljust(4, b"\0"))
         (answer,) = self.frames(0x580 + NODE)
         return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
 
-    def read(self, entry: Entry) -> int:
+    def read(self, place: Place) -> int:
         """Read an object."""
-        head = b"\x40" + entry.index.to_bytes(2, "little") + bytes([entry.subindex])
+        head = b"\x40" + place.index.to_bytes(2, "little") + bytes([place.subindex])
         self.send(0x600 + NODE, head + bytes(4))
         (answer,) = self.frames(0x580 + NODE)
         assert answer[0] != 0x80
-        return entry.unpack(answer[4:])
+        variable = OBJECTS[place]
+        return int(variable.decode_raw(answer[4 : 4 + count_bytes(variable)]))
 
 
 @pytest.fixture(name="bench")
@@ -69,7 +74,7 @@ def _bench() -> Iterator[CanopenBench]:
     clock, wire = SimulatedClock(), InProcessWire()
     heard: list[can.Message] = []
     bus = InProcessBus(wire, heard.append)
-    drive = SimulatedDrive(wire, NODE, clock)
+    drive = epos2_node(wire, NODE, clock)
     clock.on_advance(drive.tick)
     yield CanopenBench(clock, wire, drive, bus, heard)
     drive.unplug()
@@ -106,22 +111,6 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Can
     assert bench.frames(0x085) == [bytes(8)]
 
 
-def test_guarding_answers_remote_frames_with_a_toggle(bench: CanopenBench) -> None:
-    """State and toggle bit; no answer with heartbeats on; a silent master is an error."""
-    bench.frames(0x705)
-    for _ in range(3):
-        bench.send(0x705, b"\0", remote=True)
-    assert bench.frames(0x705) == [b"\x7f", b"\xff", b"\x7f"]
-    bench.write(co.GUARD_TIME, 100)
-    bench.write(co.LIFE_TIME_FACTOR, 3)
-    bench.clock.sleep(0.4)
-    assert bench.frames(0x085) == [b"\x30\x81\x11\0\0\0\0\0"]
-    bench.write(co.PRODUCER_HEARTBEAT, 1000)
-    bench.frames(0x705)
-    bench.send(0x705, b"\0", remote=True)
-    assert bench.frames(0x705) == []
-
-
 def test_a_status_change_is_sent_by_itself_when_operational(bench: CanopenBench) -> None:
     """TxPDO 1 sends the statusword on change; PRE-OPERATIONAL has no PDOs in either direction."""
     bench.send(0x205, b"\x06\0")
@@ -136,8 +125,8 @@ def test_a_status_change_is_sent_by_itself_when_operational(bench: CanopenBench)
     assert bench.frames(0x185) == []
 
 
-def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: CanopenBench) -> None:
-    """Position and following error in a PDO: on SYNC with type 1, on a remote frame with type 253."""
+def test_a_remapped_pdo_comes_on_sync(bench: CanopenBench) -> None:
+    """Position and following error in a PDO at each SYNC."""
     mapping = co.TPDO_MAPS[2]
     for entry, value in (
         (mapping[0], 0),
@@ -151,44 +140,15 @@ def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: CanopenBench) -> Non
     bench.nmt(0x01)
     bench.send(0x080)
     assert bench.frames(0x385) == [bytes(6)]
-    bench.write(co.TPDO_TYPES[2], 253)
-    bench.send(0x080)
-    assert bench.frames(0x385) == []
-    bench.send(0x385, bytes(6), remote=True)
-    assert bench.frames(0x385) == [bytes(6)]
-
-
-def test_sync_is_heard_under_the_id_that_was_written(bench: CanopenBench) -> None:
-    """0x1005 takes effect at once; frames under the former id are nobody's."""
-    bench.write(co.RPDO_TYPES[0], 1)
-    bench.nmt(0x01)
-    bench.write(co.SYNC_ID, 0x081)
-    bench.send(0x205, b"\x06\0")
-    bench.send(0x080)
-    assert bench.read(co.CONTROLWORD) == 0
-    bench.send(0x081)
-    assert bench.read(co.CONTROLWORD) == 6
-
-
-def test_a_synchronous_receive_pdo_waits_for_sync(bench: CanopenBench) -> None:
-    """Type 1 takes effect at the next SYNC; a PDO that is too short is an emergency."""
-    bench.write(co.RPDO_TYPES[0], 1)
-    bench.nmt(0x01)
-    bench.send(0x205, b"\x06\0")
-    assert bench.read(co.CONTROLWORD) == 0
-    bench.send(0x080)
-    assert bench.read(co.CONTROLWORD) == 6
-    bench.send(0x205, b"\x06")
-    assert bench.frames(0x085)[0][:2] == b"\x10\x82"
 
 
 @pytest.mark.parametrize(
-    ("entry", "value", "code"),
+    ("place", "value", "code"),
     [
         (co.TPDO_MAPS[0][1], 0x60640020, 0x08000022),  # the map is in use
-        (co.TPDO_TYPES[0], 17, 0x06090030),
-        (co.TRANSMIT_PDO_COB_IDS[0], 0x605, 0x0F00FFB9),
-        (co.STORE, 1, 0x08000020),
+        (Place(0x4000), 0, 0x06020000),
+        (Place(0x607D, 9), 0, 0x06090011),
+        (co.PROFILE_VELOCITY, 0, 0x06090032),
         (co.HOMING_METHOD, 3, 0x06090030),
         (co.MODE, 0, 0x06090030),
         (co.LOWER_LIMIT, 2**31 - 1, 0),
@@ -197,9 +157,9 @@ def test_a_synchronous_receive_pdo_waits_for_sync(bench: CanopenBench) -> None:
         (od.FOLLOWING_ERROR_ACTUAL, 1, 0x06010002),
     ],
 )
-def test_refusals_carry_maxons_codes(bench: CanopenBench, entry: Entry, value: int, code: int) -> None:
+def test_refusals_carry_maxons_codes(bench: CanopenBench, place: Place, value: int, code: int) -> None:
     """Each invalid write is aborted with the code for its reason."""
-    assert bench.write(entry, value) == code
+    assert bench.write(place, value) == code
 
 
 def test_mapping_has_rules(bench: CanopenBench) -> None:
@@ -217,32 +177,15 @@ def test_mapping_has_rules(bench: CanopenBench) -> None:
     assert bench.write(co.LOWER_LIMIT, 11) == 0x06090036
 
 
-def test_only_saved_settings_survive_a_reset(bench: CanopenBench) -> None:
-    """0x1010 saves settings, 0x1011 restores defaults; reset communication keeps motion settings."""
-    bench.write(co.PROFILE_ACCELERATION, 77)
-    bench.nmt(0x82)
-    assert bench.read(co.PROFILE_ACCELERATION) == 77
-    bench.write(co.STORE, 0x65766173)
-    bench.write(co.PROFILE_DECELERATION, 88)
-    bench.nmt(0x81)
-    assert (bench.read(co.PROFILE_ACCELERATION), bench.read(co.PROFILE_DECELERATION)) == (77, 10000)
-    bench.write(co.RESTORE, 0x64616F6C)
-    bench.nmt(0x81)
-    assert bench.read(co.PROFILE_ACCELERATION) == 10000
-    bench.write(co.TRANSMIT_PDO_COB_IDS[0], 0x181)
-    bench.write(co.RESTORE_PDO_IDS, 0x64616F6C)
-    assert bench.read(co.TRANSMIT_PDO_COB_IDS[0]) == 0x40000185
-
-
 def test_a_changed_setting_clears_the_configuration_fingerprint(bench: CanopenBench) -> None:
     """A new parameter value sets 0x1020 to zero; an equal value or process data does not."""
-    bench.write(od.CONFIGURATION_DATE, 7)
-    bench.write(od.CONFIGURATION_TIME, 9)
+    bench.write(od.CONFIGURATION[0], 7)
+    bench.write(od.CONFIGURATION[1], 9)
     bench.write(co.TARGET_POSITION, 100)
     bench.write(co.PROFILE_ACCELERATION, 10000)
-    assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (7, 9)
+    assert (bench.read(od.CONFIGURATION[0]), bench.read(od.CONFIGURATION[1])) == (7, 9)
     bench.write(co.PROFILE_ACCELERATION, 10001)
-    assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (0, 0)
+    assert (bench.read(od.CONFIGURATION[0]), bench.read(od.CONFIGURATION[1])) == (0, 0)
 
 
 def test_error_history_is_newest_first_and_can_be_cleared(bench: CanopenBench) -> None:
@@ -315,7 +258,7 @@ def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
     clock, wire = SimulatedClock(), InProcessWire()
     heard: list[int] = []
     bus = InProcessBus(wire, lambda message: heard.append(message.arbitration_id))
-    drive = SimulatedDrive(wire, NODE, clock, boot_time_s=0.26)
+    drive = epos2_node(wire, NODE, clock, boot_time_s=0.26)
     clock.on_advance(drive.tick)
     heard.clear()
     drive.restart()
@@ -328,10 +271,14 @@ def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
 
 
 def test_every_receive_pdo_is_valid_by_default(bench: CanopenBench) -> None:
-    """RxPDO 2 of a drive as it comes sets mode and controlword: the log of a real EPOS2 begins with this frame."""
+    """RxPDO 2 as it comes sets mode and controlword; a mode that the drive lacks is dropped, a short frame an error."""
     bench.nmt(0x01)
     bench.send(0x300 + NODE, bytes([0x00, 0x00, 0x03]))
-    assert bench.read(co.MODE) == 3
+    assert bench.read(co.MODE) == 1
+    bench.send(0x300 + NODE, bytes([0x06, 0x00, 0x06]))
+    assert (bench.read(co.CONTROLWORD), bench.read(co.MODE)) == (6, 6)
+    bench.send(0x300 + NODE, b"\x06")
+    assert bench.frames(0x085)[0][:2] == b"\x10\x82"
 
 
 def test_an_emergency_goes_out_under_its_own_cob_id(bench: CanopenBench) -> None:
@@ -351,3 +298,58 @@ def test_a_masked_input_is_not_shown(bench: CanopenBench) -> None:
     assert bench.read(od.INPUT_STATE) == 0xE387
     bench.write(od.INPUT_MASK, 0x0010)
     assert bench.read(od.INPUT_STATE) == 0x0010
+
+
+def test_it_announces_itself_and_says_its_name_in_segments(bench: CanopenBench) -> None:
+    """The first frame is the boot-up; the name 0x1008 is longer than four bytes."""
+    assert bench.frames(0x705) == [b"\0"]
+    bench.send(0x605, b"\x40\x08\x10\0\0\0\0\0")
+    bench.send(0x605, b"\x60" + bytes(7))
+    assert bench.frames(0x585)[1][1:6] == b"EPOS2"
+
+
+def test_every_number_has_its_width_and_default(bench: CanopenBench) -> None:
+    """Writes of another width, and to what can only be read, are refused by the code that says why."""
+    of_type = {
+        co.PRODUCT_CODE,
+        co.REVISION,
+        co.SERIAL_NUMBER,
+        co.VENDOR_ID,
+        Place(0x6410, 1),
+        Place(0x6410, 2),
+    }
+    for place, variable in OBJECTS.items():
+        head = bytes([*place.index.to_bytes(2, "little"), place.subindex])
+        bench.send(0x605, b"\x40" + head + bytes(4))
+        (answer,) = bench.frames(0x585)
+        assert 4 - (answer[0] >> 2 & 3) == count_bytes(variable)
+        if place not in of_type | {co.STATUSWORD}:
+            assert bench.read(place) == find_default(variable) + NODE * variable.relative, place
+        for wrong, code in ((1, TOO_LONG), (-1, TOO_SHORT)):
+            size = count_bytes(variable) + wrong
+            if variable.access_type == "rw" and 0 < size <= 4:
+                bench.send(0x605, bytes([0x23 | (4 - size) << 2]) + head + bytes(4))
+                assert bench.frames(0x585)[0][4:] == code.to_bytes(4, "little")
+        if variable.access_type == "ro":
+            assert bench.write(place, 0) == READ_ONLY
+
+
+def test_a_stopped_node_answers_nothing_and_a_reset_one_forgets(bench: CanopenBench) -> None:
+    """NMT STOPPED has no SDO; start restores it, with the remote bit; reset node restores the values of power on."""
+    bench.write(co.PROFILE_VELOCITY, 77)
+    bench.nmt(0x02)
+    bench.send(0x605, b"\x40\x41\x60\0\0\0\0\0")
+    assert bench.frames(0x585) == []
+    bench.nmt(0x01)
+    assert bench.read(co.STATUSWORD) & 0x0200
+    bench.nmt(0x82)
+    assert bench.read(co.PROFILE_VELOCITY) == 77
+    bench.nmt(0x81)
+    assert bench.read(co.PROFILE_VELOCITY) == 1000
+
+
+@pytest.mark.parametrize("command", [0xC0, 0x70])
+def test_block_transfer_and_unknown_commands_are_refused(bench: CanopenBench, command: int) -> None:
+    """The server has neither, as the drive."""
+    bench.send(0x605, bytes([command, 0, 0, 0, 0, 0, 0, 0]))
+    assert bench.frames(0x585)[0][4:] == (0x05040001).to_bytes(4, "little")

@@ -7,15 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.simulated_drive import METHODS, SimulatedDrive
+from labrig.devices.drives import epos2 as od
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.eds import read_own_eds
+from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.trapezoid import Limits, make_run_profile
+from tests.devices.rigs import epos2_node
 
+OBJECTS = read_own_eds("epos2.eds").objects
 COUNTS_PER_RPM = 2000 / 60
 MECHANICS = Mechanics(
     lower_stop=-10_300.0,
@@ -31,22 +32,22 @@ class MotionBench:
 
     def __init__(self, mechanics: Mechanics, encoder_pulses: int) -> None:
         self.clock = SimulatedClock()
-        self.drive = SimulatedDrive(
+        self.drive = epos2_node(
             InProcessWire(), 1, self.clock, encoder_pulses=encoder_pulses, mechanics=mechanics
         )
         self.clock.on_advance(self.drive.tick)
         for word in (0x06, 0x0F):
             self.write(co.CONTROLWORD, word)
 
-    def write(self, entry: Entry, value: int) -> None:
+    def write(self, place: Place, value: int) -> None:
         """Write an object as a client does."""
         self.drive.tick()
-        self.drive.objects.write(entry.index, entry.subindex, entry.pack(value))
+        self.drive.objects.write(place, OBJECTS[place].encode_raw(value))
 
-    def read(self, entry: Entry) -> int:
+    def read(self, place: Place) -> int:
         """Read an object as a client does."""
         self.drive.tick()
-        return entry.unpack(self.drive.objects.read(entry.index, entry.subindex))
+        return int(OBJECTS[place].decode_raw(self.drive.objects.read(place)))
 
     def word(self) -> int:
         """Read the statusword."""
@@ -74,29 +75,12 @@ def bench(mechanics: Mechanics = MECHANICS, encoder_pulses: int = 500) -> Iterat
     made.drive.unplug()
 
 
-def test_profile_velocity_runs_until_it_is_halted() -> None:
-    """It accelerates to the target velocity; Halt brakes, and releasing Halt starts it again."""
-    with bench(Mechanics()) as b:
-        b.write(co.MODE, 3)
-        b.write(co.TARGET_VELOCITY, 600)
-        b.clock.sleep(0.01)
-        assert b.word() & 0x1400 == 0
-        b.clock.sleep(1.0)
-        assert b.drive.speed_quadcounts_s == pytest.approx(600 * COUNTS_PER_RPM)
-        assert b.read(co.VELOCITY_ACTUAL) == 600
-        assert b.word() & 0x1400 == 0x0400
-        b.write(co.CONTROLWORD, 0x10F)
-        b.clock.sleep(1.0)
-        assert b.drive.speed_quadcounts_s == 0
-        assert b.word() & 0x1400 == 0x1400
-
-
 @pytest.mark.parametrize(("rpm", "shown"), [(100, {59, 117}), (500, {469, 527}), (-100, {-59, -117})])
 def test_the_measured_speed_alternates_as_that_of_a_real_drive(rpm: int, shown: set[int]) -> None:
     """It is whole counts per millisecond, here of 1024 per turn as in the log of kay01-kwon/ROS_EPOS2."""
     with bench(Mechanics(), encoder_pulses=256) as b:
-        b.write(co.MODE, 3)
-        b.write(co.TARGET_VELOCITY, rpm)
+        b.write(co.PROFILE_VELOCITY, abs(rpm))
+        b.go(1_000_000 if rpm > 0 else -1_000_000)
         b.clock.sleep(1.0)
         found = []
         for _ in range(200):
@@ -104,7 +88,6 @@ def test_the_measured_speed_alternates_as_that_of_a_real_drive(rpm: int, shown: 
             found.append(b.read(co.VELOCITY_ACTUAL))
         assert set(found) == shown
         assert sum(found) / len(found) == pytest.approx(rpm, rel=0.1)
-        assert b.read(od.VELOCITY_AVERAGE) == rpm
 
 
 @pytest.mark.parametrize(
@@ -118,12 +101,6 @@ def test_the_measured_speed_alternates_as_that_of_a_real_drive(rpm: int, shown: 
         (2, 8_000.0),
         (17, -9_100.0),
         (18, 9_100.0),
-        (7, 4_000.0),
-        (11, 6_000.0),
-        (23, 4_500.0),
-        (27, 4_500.0),
-        (33, -2_000.0),
-        (34, 2_000.0),
         (35, 0.0),
     ],
 )
@@ -136,11 +113,6 @@ def test_homing_ends_where_the_method_says(method: int, home: float) -> None:
         assert b.word() & 0xB400 == 0x9400
         assert b.drive.shaft_counts == pytest.approx(home, abs=1e-6)
         assert b.read(co.POSITION_ACTUAL) == 50
-
-
-def test_every_method_of_the_table_is_tried() -> None:
-    """The test above omits only method 0, which does nothing."""
-    assert len(METHODS) == 16
 
 
 def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
@@ -268,15 +240,15 @@ class _RunningClock(SimulatedClock):
 def test_a_drive_that_has_come_to_rest_stays_where_it_noted_that(delay_us: int) -> None:
     """Whatever the instant at which its profile ends while it computes."""
     clock = _RunningClock()
-    drive = SimulatedDrive(InProcessWire(), 1, clock, mechanics=Mechanics())
+    drive = epos2_node(InProcessWire(), 1, clock)
     clock.sleep(delay_us / 1e6)
-    for entry, value in (
+    for place, value in (
         (co.CONTROLWORD, 0x06),
         (co.CONTROLWORD, 0x0F),
         (co.TARGET_POSITION, 100),
         (co.CONTROLWORD, 0x3F),
     ):
-        drive.objects.write(entry.index, entry.subindex, entry.pack(value))
+        drive.objects.write(place, OBJECTS[place].encode_raw(value))
     while (still := drive.journal.last("still")) is None:
         drive.tick()
     drive.tick()
@@ -297,7 +269,7 @@ def test_with_0x605e_at_zero_every_error_takes_power_away_at_once() -> None:
 @pytest.mark.parametrize(
     ("word", "option", "state"), [(0x06, co.SHUTDOWN_OPTION, 0x21), (0x07, co.DISABLE_OPTION, 0x23)]
 )
-def test_leaving_operation_brakes_first_as_its_option_code_says(word: int, option: Entry, state: int) -> None:
+def test_leaving_operation_brakes_first_as_its_option_code_says(word: int, option: Place, state: int) -> None:
     """Shutdown and disable operation: 1 brakes and takes power away at standstill, 0 takes it away at once."""
     with bench(Mechanics()) as b:
         b.write(option, 1)
@@ -435,11 +407,3 @@ def test_the_drive_never_leaves_its_limits_by_more_than_braking(
         if round(abs(b.drive.shaft_counts)) > 20_000:
             assert b.read(co.LAST_ERROR) == 0xFF09
         assert not b.drive.is_moving
-
-
-@given(st.floats(-1e5, 1e5), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
-def test_a_velocity_profile_attains_its_velocity(position: float, velocity: float, speed: float) -> None:
-    """It starts from the present motion, keeps the acceleration limit, and holds the velocity."""
-    profile = make_run_profile(2.0, position, velocity, speed, Limits(1e5, 1000.0, 500.0))
-    assert profile.at(2.0)[0] == pytest.approx(position)
-    assert profile.at(1e4)[1] == pytest.approx(speed, abs=1e-6)

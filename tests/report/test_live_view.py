@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import rerun as rr
 
-from labrig.devices.cia402_states import describe_statusword
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.drives.states import describe_statusword
 from labrig.experiments.registry import follow_run
 from labrig.record.events import FrameLine
 from labrig.record.following import GrowingRun, LinedPicture

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
-from labrig.devices.cia402_states import describe_statusword
+from labrig.devices.drives.states import describe_statusword
 from labrig.errors import RecordError
 from labrig.experiments.registry import follow_run
 from labrig.record.reader import open_run

@@ -13,13 +13,14 @@ import can
 
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
-from labrig.devices import canopen_objects as co
 from labrig.devices.camera import Exposure, PictureSource, Setting
-from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402_states import DriveState
-from labrig.devices.drive import Homing
-from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.drives import epos2 as od
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.eds import read_own_eds
+from labrig.devices.drives.epos2 import Epos2Axis
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.states import DriveState
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_location import NeedleLocation
 from labrig.devices.opening import WHOLE, Opening
@@ -36,6 +37,7 @@ from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.canopen_node import NmtState
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import (
     BusError,
@@ -164,12 +166,12 @@ class Cell:
     alerts: list[tuple[float, str]] = field(default_factory=list)
     located: NeedleLocation | None = None
     taps: list[InProcessBus] = field(default_factory=list)
-    moving: list[SimulatedDrive] = field(default_factory=list)
+    moving: list[SimulatedCia402Drive] = field(default_factory=list)
     folder: Path = Path()
     terminal_is_open: bool = True
 
     @property
-    def drive(self) -> SimulatedDrive:
+    def drive(self) -> SimulatedCia402Drive:
         """The drive that is struck."""
         return epos2_drives(self.hardware)[STRUCK[self.phase]]
 
@@ -196,7 +198,7 @@ class Cell:
 
         self.taps.append(InProcessBus(self.hardware.wire, hear))
 
-    def swap(self, entry: Entry, value: int) -> None:
+    def swap(self, entry: Place, value: int) -> None:
         """Put another drive in place of this one, which shows in one of its objects."""
         self.drive.objects.set_fixed(entry, value)
         self.drive.restart()
@@ -204,8 +206,9 @@ class Cell:
     def change_parameter(self) -> None:
         """Change a parameter in EPOS Studio, store it, and switch the drive off and on."""
         objects = self.drive.objects
-        objects.put(od.MAX_CURRENT, 1234)
-        objects.put(co.STORE, 0x65766173)
+        objects.set_fixed(od.CURRENT_LIMIT, 1234)
+        for place in od.CONFIGURATION:
+            objects.set_fixed(place, 0)
         self.drive.restart()
 
     def fill_disk(self) -> None:
@@ -226,20 +229,21 @@ class Cell:
             master.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
         master.shutdown()
 
-    def write(self, axis: str, *values: tuple[Entry, int]) -> None:
+    def write(self, axis: str, *values: tuple[Place, int]) -> None:
         """Write objects of an axis' drive by SDO, as another program on the bus does."""
         node = epos2_drives(self.hardware)[axis].node_id
-        head = [struct.pack("<BHB", 0x23 | (4 - e.size) << 2, e.index, e.subindex) for e, _ in values]
-        self.send(
-            *((0x600 + node, h + e.pack(v).ljust(4, b"\0")) for h, (e, v) in zip(head, values, strict=True))
-        )
+        for place, value in values:
+            data = _OBJECTS[place].encode_raw(value)
+            head = struct.pack("<BHB", 0x23 | (4 - len(data)) << 2, *place)
+            self.send((0x600 + node, head + data.ljust(4, b"\0")))
 
-    def put(self, axis: str, *values: tuple[Entry, int]) -> None:
+    def put(self, axis: str, *values: tuple[Place, int]) -> None:
         """Change objects inside a drive: no frame tells of it."""
         for entry, value in values:
             epos2_drives(self.hardware)[axis].objects.put(entry, value)
 
 
+_OBJECTS = read_own_eds("epos2.eds").objects
 _START = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x3F))
 _START_RELATIVE = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x7F), (co.CONTROLWORD, 0x0F))
 _HOME_HERE = ((co.HOMING_METHOD, 35), (co.MODE, 6), (co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x1F))
@@ -399,9 +403,8 @@ def _hardware(description: RigDescription) -> SimulatedHardware:
     hardware = SimulatedHardware(description, description.world, seed=1)
     for drive in epos2_drives(hardware).values():
         objects = drive.objects
-        objects.put(od.CONFIGURATION_DATE, _FINGERPRINT[0])
-        objects.put(od.CONFIGURATION_TIME, _FINGERPRINT[1])
-        objects.put(co.STORE, 0x65766173)
+        for place, value in zip(od.CONFIGURATION, _FINGERPRINT, strict=True):
+            objects.set_fixed(place, value)
     return hardware
 
 
@@ -579,8 +582,8 @@ def _mend(cell: Cell) -> set[str]:
         drive.recover()
         drive.restore_power_stage()
         drive.unblock()
-        drive.forced_inputs &= 1 << drive.digital_inputs()["general-A"]
-        drive.error_control.mute = False
+        drive.forced_inputs &= 1 << Epos2Axis.digital_inputs["general-A"]
+        drive._beatless = False
         if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
             off_and_on.add(name)
             drive.restart()

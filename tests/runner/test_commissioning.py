@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from labrig.devices.check import check_rig
-from labrig.devices.epos2 import objects as od
+from labrig.devices.drives import epos2 as od
 from labrig.devices.motion_log import read_last_motion
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
@@ -205,12 +205,12 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
         )
         rig.connect()
         drive = opened.drives["linear"]
-        assert drive.objects.values[od.MAX_CURRENT] == 300
+        assert drive.objects.values[od.CURRENT_LIMIT] == 300
         jog(rig, "linear", 1.0)
         with pytest.raises(InputError, match="axis insertion is not open"):
             rig.axis("insertion")
         rig.close()
-        assert drive.objects.values[od.MAX_CURRENT] == od.MAX_CURRENT.default
+        assert drive.objects.values[od.CURRENT_LIMIT] == 10_000
 
 
 def test_a_fault_is_reset_only_on_confirmation() -> None:

@@ -1,4 +1,4 @@
-"""The CANopen side of a simulated drive (CiA 301): NMT, boot-up, SDO, PDO, EMCY, heartbeat, guarding, SYNC."""
+"""The CANopen side of a simulated drive (CiA 301): NMT, boot-up, SDO, PDO, EMCY, heartbeats, SYNC."""
 
 import math
 import struct
@@ -10,18 +10,19 @@ from enum import IntEnum
 import can
 
 from labrig.clock import Clock
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.eds import Eds
+from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.dictionary import ObjectDictionary, ObjectTable
-from labrig.devices.simulated.error_control import ErrorControl
+from labrig.devices.simulated.dictionary import ObjectDictionary
 from labrig.devices.simulated.pdo import PdoEngine
 from labrig.devices.simulated.sdo_server import SdoServer
 
-_PDO_ENTRIES = frozenset(
-    {co.SYNC_ID, *co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS, *co.TPDO_TYPES, co.RESTORE_PDO_IDS}
+_PDO_INDICES = frozenset(
+    {co.SYNC_ID.index}
+    | {place.index for place in (*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)}
+    | {mapping[0].index for mapping in (*co.RPDO_MAPS, *co.TPDO_MAPS)}
 )
-_WATCH_ENTRIES = frozenset({co.CONSUMER_HEARTBEAT, co.CONSUMER_HEARTBEAT_2, co.PRODUCER_HEARTBEAT})
 
 
 class NmtState(IntEnum):
@@ -44,7 +45,7 @@ class CanopenNode(ABC):
         Its node id.
     clock : Clock
         Its time.
-    table, fixed
+    eds, fixed, while_unpowered, fingerprint
         As `ObjectDictionary` takes them.
     """
 
@@ -53,33 +54,39 @@ class CanopenNode(ABC):
         wire: InProcessWire,
         node_id: int,
         clock: Clock,
-        table: ObjectTable,
-        fixed: Mapping[Entry, int],
+        *,
+        eds: Eds,
+        fixed: Mapping[Place, int],
+        while_unpowered: frozenset[Place] = frozenset(),
+        fingerprint: tuple[Place, ...] = (),
     ) -> None:
         self.node_id = node_id
         self.nmt_state = NmtState.OFF
         self._mute_frames: float = 0
-        self._deaf = False
+        self._deaf = self._beatless = False
         self._aborts: deque[tuple[int, int | None]] = deque()
         self._ignored = 0
         self._clock = clock
+        self._next_beat_s = math.inf
+        self._heard_s: dict[int, float] = {}
         self.objects = ObjectDictionary(
-            table,
+            eds,
             node_id,
             fixed,
             self.live_objects(),
             self._on_write,
             is_powered=self.is_powered,
             is_pre_operational=lambda: self.nmt_state is NmtState.PRE_OPERATIONAL,
+            while_unpowered=while_unpowered,
+            fingerprint=fingerprint,
         )
         self._sdo = SdoServer(self.objects.read, self.objects.write)
-        self.error_control = ErrorControl(self.objects, self._send_state, self.lose_master)
         self.pdo = PdoEngine(self.objects, self.send, self.fail)
         self._wire = wire
         self._bus = InProcessBus(wire, self._on_frame)
 
     @abstractmethod
-    def live_objects(self) -> dict[Entry, Callable[[], int]]:
+    def live_objects(self) -> dict[Place, Callable[[], int]]:
         """Return the objects whose value is made when it is read."""
 
     @abstractmethod
@@ -102,6 +109,8 @@ class CanopenNode(ABC):
     def fail(self, code: int) -> None:
         """Go to fault with an error code, such as that of a PDO of the wrong length."""
 
+    # What it sends
+
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame, unless this node is mute or off."""
         if self._mute_frames:
@@ -116,26 +125,46 @@ class CanopenNode(ABC):
             self.send(cob_id & 0x7FF, struct.pack("<HB5x", code, register))
 
     def boot(self) -> None:
-        """Load the communication settings of power on, announce the node, and become pre-operational."""
+        """Announce the node, and become pre-operational."""
         self.nmt_state = NmtState.PRE_OPERATIONAL
         self.pdo.configure()
         self.send(0x700 + self.node_id, b"\0")
-        self.error_control.start(self._clock.now_s())
+        self._heard_s.clear()
+        self._watch_heartbeats()
 
     def enter(self, state: NmtState) -> None:
         """Change the NMT state."""
         if state is NmtState.OPERATIONAL and self.nmt_state is not NmtState.OPERATIONAL:
-            self.pdo.start()
+            self.pdo.configure()
         self.nmt_state = state
 
     def send_due(self, now_s: float) -> None:
-        """Send what is due."""
+        """Send what is due, and notice a master that has been silent for too long."""
         self._wire.tick(now_s)
         if self.nmt_state is NmtState.OFF:
             return
-        self.error_control.tick(now_s)
+        while self._next_beat_s <= now_s:
+            period_s = self.objects.values[co.PRODUCER_HEARTBEAT] / 1000
+            self._next_beat_s = round(self._next_beat_s + period_s, 6)
+            if not self._beatless:
+                self.send(0x700 + self.node_id, bytes([self.nmt_state]))
+        for node, heard_s in tuple(self._heard_s.items()):
+            deadline_s = heard_s + self._consumed[node]
+            if now_s > deadline_s:
+                del self._heard_s[node]
+                self.lose_master(deadline_s)
         if self.nmt_state is NmtState.OPERATIONAL:
-            self.pdo.send_changes(now_s)
+            self.pdo.send_changes()
+
+    def _watch_heartbeats(self) -> None:
+        """Read the times of both heartbeats again; a master is missed only after its next one."""
+        values = self.objects.values
+        watched = (values[co.CONSUMER_HEARTBEAT], values[co.CONSUMER_HEARTBEAT_2])
+        self._consumed = {value >> 16 & 0x7F: (value & 0xFFFF) / 1000 for value in watched if value & 0xFFFF}
+        self._heard_s = {node: t for node, t in self._heard_s.items() if node in self._consumed}
+        self._next_beat_s = self._clock.now_s() if values[co.PRODUCER_HEARTBEAT] else math.inf
+
+    # What tests and fault scripts do to it
 
     def mute(self, frames: int | None = None) -> None:
         """Drop the next frames that this node sends, or all of them."""
@@ -159,44 +188,38 @@ class CanopenNode(ABC):
 
     def stop_heartbeat(self) -> None:
         """Stop the heartbeat; everything else continues."""
-        self.error_control.mute = True
+        self._beatless = True
 
     def unplug(self) -> None:
         """Leave the bus silently; a moving shaft keeps moving."""
         self._bus.shutdown()
 
-    def _send_state(self, toggle: int) -> None:
-        self.send(0x700 + self.node_id, bytes([self.nmt_state | toggle]))
+    # What it hears
 
-    def _on_write(self, entry: Entry, value: int, before: int) -> None:  # noqa: ARG002 - a drive needs them
-        if entry in _WATCH_ENTRIES:
-            self.error_control.configure(self._clock.now_s())
-        elif entry in _PDO_ENTRIES:
+    def _on_write(self, place: Place, value: int, before: int) -> None:  # noqa: ARG002 - a drive needs them
+        if place in {co.CONSUMER_HEARTBEAT, co.CONSUMER_HEARTBEAT_2, co.PRODUCER_HEARTBEAT}:
+            self._watch_heartbeats()
+        elif place.index in _PDO_INDICES:
             self.pdo.configure()
 
     def _on_frame(self, message: can.Message) -> None:
-        if self._deaf or self.nmt_state is NmtState.OFF or message.is_extended_id or message.is_error_frame:
+        is_data = not (message.is_extended_id or message.is_error_frame or message.is_remote_frame)
+        if self._deaf or self.nmt_state is NmtState.OFF or not is_data:
             return
-        can_id = message.arbitration_id
-        if message.is_remote_frame:
-            self._on_remote(can_id)
-        elif can_id == 0x600 + self.node_id:
+        can_id, data = message.arbitration_id, bytes(message.data)
+        if can_id == 0x600 + self.node_id:
             self.tick()
-            self._on_sdo(bytes(message.data))
+            self._on_sdo(data)
         elif can_id == 0x000:
-            self._on_nmt(bytes(message.data))
+            if len(data) == 2 and data[1] in {0, self.node_id}:
+                self.tick()
+                self._obey_nmt(data[0])
         elif can_id >= 0x700:
-            self.error_control.hear(can_id - 0x700, self._clock.now_s())
+            if can_id - 0x700 in self._consumed:
+                self._heard_s[can_id - 0x700] = self._clock.now_s()
         elif self.nmt_state is NmtState.OPERATIONAL and self.pdo.listens_to(can_id):
             self.tick()
-            self.pdo.take(can_id, bytes(message.data))
-
-    def _on_remote(self, can_id: int) -> None:
-        if can_id == 0x700 + self.node_id:
-            self.error_control.guard(self._clock.now_s())
-        elif self.nmt_state is NmtState.OPERATIONAL:
-            self.tick()
-            self.pdo.request(can_id)
+            self.pdo.take(can_id, data)
 
     def _on_sdo(self, request: bytes) -> None:
         if self.nmt_state is NmtState.STOPPED:
@@ -208,19 +231,13 @@ class CanopenNode(ABC):
         if response is not None:
             self.send(0x580 + self.node_id, response)
         if self.nmt_state is NmtState.OPERATIONAL:
-            self.pdo.send_changes(self._clock.now_s())
+            self.pdo.send_changes()
 
     def _take_scripted_abort(self, request: bytes) -> bytes | None:
         if not self._aborts or len(request) != 8:
             return None
         code, index = self._aborts[0]
-        asked = int.from_bytes(request[1:3], "little")
-        if index not in {None, asked}:
+        if index not in {None, int.from_bytes(request[1:3], "little")}:
             return None
         self._aborts.popleft()
         return b"\x80" + request[1:4] + code.to_bytes(4, "little")
-
-    def _on_nmt(self, data: bytes) -> None:
-        if len(data) == 2 and data[1] in {0, self.node_id}:
-            self.tick()
-            self._obey_nmt(data[0])

@@ -1,53 +1,28 @@
-"""The object dictionary of a simulated drive: values, access, ranges, storing and restoring."""
+"""The object dictionary of a simulated drive, from its EDS file: values, access, ranges, and rules of PDO mappings."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
+from canopen.objectdictionary import ODVariable
+
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.eds import Eds, count_bytes, find_bounds, find_default, read_own_eds
+from labrig.devices.drives.objects import Place
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.sdo_server import SdoAbortError
 
-_SAVE, _LOAD = 0x65766173, 0x64616F6C
-_SIGNATURES = {co.STORE: _SAVE, co.RESTORE: _LOAD, co.RESTORE_PDO_IDS: _LOAD}
-_COB_IDS = (*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)
-_PDO_MAPS = (*co.RPDO_MAPS, *co.TPDO_MAPS)
-_MAP_ENTRIES = {entry: mapping for mapping in _PDO_MAPS for entry in mapping}
-_PDO_TYPES = frozenset({*co.RPDO_TYPES, *co.TPDO_TYPES})
-_TRANSMISSION_TYPES = frozenset({1, 253, 255})
-_PROCESS_DATA = frozenset(
-    {co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.TARGET_VELOCITY, co.ERROR_COUNT, *_SIGNATURES}
+_DEVICE_NAME = Place(0x1008)
+"""A string, and so in no table of numbers."""
+
+_COB_IDS = (
+    *co.RECEIVE_PDO_COB_IDS,
+    *co.TRANSMIT_PDO_COB_IDS,
+    co.EMERGENCY_ID,
+    Place(0x1200, 1),
+    Place(0x1200, 2),
 )
-"""Written all the time, so neither stored nor part of the configuration that a fingerprint vouches for."""
-
-_DEVICE_NAME = (0x1008, 0)
-"""Index and subindex of the device's name, a string and so not an `Entry`."""
-
-
-_LIMITS = {co.LOWER_LIMIT: co.UPPER_LIMIT, co.UPPER_LIMIT: co.LOWER_LIMIT}
-_RESERVED_IDS = (range(0x80), range(0x101, 0x180), range(0x581, 0x800))
-
-
-@dataclass(frozen=True)
-class ObjectTable:
-    """The objects that a kind of drive has.
-
-    Parameters
-    ----------
-    device_name : bytes
-        What it says of itself (0x1008).
-    entries : tuple of Entry
-        Every numeric one, with the defaults and ranges of this kind.
-    while_unpowered : frozenset of Entry
-        Those that can be written only without power.
-    fingerprint : tuple of Entry
-        Those that are cleared when a setting changes.
-    """
-
-    device_name: bytes
-    entries: tuple[Entry, ...]
-    while_unpowered: frozenset[Entry] = frozenset()
-    fingerprint: tuple[Entry, ...] = ()
+_MAPPINGS = {place: mapping for mapping in (*co.RPDO_MAPS, *co.TPDO_MAPS) for place in mapping}
+_PROCESS_DATA = frozenset({co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.ERROR_COUNT})
+"""Written all the time, so no part of the configuration that a fingerprint vouches for."""
 
 
 class ObjectDictionary:
@@ -55,178 +30,142 @@ class ObjectDictionary:
 
     Parameters
     ----------
-    table : ObjectTable
+    eds : Eds
         What there is.
     node_id : int
         Added to the COB-IDs that depend on it.
-    fixed : mapping of Entry to int
+    fixed : mapping of Place to int
         What this drive has instead of the defaults, and keeps through every reset.
-    live : mapping of Entry to callable
-        Entries whose value is made when it is read.
+    live : mapping of Place to callable
+        Objects whose value is made when it is read.
     written : callable
-        Told (entry, value, value before) after each write.
+        Told (place, value, value before) after each write.
     is_powered, is_pre_operational : callable
         Some objects can be written only without power, others only in this NMT state.
+    while_unpowered : frozenset of Place
+        Those that can be written only without power.
+    fingerprint : tuple of Place
+        Those that are cleared when a setting changes.
     """
 
     def __init__(
         self,
-        table: ObjectTable,
+        eds: Eds,
         node_id: int,
-        fixed: Mapping[Entry, int],
-        live: Mapping[Entry, Callable[[], int]],
-        written: Callable[[Entry, int, int], None],
+        fixed: Mapping[Place, int],
+        live: Mapping[Place, Callable[[], int]],
+        written: Callable[[Place, int, int], None],
         *,
         is_powered: Callable[[], bool],
         is_pre_operational: Callable[[], bool],
+        while_unpowered: frozenset[Place] = frozenset(),
+        fingerprint: tuple[Place, ...] = (),
     ) -> None:
-        self._table = table
-        self._entries = {(entry.index, entry.subindex): entry for entry in table.entries}
-        self._highest_subindex = dict(sorted(self._entries))  # of one index the last counts
-        self._while_unpowered = table.while_unpowered | frozenset(_SIGNATURES)
-        with_node = frozenset((*_COB_IDS, co.EMERGENCY_ID, co.SDO_REQUEST_ID, co.SDO_RESPONSE_ID))
-        # What this drive lacks has the standard's defaults behind the scenes: motion needs them, and nobody can ask.
-        own = frozenset(table.entries)
-        every = (*(e for e in co.STANDARD if e not in own), *table.entries)
-        self._defaults = {e: e.default + node_id * (e in with_node) for e in every}
+        self._name = eds.product_name.encode("ascii", "replace")
+        self._objects = self._mappable = eds.objects
+        self._indices = {place.index for place in eds.objects} | {_DEVICE_NAME.index}
+        # What this drive lacks has other defaults behind the scenes: motion needs them, and nobody can ask.
+        every = {**read_own_eds("epos2.eds").objects, **eds.objects}
+        self._defaults = {p: find_default(v) + node_id * (p in _COB_IDS) for p, v in every.items()}
         self._fixed = dict(fixed)
         self._live = live
         self._written = written
         self._is_powered = is_powered
         self._is_pre_operational = is_pre_operational
-        self._stored: dict[Entry, int] = {}
-        self.values: dict[Entry, int] = {}
+        self._while_unpowered = while_unpowered
+        self._fingerprint = fingerprint
+        self.values: dict[Place, int] = {}
         self.load()
 
-    def load(self) -> None:
-        """Take the values of power on: stored ones where there are some."""
-        self.values = self._defaults | self._fixed | self._stored
+    def load(self, *, only_communication: bool = False) -> None:
+        """Take the values of power on, of all objects or of the communication profile alone (0x1000 to 0x1FFF)."""
+        fresh = self._defaults | self._fixed
+        if only_communication:
+            kept = {co.ERROR_REGISTER, co.ERROR_COUNT, *co.ERROR_HISTORY}
+            fresh = {
+                place: value for place, value in fresh.items() if place.index < 0x2000 and place not in kept
+            }
+        self.values |= fresh
 
-    def load_communication(self) -> None:
-        """Take the power-on values of the communication profile alone (0x1000 to 0x1FFF)."""
-        fresh = self._defaults | self._fixed | self._stored
-        self.values |= {
-            e: v for e, v in fresh.items() if e.index < 0x2000 and e.index not in {0x1001, 0x1003}
-        }
-
-    def set_fixed(self, entry: Entry, value: int) -> None:
+    def set_fixed(self, place: Place, value: int) -> None:
         """Change what this drive is, behind its client's back."""
-        self._fixed[entry] = self.values[entry] = value
-        self._stored.pop(entry, None)
+        self._fixed[place] = self.values[place] = value
 
-    def value(self, entry: Entry) -> int:
-        """Return the present value of an entry."""
-        live = self._live.get(entry)
-        return self.values[entry] if live is None else live()
+    def value(self, place: Place) -> int:
+        """Return the present value of an object."""
+        live = self._live.get(place)
+        return self.values[place] if live is None else live()
 
-    def find_source(self, entry: Entry) -> Callable[[], int]:
-        """Return what gives the present value of an entry whenever it is called."""
-        return self._live.get(entry, lambda: self.values[entry])
+    def find(self, place: Place) -> ODVariable | None:
+        """Return the object at a place, or None."""
+        return self._objects.get(place)
 
-    def read(self, index: int, subindex: int) -> bytes:
+    def read(self, place: Place) -> bytes:
         """Return the bytes of an object. Raises `SdoAbortError`."""
-        if (index, subindex) == _DEVICE_NAME:
-            return self._table.device_name
-        entry = self.find(index, subindex)
-        if entry is not None:
-            if entry.access == "wo":
-                raise SdoAbortError(sdo_server.WRITE_ONLY)
-            return entry.pack(self.value(entry))
-        if subindex == 0 and self._highest_subindex.get(index, 0):
-            return bytes([self._highest_subindex[index]])
-        raise self._make_missing_error(index)
+        if place == _DEVICE_NAME:
+            return self._name
+        variable = self._require(place)
+        if not variable.readable:
+            raise SdoAbortError(sdo_server.WRITE_ONLY)
+        return variable.encode_raw(self.value(place))
 
-    def write(self, index: int, subindex: int, data: bytes) -> None:
+    def write(self, place: Place, data: bytes) -> None:
         """Write an object, after all checks. Raises `SdoAbortError`."""
-        entry = self.find(index, subindex)
-        if entry is None:
-            known = (index, subindex) == _DEVICE_NAME or (subindex == 0 and index in self._highest_subindex)
-            raise SdoAbortError(sdo_server.READ_ONLY) if known else self._make_missing_error(index)
-        if entry.access == "ro":
+        if place == _DEVICE_NAME:
             raise SdoAbortError(sdo_server.READ_ONLY)
-        if len(data) != entry.size:
-            raise SdoAbortError(sdo_server.TOO_LONG if len(data) > entry.size else sdo_server.TOO_SHORT)
-        value = entry.unpack(data)
-        self._check(entry, value)
-        self.put(entry, value)
+        variable = self._require(place)
+        if not variable.writable:
+            raise SdoAbortError(sdo_server.READ_ONLY)
+        if len(data) != count_bytes(variable):
+            longer = len(data) > count_bytes(variable)
+            raise SdoAbortError(sdo_server.TOO_LONG if longer else sdo_server.TOO_SHORT)
+        value = int(variable.decode_raw(data))
+        self._check(place, value, find_bounds(variable))
+        self.put(place, value)
 
-    def put_checked(self, entry: Entry, data: bytes) -> None:
-        """Write what a PDO brought; a value that is refused is dropped, for nobody can be told."""
-        try:
-            self.write(entry.index, entry.subindex, data)
-        except SdoAbortError:
-            return
-
-    def put(self, entry: Entry, value: int) -> None:
+    def put(self, place: Place, value: int) -> None:
         """Set a value that has been checked, and tell who is concerned."""
-        before = self.values[entry]
-        if entry in _SIGNATURES:
-            self._store_or_restore(entry)
-        else:
-            self.values[entry] = value
-        if entry not in _PROCESS_DATA and entry not in self._table.fingerprint and value != before:
-            self.values |= dict.fromkeys(self._table.fingerprint, 0)
-        self._written(entry, value, before)
+        before, self.values[place] = self.values[place], value
+        if place not in _PROCESS_DATA and place not in self._fingerprint and value != before:
+            self.values |= dict.fromkeys(self._fingerprint, 0)
+        self._written(place, value, before)
 
-    def _check(self, entry: Entry, value: int) -> None:
-        if entry in self._while_unpowered and self._is_powered():
+    def _require(self, place: Place) -> ODVariable:
+        variable = self._objects.get(place)
+        if variable is None:
+            known = place.index in self._indices
+            raise SdoAbortError(sdo_server.NO_SUBINDEX if known else sdo_server.NO_OBJECT)
+        return variable
+
+    def _check(self, place: Place, value: int, bounds: tuple[int, int]) -> None:
+        if place in self._while_unpowered and self._is_powered():
             raise SdoAbortError(sdo_server.WRONG_STATE)
-        if entry.lowest is not None and value < entry.lowest:
-            raise SdoAbortError(sdo_server.TOO_LOW)
-        if entry.highest is not None and value > entry.highest:
+        low, high = bounds
+        if not low <= value <= high:
+            raise SdoAbortError(sdo_server.TOO_LOW if value < low else sdo_server.TOO_HIGH)
+        if place == co.ERROR_COUNT and value:
             raise SdoAbortError(sdo_server.TOO_HIGH)
-        if entry in _SIGNATURES and value != _SIGNATURES[entry]:
-            raise SdoAbortError(sdo_server.NOT_STORED)
-        if entry in _PDO_TYPES and value not in _TRANSMISSION_TYPES:
-            raise SdoAbortError(sdo_server.OUT_OF_RANGE)
-        if entry in _COB_IDS and any((value & 0x7FF) in reserved for reserved in _RESERVED_IDS):
-            raise SdoAbortError(sdo_server.CAN_ID)
-        if entry in _LIMITS:
-            self._check_limits(entry, value)
-        if entry in _MAP_ENTRIES:
-            self._check_mapping(entry, value)
-
-    def _check_limits(self, entry: Entry, value: int) -> None:
-        other = self.values[_LIMITS[entry]]
-        low, high = (value, other) if entry == co.LOWER_LIMIT else (other, value)
-        if low > high:
+        limits = self.values | {place: value}
+        if place in {co.LOWER_LIMIT, co.UPPER_LIMIT} and limits[co.LOWER_LIMIT] > limits[co.UPPER_LIMIT]:
             raise SdoAbortError(sdo_server.MAXIMUM_BELOW_MINIMUM)
+        if place in _MAPPINGS:
+            self._check_mapping(place, value, _MAPPINGS[place])
 
-    def _check_mapping(self, entry: Entry, value: int) -> None:
+    def _check_mapping(self, place: Place, value: int, mapping: tuple[Place, ...]) -> None:
         if not self._is_pre_operational():
             raise SdoAbortError(sdo_server.NMT_STATE)
-        mapping = _MAP_ENTRIES[entry]
-        if entry.subindex == 0:
-            bits = sum(self.values[place] & 0xFF for place in mapping[1 : value + 1])
-            if bits > 64:
+        if place.subindex == 0:
+            if sum(self.values[entry] & 0xFF for entry in mapping[1 : value + 1]) > 64:
                 raise SdoAbortError(sdo_server.PDO_LENGTH)
             return
         if self.values[mapping[0]]:
             raise SdoAbortError(sdo_server.WRONG_STATE)
-        if value:
-            self._check_mappable(value, receive=mapping in co.RPDO_MAPS)
-
-    def _check_mappable(self, value: int, *, receive: bool) -> None:
-        mapped = self.find(value >> 16, value >> 8 & 0xFF)
-        if mapped is None or mapped.index < 0x2000 or (receive and mapped.access == "ro"):
+        mapped = self._mappable.get(Place(value >> 16, value >> 8 & 0xFF))
+        needs_write = mapping in co.RPDO_MAPS
+        if value and (
+            mapped is None
+            or mapped.index < 0x2000
+            or len(mapped) != value & 0xFF
+            or (needs_write and not mapped.writable)
+        ):
             raise SdoAbortError(sdo_server.NOT_MAPPABLE)
-        if 8 * mapped.size != value & 0xFF:
-            raise SdoAbortError(sdo_server.NOT_MAPPABLE)
-
-    def find(self, index: int, subindex: int) -> Entry | None:
-        """Return the numeric entry at a place, or None."""
-        return self._entries.get((index, subindex))
-
-    def _make_missing_error(self, index: int) -> SdoAbortError:
-        known = index in self._highest_subindex or index == _DEVICE_NAME[0]
-        return SdoAbortError(sdo_server.NO_SUBINDEX if known else sdo_server.NO_OBJECT)
-
-    def _store_or_restore(self, entry: Entry) -> None:
-        if entry == co.STORE:
-            self._stored = {
-                e: self.values[e] for e in self._table.entries if e.access == "rw" and e not in _PROCESS_DATA
-            }
-        elif entry == co.RESTORE:
-            self._stored = {}
-        else:
-            self.values |= {cob_id: self._defaults[cob_id] for cob_id in _COB_IDS}

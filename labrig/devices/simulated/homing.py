@@ -1,7 +1,7 @@
 """Homing methods of a simulated drive, each as a sequence of moves of the shaft.
 
 Methods below zero belong to manufacturers: -1 and -3 go with positive speed into the upper stop, -2 and
--4 with negative speed into the lower one; 1, 2, 7, 11, 33, 34, -1 and -2 end at the encoder's index.
+-4 with negative speed into the lower one; 1, 2, -1 and -2 end at the encoder's index.
 """
 
 import math
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from labrig.devices.simulated.shaft import MotorShaft
 
-_TO_INDEX = frozenset({-2, -1, 1, 2, 7, 11})
+_TO_INDEX = frozenset({-2, -1, 1, 2})
 _FOR_EVER = 1e12
 
 
@@ -36,11 +36,8 @@ def plan_homing(
     method: int, shaft: MotorShaft, quadcounts_per_turn: int, offset: float
 ) -> tuple[HomingMove, ...]:
     """Return the moves of a method from where the shaft is, the home offset last."""
-    if method in {0, 35, 37}:
+    if method in {35, 37}:
         return ()
-    if method in {33, 34}:
-        index = _find_next_index(shaft.actual, 1 if method == 34 else -1, shaft.zero, quadcounts_per_turn)
-        return (HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
     place, direction, back = _find_end(method, shaft)
     if place is None:
         return (HomingMove(direction * _FOR_EVER, to_stop=method < 0),)
@@ -60,8 +57,6 @@ def _find_end(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
         **dict.fromkeys((-2, -4), (mechanics.lower_stop, -1)),
         **dict.fromkeys((1, 17), (mechanics.negative_switch, -1)),
         **dict.fromkeys((2, 18), (mechanics.positive_switch, 1)),
-        **dict.fromkeys((7, 23), (mechanics.home_switch, 1)),
-        **dict.fromkeys((11, 27), (mechanics.home_switch, -1)),
     }
     place, direction = ends[method]
     return place, direction, -direction

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drive import find_drive_kind
+from labrig.devices.drives.drive import find_drive_kind
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.motor import Motor, torque_of_force

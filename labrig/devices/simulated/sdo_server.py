@@ -3,6 +3,8 @@
 import struct
 from collections.abc import Callable
 
+from labrig.devices.drives.objects import Place
+
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<BHBI")
 _LONGEST = 64
@@ -23,10 +25,7 @@ OUT_OF_RANGE = 0x06090030
 TOO_HIGH = 0x06090031
 TOO_LOW = 0x06090032
 MAXIMUM_BELOW_MINIMUM = 0x06090036
-GENERAL = 0x08000000
-NOT_STORED = 0x08000020
 WRONG_STATE = 0x08000022
-CAN_ID = 0x0F00FFB9
 NMT_STATE = 0x0F00FFC0
 
 
@@ -44,15 +43,15 @@ class SdoServer:
     Parameters
     ----------
     read : callable
-        (index, subindex) -> bytes; raises `SdoAbortError`.
+        Place -> bytes; raises `SdoAbortError`.
     write : callable
-        (index, subindex, bytes) -> None; raises `SdoAbortError`.
+        (Place, bytes) -> None; raises `SdoAbortError`.
     """
 
-    def __init__(self, read: Callable[[int, int], bytes], write: Callable[[int, int, bytes], None]) -> None:
+    def __init__(self, read: Callable[[Place], bytes], write: Callable[[Place, bytes], None]) -> None:
         self._read = read
         self._write = write
-        self._place = (0, 0)
+        self._place = Place(0)
         self._rest: bytes | None = None
         self._taken: bytearray | None = None
         self._toggle = 0
@@ -63,7 +62,7 @@ class SdoServer:
             return None
         command, index, subindex = _HEAD.unpack_from(request)
         if command >> 5 not in {0, 3}:
-            self._place, self._rest, self._taken = (index, subindex), None, None
+            self._place, self._rest, self._taken = Place(index, subindex), None, None
         try:
             return self._dispatch(command, request)
         except SdoAbortError as refusal:
@@ -85,7 +84,7 @@ class SdoServer:
         raise SdoAbortError(COMMAND_UNKNOWN)
 
     def _upload(self) -> bytes:
-        data = self._read(*self._place)
+        data = self._read(self._place)
         if len(data) <= 4:
             return _HEAD.pack(0x43 | (4 - len(data)) << 2, *self._place) + data.ljust(4, b"\0")
         self._rest, self._toggle = data, 0
@@ -104,14 +103,14 @@ class SdoServer:
     def _download(self, command: int, request: bytes) -> bytes:
         if command & 0x02:
             size = 4 - (command >> 2 & 0x3) if command & 0x01 else self._read_size()
-            self._write(*self._place, bytes(request[4 : 4 + size]))
+            self._write(self._place, bytes(request[4 : 4 + size]))
         else:
             self._taken, self._toggle = bytearray(), 0
         return _HEAD.pack(0x60, *self._place) + b"\0\0\0\0"
 
     def _read_size(self) -> int:
         """Return the length of the object, for a client that did not state how much it sends."""
-        return min(4, len(self._read(*self._place)))
+        return min(4, len(self._read(self._place)))
 
     def _download_segment(self, command: int, request: bytes) -> bytes:
         if self._taken is None:
@@ -124,7 +123,7 @@ class SdoServer:
         self._toggle ^= 0x10
         if command & 0x01:
             data, self._taken = bytes(self._taken), None
-            self._write(*self._place, data)
+            self._write(self._place, data)
         return answer
 
     def _check_toggle(self, command: int) -> None:

@@ -7,7 +7,7 @@ import can
 
 from labrig.devices.bus import OPENING_FAILURES
 from labrig.devices.clocks import SystemClock
-from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind
+from labrig.devices.drives.drive import DEFAULT_DRIVER, find_drive_kind
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan_server import SlcanServer

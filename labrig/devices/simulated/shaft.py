@@ -50,13 +50,13 @@ class MotorShaft:
     ----------
     mechanics : Mechanics
         Its stops and switches.
-    now_s, position : float
-        Where it is; the counter starts at zero in any case.
+    now_s : float
+        The present time; shaft and counter start at zero.
     """
 
-    def __init__(self, mechanics: Mechanics, now_s: float, position: float) -> None:
+    def __init__(self, mechanics: Mechanics, now_s: float) -> None:
         self.mechanics = mechanics
-        self.zero = position
+        self.zero = 0.0
         self.profile: Profile = make_rest_profile(now_s, 0.0)
         self.demand = self.actual = self.velocity = 0.0
         self.ticked_s = now_s

@@ -1,66 +1,50 @@
-"""EDS files for tests, written from labrig's own table of what an EPOS4 has."""
+"""EDS files for tests, made from labrig's own of an EPOS4 by taking objects out, changing them and adding some."""
 
+import re
 from collections.abc import Iterable, Mapping
-from itertools import groupby
+from importlib.resources import files
 
-from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402.epos4 import EPOS4
+_TYPES = {"b": 2, "h": 3, "i": 4, "B": 5, "H": 6, "I": 7}
+_OWN = files("labrig.devices.drives").joinpath("epos4.eds").read_text("ascii")
+_SECTION = re.compile(r"^\[([0-9A-F]{4})(?:sub[0-9A-F]+)?\]\n(?:[^\[\n].*\n|\n)*", re.MULTILINE)
 
-_TYPES = {"b": 0x02, "h": 0x03, "i": 0x04, "B": 0x05, "H": 0x06, "I": 0x07}
-EVERY = tuple(EPOS4.entries)
+
+def entry(
+    place: str, code: str, access: str = "rw", default: int = 0, low: int | None = None, name: str = "added"
+) -> str:
+    """Return the section of an object: 6085, or 1018sub1; `code` is its type as in `struct`."""
+    lines = [
+        f"[{place}]",
+        f"ParameterName={name}",
+        "ObjectType=0x7",
+        f"DataType={_TYPES[code]}",
+        f"AccessType={access}",
+        f"DefaultValue={default}",
+        *([] if low is None else [f"LowLimit={low}"]),
+        "",
+    ]
+    return "\n".join(lines)
+
 
 RATED_CURRENT = (
-    Entry(0x6073, 0, "max current", "H", default=2000),
-    Entry(0x6075, 0, "motor rated current", "I", default=5000),
-    Entry(0x6078, 0, "current actual value", "h", "ro", default=-200),
+    entry("6073", "H", default=2000, name="max current"),
+    entry("6075", "I", default=5000, name="motor rated current"),
+    entry("6078", "h", "ro", name="current actual value"),
 )
 """How a drive of another make tells its current: in thousandths of the rated one."""
 
-
-def eds_text(
-    entries: Iterable[Entry] = EVERY,
-    *,
-    without: Iterable[int] = (),
-    device: Mapping[str, object] | None = None,
-) -> str:
-    """Return an EDS file of an EPOS4 with these objects, but for those at the indices of `without`."""
-    members: dict[str, object] = {
-        "VendorNumber": "0xFB",
-        "ProductName": EPOS4.product_name,
-        "ProductNumber": "0x61500000",
-    }
-    members |= {"RevisionNumber": "0x01500000", **(device or {})}
-    lines = ["[FileInfo]", "EDSVersion=4.0", "", "[DeviceInfo]"]
-    lines += [f"{key}={value}" for key, value in members.items() if value is not None]
-    left_out = set(without)
-    kept = sorted((e for e in entries if e.index not in left_out), key=lambda e: (e.index, e.subindex))
-    for index, group in groupby(kept, key=lambda entry: entry.index):
-        objects = list(group)
-        if objects[0].subindex or len(objects) > 1:
-            lines += ["", f"[{index:04X}]", f"SubNumber={len(objects)}", "ObjectType=0x9"]
-            for entry in objects:
-                lines += _object(f"{index:04X}sub{entry.subindex:X}", entry)
-        else:
-            lines += _object(f"{index:04X}", objects[0])
-    return "\n".join([*lines, "", "[1F50]", "ParameterName=Program", "ObjectType=0x2", "AccessType=wo", ""])
+HOME = (entry("607C", "i", name="home offset"),)
+WINDOW = (entry("6067", "I", default=0xFFFFFFFF), entry("6068", "H"))
 
 
-def _object(section: str, entry: Entry) -> list[str]:
-    node = "$NODEID+" if entry.index in {0x1014, 0x1200} or entry.index >> 8 in {0x14, 0x18} else ""
-    node = node if entry.code == "I" else ""
-    limits = [
-        f"{key}={value & (1 << 8 * entry.size) - 1:#x}"
-        for key, value in (("LowLimit", entry.lowest), ("HighLimit", entry.highest))
-        if value is not None
-    ]
-    return [
-        "",
-        f"[{section}]",
-        f"ParameterName={entry.name}",
-        "ObjectType=0x7",
-        f"DataType={_TYPES[entry.code]:#x}",
-        f"AccessType={'rww' if entry.access == 'rw' else entry.access}",
-        f"DefaultValue={node}{entry.default:#x}",
-        *limits,
-        "PDOMapping=0",
-    ]
+def eds_text(*added: str, without: Iterable[int] = (), device: Mapping[str, object] | None = None) -> str:
+    """Return the EDS file of an EPOS4 with other members of its device and objects, without those at some indices.
+
+    A member of None is left out. A block without a type is there too, as in maxon's files.
+    """
+    gone = set(without) | {int(text[1:5], 16) for text in added}
+    text = _SECTION.sub(lambda found: "" if int(found[1], 16) in gone else found[0], _OWN)
+    for key, value in (device or {}).items():
+        text = re.sub(rf"^{key}=.*\n", "" if value is None else f"{key}={value}\n", text, flags=re.MULTILINE)
+    block = "[1F50]\nParameterName=Program\nObjectType=0x2\nAccessType=wo\n"
+    return "\n".join([text, *added, block])

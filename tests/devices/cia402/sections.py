@@ -7,15 +7,15 @@ from pathlib import Path
 
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.canopen_objects import HOME_OFFSET, POSITION_WINDOW, POSITION_WINDOW_TIME
-from labrig.devices.cia402 import DRIVE
-from labrig.devices.cia402.driver import ProfileDrive
-from labrig.devices.cia402.settings import Cia402Axis
-from labrig.devices.cia402.simulated_drive import SimulatedProfileDrive
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.generic import DRIVE, Cia402Axis
 from labrig.devices.simulated.bus import InProcessWire, attach
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.kinds import simulate_cia402
 from labrig.devices.simulated.shaft import Mechanics
-from tests.devices.cia402.eds_text import EVERY, RATED_CURRENT, eds_text
+from tests.devices.cia402.eds_text import HOME, RATED_CURRENT, WINDOW, eds_text
 
 HEARTBEAT = HeartbeatDescription()
 _OF_MAXON = (0x3000, 0x3001, 0x30B0, 0x30B1, 0x30D1, 0x603F, 0x60A8, 0x60A9, 0x60AA)
@@ -30,11 +30,10 @@ def section_of(folder: Path, text: str | None = None, **changes: object) -> Cia4
 
 def other_make(folder: Path) -> Cia402Axis:
     """Return the section of a drive of another make: the profile's own objects, and none of maxon's."""
-    entries = (*EVERY, *RATED_CURRENT, HOME_OFFSET, POSITION_WINDOW, POSITION_WINDOW_TIME)
     device = {"VendorNumber": "0x2F", "ProductName": "a drive of another make", "ProductNumber": 7}
     return section_of(
         folder,
-        eds_text(entries, without=_OF_MAXON, device=device),
+        eds_text(*RATED_CURRENT, *HOME, *WINDOW, without=_OF_MAXON, device=device),
         velocity_unit="counts/s",
         acceleration_unit="counts/s^2",
         quick_stop_option=2,
@@ -48,14 +47,19 @@ def other_make(folder: Path) -> Cia402Axis:
 class ProfileDriveOnABus:
     """A driver, the simulated drive that it talks to, and their bus."""
 
-    driver: ProfileDrive
-    node: SimulatedProfileDrive
+    driver: Cia402Drive
+    node: SimulatedCia402Drive
     clock: SimulatedClock
     link: CanLink
 
     def wait(self, duration_s: float) -> None:
         """Let time pass without the computer's heartbeat."""
         for _ in range(round(duration_s / 0.01)):
+            self.clock.sleep(0.01)
+
+    def home(self, homing: Homing) -> None:
+        """Home to the end."""
+        for _ in self.driver.home(homing):
             self.clock.sleep(0.01)
 
     def get_ready(self) -> None:
@@ -72,10 +76,10 @@ def drive_on_a_bus(
     """Put a simulated drive on a bus, whose own section may be another than the driver's."""
     clock, wire = SimulatedClock(), InProcessWire()
     link = attach(wire, clock, 0.12)
-    node = SimulatedProfileDrive(
+    node = simulate_cia402(
         node_section or section, wire, clock, Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
     )
     clock.on_advance(node.tick)
-    yield ProfileDriveOnABus(ProfileDrive(link, section, "rotation", clock), node, clock, link)
+    yield ProfileDriveOnABus(Cia402Drive(link, section, "rotation", clock), node, clock, link)
     link.close()
     node.unplug()

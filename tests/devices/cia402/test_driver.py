@@ -1,18 +1,18 @@
 """The CiA 402 driver against a simulated drive, over the bus."""
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402 import DRIVE
-from labrig.devices.cia402 import objects as od
-from labrig.devices.cia402.simulated_drive import SimulatedProfileDrive
-from labrig.devices.cia402_states import ENABLE, QUICK_STOP, DriveState, decode_standard_state
-from labrig.devices.drive import Homing
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.generic import DRIVE
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.states import ENABLE, QUICK_STOP, DriveState, decode_state
 from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.units import AxisScale
 from labrig.errors import (
     DriveError,
@@ -22,7 +22,7 @@ from labrig.errors import (
     DriveSilentError,
     InputError,
 )
-from tests.devices.cia402.eds_text import EVERY, eds_text
+from tests.devices.cia402.eds_text import eds_text, entry
 from tests.devices.cia402.sections import (
     HEARTBEAT,
     ProfileDriveOnABus,
@@ -47,8 +47,8 @@ def _ready(bare: ProfileDriveOnABus) -> ProfileDriveOnABus:
     return bare
 
 
-def _values(on_a_bus: ProfileDriveOnABus, *entries: Entry) -> tuple[int, ...]:
-    return tuple(on_a_bus.node.objects.value(entry) for entry in entries)
+def _values(on_a_bus: ProfileDriveOnABus, *places: Place) -> tuple[int, ...]:
+    return tuple(map(on_a_bus.node.objects.value, places))
 
 
 def _hear_and_lose(on_a_bus: ProfileDriveOnABus) -> None:
@@ -57,38 +57,22 @@ def _hear_and_lose(on_a_bus: ProfileDriveOnABus) -> None:
     on_a_bus.wait(1.0)
 
 
-@pytest.mark.parametrize(
-    ("statusword", "state"),
-    [
-        (0x0000, DriveState.NOT_READY),
-        (0x0250, DriveState.SWITCH_ON_DISABLED),
-        (0x0231, DriveState.READY_TO_SWITCH_ON),
-        (0x0633, DriveState.SWITCHED_ON),
-        (0xC737, DriveState.OPERATION_ENABLED),
-        (0x0617, DriveState.QUICK_STOP_ACTIVE),
-        (0x003F, DriveState.FAULT_REACTION),
-        (0x0638, DriveState.FAULT),
-        (0x0001, DriveState.UNKNOWN),
-    ],
-)
-def test_states_follow_the_bits_of_the_standard(statusword: int, state: DriveState) -> None:
-    """Voltage and manufacturer bits do not matter for the state."""
-    assert decode_standard_state(statusword) is state
-
-
 def test_safety_settings_are_written_and_read_back(bare: ProfileDriveOnABus) -> None:
     """Heartbeats, option codes, following error, decelerations; a drive set to ignore silence is changed."""
     objects = bare.node.objects
-    objects.values |= {co.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, co.FAULT_REACTION: 0}
+    objects.values |= {co.ABORT_CONNECTION: 0, co.QUICK_STOP_OPTION: 5, co.FAULT_REACTION: 0}
     bare.driver.identify()
     bare.driver.configure(HEARTBEAT, None)
-    assert _values(bare, co.ABORT_CONNECTION, od.QUICK_STOP_OPTION, co.FAULT_REACTION) == (1, 6, 2)
+    assert _values(bare, co.ABORT_CONNECTION, co.QUICK_STOP_OPTION, co.FAULT_REACTION) == (1, 6, 2)
     assert _values(bare, co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT) == (127 << 16 | 500, 100)
-    assert _values(bare, co.MAX_FOLLOWING_ERROR, od.FOLLOWING_ERROR_TIMEOUT) == (2000, 0)
+    assert _values(bare, co.MAX_FOLLOWING_ERROR, co.FOLLOWING_ERROR_TIMEOUT) == (2000, 0)
     assert _values(bare, co.PROFILE_DECELERATION, co.QUICK_STOP_DECELERATION) == (3000, 12_000)
-    written = bare.driver.settings()
-    assert written["0x6007:00"] == 1
-    assert {"0x6067:00", "0x605D:00", "0x607C:00"}.isdisjoint(written)
+    described = bare.driver.describe()
+    settings, dead_man = described["drive_settings"], described["dead_man"]
+    assert isinstance(settings, dict)
+    assert isinstance(dead_man, dict)
+    assert dead_man["0x6007:00"] == 1
+    assert {"0x6067:00", "0x605D:00", "0x607C:00"}.isdisjoint(settings | dead_man)
 
 
 @pytest.mark.parametrize(("option", "state"), [(2, 0x07), (6, 0x27)])
@@ -98,7 +82,7 @@ def test_transition_16_needs_a_quick_stop_that_keeps_power(
     """From 5 on the quick stop option code lets enable operation lead back; below it the stop is brought to its end."""
     bare.driver.configure(HEARTBEAT, None)
     bare.driver.enable()
-    bare.driver.adjust({od.QUICK_STOP_OPTION: option})
+    bare.driver.adjust({co.QUICK_STOP_OPTION: option})
     bare.driver.start_profile(100_000, 100)
     bare.clock.sleep(0.2)
     bare.driver.download(co.CONTROLWORD, QUICK_STOP)
@@ -141,7 +125,7 @@ def test_a_quick_stop_may_end_without_power(tmp_path: Path) -> None:
         one.wait(0.5)
         one.driver.stop(quick=True)
         one.driver.settle(2.0)
-        assert decode_standard_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
+        assert decode_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
         one.driver.enable()
         one.driver.start_move(0.0, 5.0)
 
@@ -151,20 +135,13 @@ def test_a_drive_with_only_the_required_objects_moves(tmp_path: Path) -> None:
     section = section_of(tmp_path, eds_text(without=(*GUARDS, *OPTIONAL)), objects={})
     with drive_on_a_bus(section) as one:
         one.get_ready()
-        homing = Homing(HOMING_HERE)
-        one.driver.start_homing(homing)
-        assert one.driver.has_homed()
-        one.driver.finish_homing(homing)
+        one.home(Homing(HOMING_HERE))
         one.driver.set_limits((-1.0, 1.0))
         one.driver.start_move(2.0, 5.0)
         one.wait(2.0)
         assert one.driver.read().target_reached
         assert one.node.shaft_counts == 4000
-        assert (one.driver.current_ma(), one.driver.current_limit_ma(), one.driver.inputs()) == (
-            None,
-            None,
-            {},
-        )
+        assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (None, None)
         with pytest.raises(DriveError, match=r"no current limit that labrig can set.*") as refusal:
             one.driver.configure(HEARTBEAT, 500)
         assert "--current-ma 0" in refusal.value.hint
@@ -174,9 +151,8 @@ def test_a_drive_with_only_the_required_objects_moves(tmp_path: Path) -> None:
 
 def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
     """A 16-bit deceleration is written in two bytes; a larger value is refused before it is sent."""
-    narrow = Entry(0x6085, 0, "quick stop deceleration", "H", default=100, lowest=1)
-    entries = [entry for entry in EVERY if entry != narrow]
-    section = section_of(tmp_path, eds_text((*entries, narrow)))
+    narrow = entry("6085", "H", default=100, low=1, name="quick stop deceleration")
+    section = section_of(tmp_path, eds_text(narrow))
     with drive_on_a_bus(section) as one:
         one.get_ready()
         assert _values(one, co.QUICK_STOP_DECELERATION) == (12_000,)
@@ -192,25 +168,25 @@ def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
             other.driver.configure(HEARTBEAT, None)
 
 
-ANOTHER: dict[str, tuple[Entry, int, str]] = {
+ANOTHER: dict[str, tuple[Place, int, str]] = {
     "product": (co.PRODUCT_CODE, 0x62200000, r"has product 0x62200000 \(0x1018:02\).*for 0x61500000"),
     "vendor": (co.VENDOR_ID, 0x2F, r"has vendor 0x0000002F \(0x1018:01\)"),
     "profile": (co.DEVICE_TYPE, 401, r"device type 0x00000191 \(0x1000:00\), expected a CiA 402 drive"),
     "modes": (co.SUPPORTED_MODES, 0x24, r"no mode profile position \(0x6502:00 is 0x00000024\)"),
     "velocity": (
-        od.VELOCITY_UNIT,
+        co.VELOCITY_UNIT,
         0xFDB44700,
-        r"velocity in 0.001 rpm \(0x60A9:00\), the rig file says 1 rpm",
+        r"velocity_unit 0.001 rpm \(0x60A9:00\), the rig file says 1 rpm",
     ),
-    "acceleration": (od.ACCELERATION_UNIT, 0xFEC00300, "acceleration in 0.01 rpm/s"),
-    "encoder": (Entry(0x3000, 5, "", "I"), 4096, r"counts 4096 a turn \(0x3000:05\), the rig file says 2000"),
+    "acceleration": (co.ACCELERATION_UNIT, 0xFEC00300, "acceleration_unit 0.01 rpm/s"),
+    "encoder": (Place(0x3000, 5), 4096, r"counts_per_turn 4096 \(0x3000:05\), the rig file says 2000"),
 }
 
 
-@pytest.mark.parametrize(("entry", "value", "words"), ANOTHER.values(), ids=ANOTHER)
-def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value: int, words: str) -> None:
+@pytest.mark.parametrize(("place", "value", "words"), ANOTHER.values(), ids=ANOTHER)
+def test_another_drive_is_refused(bare: ProfileDriveOnABus, place: Place, value: int, words: str) -> None:
     """The error has index, value, expected value and remedy; nothing is written."""
-    bare.node.objects.set_fixed(entry, value)
+    bare.node.objects.set_fixed(place, value)
     with pytest.raises(DriveError, match=words) as refusal:
         bare.driver.identify()
     assert refusal.value.hint
@@ -220,7 +196,7 @@ def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value:
 
 def test_an_unknown_unit_is_not_compared(bare: ProfileDriveOnABus) -> None:
     """A unit code that labrig does not know is ignored; the rig file counts."""
-    bare.node.objects.set_fixed(od.VELOCITY_UNIT, 0x00010100)
+    bare.node.objects.set_fixed(co.VELOCITY_UNIT, 0x00010100)
     bare.driver.identify()
 
 
@@ -261,10 +237,7 @@ def test_stated_units_make_the_same_motion(
 def test_homing_at_a_switch_ends_with_the_counter_at_home(ready: ProfileDriveOnABus) -> None:
     """Method 17 goes back to the negative switch; the section's object holds the home position."""
     homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
-    ready.driver.start_homing(homing)
-    while not ready.driver.has_homed():
-        ready.clock.sleep(0.01)
-    ready.driver.finish_homing(homing)
+    ready.home(homing)
     assert ready.node.shaft_counts == -8000
     assert ready.driver.position() == -3.0
     assert ready.driver.is_referenced()
@@ -272,14 +245,12 @@ def test_homing_at_a_switch_ends_with_the_counter_at_home(ready: ProfileDriveOnA
 
 def test_a_home_position_of_the_other_sign_is_noticed(ready: ProfileDriveOnABus) -> None:
     """A drive that sets its counter to the negated value is refused."""
-    home = Entry(0x30B0, 0, "home position", "i")
-    homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
-    ready.driver.start_homing(homing)
-    ready.node.objects.values[home] *= -1
-    while not ready.driver.has_homed():
-        ready.clock.sleep(0.01)
+    homing = ready.driver.home(Homing(17, position=-3.0, speed=5.0, timeout_s=20.0))
+    next(homing)
+    ready.node.objects.values[Place(0x30B0)] *= -1
+    ready.wait(10.0)
     with pytest.raises(DriveError, match="opposite sign for the home position"):
-        ready.driver.finish_homing(homing)
+        deque(homing)
     assert ready.driver.decode(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
 
 
@@ -289,7 +260,7 @@ def test_a_home_position_without_an_object_is_refused(tmp_path: Path) -> None:
         one.get_ready()
         for homing in (Homing(HOMING_HERE, position=1.0), Homing(17, offset=1.0)):
             with pytest.raises(DriveError, match="has no home position but zero"):
-                one.driver.start_homing(homing)
+                one.home(homing)
 
 
 def test_a_homing_method_that_the_drive_lacks_is_refused(tmp_path: Path) -> None:
@@ -297,18 +268,16 @@ def test_a_homing_method_that_the_drive_lacks_is_refused(tmp_path: Path) -> None
     with drive_on_a_bus(section_of(tmp_path)) as one:
         one.get_ready()
         one.node.abort_next(0x06090030, co.HOMING_METHOD.index)
-        with pytest.raises(DriveRefusedError, match="homing method: the value is out of range"):
-            one.driver.start_homing(Homing(17))
+        with pytest.raises(DriveRefusedError, match=r"homing method.*: the value is out of range"):
+            one.home(Homing(17))
 
 
 def test_an_unreported_reference_ends_with_closing(tmp_path: Path) -> None:
     """After reopening, the drive counts as not referenced."""
     with drive_on_a_bus(other_make(tmp_path)) as one:
         one.get_ready()
-        homing = Homing(HOMING_HERE)
-        one.driver.start_homing(homing)
         assert not one.driver.is_referenced()
-        one.driver.finish_homing(homing)
+        one.home(Homing(HOMING_HERE))
         assert one.driver.is_referenced()
         one.node.restart()
         assert not one.driver.is_referenced()
@@ -328,18 +297,20 @@ def test_standard_currents_are_thousandths_of_the_rated_one(tmp_path: Path) -> N
         assert one.driver.current_limit_ma() == 10_000
 
 
-def test_inputs_have_the_names_of_the_profile(ready: ProfileDriveOnABus) -> None:
+def test_inputs_have_the_names_of_the_profile(tmp_path: Path) -> None:
     """0x60FD: limit switches and home are the first bits; a pressed limit switch is a fault."""
-    assert not any(ready.driver.inputs().values())
-    ready.node.press(0x0002)
-    assert [name for name, active in ready.driver.inputs().items() if active] == ["positive-limit"]
-    with pytest.raises(DriveFaultError, match="error 0x8A81, positive limit switch"):
-        ready.driver.check()
+    wired = {"end": {"source": "positive-limit"}, "start": {"source": "negative-limit"}}
+    with drive_on_a_bus(section_of(tmp_path, inputs=wired)) as one:
+        one.get_ready()
+        one.node.press(0x0002)
+        assert one.driver.read_inputs() == {"end": True, "start": False}
+        with pytest.raises(DriveFaultError, match="error 0x8A81, positive limit switch"):
+            one.driver.check()
 
 
 @pytest.mark.parametrize(
     ("code", "words"),
-    [(0x8611, "following error"), (0x5441, r"manufacturer \(hardware"), (0xFF01, "manufacturer")],
+    [(0x8611, "following error"), (0x5441, r"unknown to labrig \(hardware"), (0xFF01, "unknown to labrig")],
 )
 def test_an_error_is_described_by_its_code_or_class(ready: ProfileDriveOnABus, code: int, words: str) -> None:
     """The code comes from 0x603F; each has a remedy."""
@@ -352,7 +323,7 @@ def test_an_error_is_described_by_its_code_or_class(ready: ProfileDriveOnABus, c
     assert fault.remedy
 
 
-FAULTS: dict[str, tuple[Callable[[SimulatedProfileDrive], object], type[DriveError], str]] = {
+FAULTS: dict[str, tuple[Callable[[SimulatedCia402Drive], object], type[DriveError], str]] = {
     "following error": (lambda node: node.block(), DriveFaultError, "error 0x8611, following error"),
     "emergency stop": (lambda node: node.cut_power_stage(), DriveFaultError, "error 0x3220, under-voltage"),
     "restart": (lambda node: node.restart(), DriveRestartedError, "has restarted"),
@@ -364,7 +335,7 @@ FAULTS: dict[str, tuple[Callable[[SimulatedProfileDrive], object], type[DriveErr
 @pytest.mark.parametrize(("strike", "error", "words"), FAULTS.values(), ids=FAULTS)
 def test_a_fault_during_a_move_is_noticed(
     ready: ProfileDriveOnABus,
-    strike: Callable[[SimulatedProfileDrive], object],
+    strike: Callable[[SimulatedCia402Drive], object],
     error: type[DriveError],
     words: str,
 ) -> None:
@@ -392,7 +363,7 @@ def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) ->
 def test_a_changed_encoder_is_reported_when_the_drive_is_opened(bare: ProfileDriveOnABus) -> None:
     """The error has the counts of the drive and of the rig file."""
     bare.node.set_encoder(1000)
-    with pytest.raises(DriveError, match="counts 4000 a turn"):
+    with pytest.raises(DriveError, match="counts_per_turn 4000"):
         bare.driver.identify()
 
 
@@ -400,7 +371,7 @@ def test_a_mode_is_waited_for(ready: ProfileDriveOnABus) -> None:
     """0x6061 reports the mode; no command is sent before the drive is in it."""
     ready.node.objects._live = {**ready.node.objects._live, co.MODE_DISPLAY: lambda: 1}
     with pytest.raises(DriveError, match=r"stayed in mode of operation 1 \(0x6061\) when 6"):
-        ready.driver.start_homing(Homing(HOMING_HERE))
+        ready.home(Homing(HOMING_HERE))
 
 
 def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
-from labrig.devices.cia402_states import describe_statusword
+from labrig.devices.drives.states import describe_statusword
 from labrig.devices.operator import ConfirmStopped
 from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS

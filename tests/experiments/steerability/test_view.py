@@ -6,7 +6,7 @@ import pytest
 
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
-from labrig.devices.cia402_states import describe_statusword
+from labrig.devices.drives.states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
 from labrig.record.events import MarkBad
 from labrig.record.reader import open_run

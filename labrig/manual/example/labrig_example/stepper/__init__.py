@@ -1,26 +1,24 @@
 """The kind of drive `example-stepper`: a CiA 402 stepper drive."""
 
 from labrig.clock import Clock
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
-from labrig.devices.drive import DriveKind
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.check import check_axis
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.drive import DriveKind
+from labrig.devices.drives.model import find_object
 from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.kinds import CIA402
 from labrig.devices.simulated.shaft import Mechanics
-from labrig_example.stepper.driver import Stepper, check_axis
-from labrig_example.stepper.settings import StepperAxis
-from labrig_example.stepper.simulated_drive import SimulatedStepper
-
-_ENTRIES = {(entry.index, entry.subindex): entry for entry in co.STANDARD}
-
-
-def _find_object(_section: StepperAxis, index: int, subindex: int) -> Entry | None:
-    return _ENTRIES.get((index, subindex))
+from labrig_example.stepper.settings import PRODUCT, VENDOR, StepperAxis
 
 
 def _simulate(
     section: StepperAxis, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float
-) -> SimulatedStepper:
-    return SimulatedStepper(wire, section, clock, mechanics, boot_time_s)
+) -> SimulatedCia402Drive:
+    """Return a node with the state machine, faults and motion of CiA 402."""
+    fixed = {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + section.node_id}
+    return SimulatedCia402Drive(section, wire, clock, mechanics, boot_time_s, behaviour=CIA402, fixed=fixed)
 
 
 def _example(node_id: int) -> StepperAxis:
@@ -43,9 +41,9 @@ def _example(node_id: int) -> StepperAxis:
 DRIVE = DriveKind(
     name="example-stepper",
     settings=StepperAxis,
-    open=Stepper,
+    open=Cia402Drive,
     check=check_axis,
-    find_object=_find_object,
+    find_object=find_object,
     simulated_node=_simulate,
     example=_example,
 )

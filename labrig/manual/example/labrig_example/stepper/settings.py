@@ -1,16 +1,23 @@
-"""The section of an axis with `driver: example-stepper`."""
+"""The section of an axis with `driver: example-stepper`, and what is known of its drive."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labrig.devices.axis_description import AxisDescription
 from labrig.devices.can_description import NodeId
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Identity
+from labrig.devices.drives.eds import read_own_eds
+from labrig.devices.drives.model import Asked, Cia402Section, Model
+from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.units import AxisScale
+from labrig.errors import DriveError
+
+VENDOR, PRODUCT = 0x7E57, 0x0001
 
 
-class StepperAxis(AxisDescription):
+class StepperAxis(Cia402Section):
     """One axis with a stepper drive. Lengths are mm, or rad where `unit` is rad."""
 
     homing_directions = {HOMING_HERE: 0}  # noqa: RUF012 - as the base class declares it
@@ -30,3 +37,24 @@ class StepperAxis(AxisDescription):
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
         """Return the conversion to microsteps and rpm."""
         return AxisScale(self.microsteps_per_turn, gear_ratio, travel_per_turn, self.reversed)
+
+    def model(self) -> Model:
+        """Return what is known of the stepper; a drive of your own has an EDS file of its own (`read_eds`)."""
+        return Model(
+            read_own_eds("epos4.eds"),
+            _identify,
+            home_position=Place(0x30B0),
+            home_here=HOMING_HERE,
+            referenced_bit=15,
+        )
+
+
+def _identify(drive: Asked) -> Identity:
+    """Return the identity of a drive. Raises `DriveError` if it is another one."""
+    found = (drive.upload(co.VENDOR_ID), drive.upload(co.PRODUCT_CODE))
+    if found != (VENDOR, PRODUCT):
+        raise DriveError(
+            f"{drive.name} is vendor 0x{found[0]:X}, product 0x{found[1]:X}, expected 0x{VENDOR:X}, 0x{PRODUCT:X}",
+            "check the node id in the rig file and the drive itself",
+        )
+    return Identity("example stepper", drive.upload(co.SERIAL_NUMBER))

@@ -1,8 +1,8 @@
 """The client of CANopen's SDO protocol (CiA 301): one transfer at a time for each node, with counted retries.
 
-`canopen`'s own client has no lock, does not retry, and accepts any answer that comes next. Here an answer counts only
-if it names the requested object. Every request of labrig may be repeated: writing an object twice has no further
-effect, and moves are absolute.
+`canopen`'s own client has no lock, does not retry, sends aborts, and accepts any answer that comes next. Here an answer
+counts only if it names the requested object. Every request of labrig may be repeated: writing an object twice has no
+further effect, and moves are absolute.
 """
 
 import struct
@@ -10,38 +10,25 @@ from queue import Empty, SimpleQueue
 from threading import Lock
 
 from labrig.devices.bus import CanLink
+from labrig.devices.drives.errors import describe_abort
+from labrig.devices.drives.objects import Place
+from labrig.errors import DriveRefusedError, DriveSilentError
 
 NO_OBJECT = 0x06020000
 """Abort code of a node that does not have an object."""
 
-RETRIES = 1
+_RETRIES = 1
 """How often a request without an answer is repeated."""
+
+CHECK_POWER = "check power, CAN wiring, bit rate and node id of the drive"
 
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<I")
 _ABORTED = 0x80
 
 
-class SdoAbortedError(Exception):
-    """The node refused a transfer.
-
-    Parameters
-    ----------
-    code : int
-        Why.
-    """
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"0x{code:08X}")
-        self.code = code
-
-
-class SdoSilenceError(Exception):
-    """The node did not answer, not even to a retry."""
-
-
 class SdoClient:
-    """Reads and writes objects of one node.
+    """Reads and writes objects of one node, each of at most four bytes.
 
     Parameters
     ----------
@@ -49,6 +36,8 @@ class SdoClient:
         The bus.
     node_id : int
         Its node id.
+    name, axis : str
+        The drive, for messages, and its axis.
 
     Attributes
     ----------
@@ -58,9 +47,10 @@ class SdoClient:
         Unexpected answers: duplicated or late ones.
     """
 
-    def __init__(self, link: CanLink, node_id: int) -> None:
+    def __init__(self, link: CanLink, node_id: int, name: str, axis: str) -> None:
         self.retries = 0
         self.strays = 0
+        self._name, self._axis = name, axis
         self._link = link
         self._request_id = 0x600 + node_id
         self._answers: SimpleQueue[bytes] = SimpleQueue()
@@ -68,32 +58,48 @@ class SdoClient:
         self._lock = Lock()
         link.network.subscribe(0x580 + node_id, lambda _id, data, _t: self._answers.put(bytes(data)))
 
-    def upload(self, index: int, subindex: int) -> bytes:
-        """Read an object of at most four bytes; its bytes may be padded.
+    def upload(self, place: Place, what: str) -> bytes:
+        """Return the bytes of an object, padded to four; `what` names it in messages.
 
-        Raises `SdoAbortedError`, `SdoSilenceError`, `BusError`.
+        Raises `DriveRefusedError`, `DriveSilentError`, `BusError`.
         """
-        return self._exchange(_HEAD.pack(0x40, index, subindex) + bytes(4))[4:]
+        return self._exchange(_HEAD.pack(0x40, *place) + bytes(4), what)[4:]
 
-    def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object of at most four bytes. Raises as `upload`."""
-        self._exchange(_download_request(index, subindex, data))
+    def download(self, place: Place, data: bytes, what: str) -> None:
+        """Write an object. Raises as `upload`."""
+        self._exchange(_download_request(place, data), what)
 
-    def post(self, index: int, subindex: int, data: bytes) -> None:
+    def post(self, place: Place, data: bytes) -> None:
         """Write an object without waiting for the answer, when every millisecond counts. Raises `BusError`."""
-        request = _download_request(index, subindex, data)
+        request = _download_request(place, data)
         with self._lock:
             self._posted.append(request)
             self._link.send(self._request_id, request)
 
-    def _exchange(self, request: bytes) -> bytes:
+    def _exchange(self, request: bytes, what: str) -> bytes:
         with self._lock:
-            for attempt in range(1 + RETRIES):
+            for attempt in range(1 + _RETRIES):
                 self.retries += attempt
                 answer = self._ask(request)
                 if answer is not None:
-                    return _refuse_abort(answer)
-        raise SdoSilenceError
+                    break
+        if answer is None:
+            raise DriveSilentError(
+                f"{self._name} did not answer within {self._link.answer_timeout_s:g} s, asked {1 + _RETRIES} times "
+                f"({what})",
+                CHECK_POWER,
+                axis=self._axis,
+            )
+        if answer[0] == _ABORTED:
+            code = _ABORT.unpack_from(answer, 4)[0]
+            text = describe_abort(code)
+            raise DriveRefusedError(
+                f"{self._name} refused {what}: {text} (SDO abort 0x{code:08X})",
+                "check rig file and drive settings against each other",
+                code=code,
+                text=text,
+            )
+        return answer
 
     def _ask(self, request: bytes) -> bytes | None:
         self._drop_strays()
@@ -121,8 +127,8 @@ class SdoClient:
             self._posted.remove(posted)
 
 
-def _download_request(index: int, subindex: int, data: bytes) -> bytes:
-    return _HEAD.pack(0x23 | (4 - len(data)) << 2, index, subindex) + data.ljust(4, b"\0")
+def _download_request(place: Place, data: bytes) -> bytes:
+    return _HEAD.pack(0x23 | (4 - len(data)) << 2, *place) + data.ljust(4, b"\0")
 
 
 def _answers(answer: bytes, request: bytes) -> bool:
@@ -131,9 +137,3 @@ def _answers(answer: bytes, request: bytes) -> bool:
         return False
     expected = 0x40 if request[0] == 0x40 else 0x60
     return answer[0] == _ABORTED or answer[0] & 0xE0 == expected
-
-
-def _refuse_abort(answer: bytes) -> bytes:
-    if answer[0] == _ABORTED:
-        raise SdoAbortedError(_ABORT.unpack_from(answer, 4)[0])
-    return answer

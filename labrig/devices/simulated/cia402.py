@@ -1,21 +1,22 @@
-"""What simulated drives of the profile CiA 402 have in common: state machine, faults and motion of one CANopen node."""
+"""A simulated CiA 402 drive: state machine, faults, homing and motion of one CANopen node."""
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import ClassVar
+from dataclasses import dataclass
+from functools import partial
 
 from labrig.clock import Clock
-from labrig.devices import canopen_objects as co
-from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402_states import (
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.eds import find_bounds
+from labrig.devices.drives.model import Cia402Section
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.states import (
     CHANGE_IMMEDIATELY,
     FAULT_RESET,
     HALT,
     HOMING_ATTAINED,
     NEW_SETPOINT,
     QUICK_STOP,
-    REFERENCED,
     RELATIVE,
     REMOTE,
     SETPOINT_ACKNOWLEDGED,
@@ -25,23 +26,29 @@ from labrig.devices.cia402_states import (
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.canopen_node import CanopenNode, NmtState
-from labrig.devices.simulated.dictionary import ObjectTable
 from labrig.devices.simulated.drive_journal import DriveEvent, DriveJournal
 from labrig.devices.simulated.homing import HomingMove, plan_homing
 from labrig.devices.simulated.sdo_server import SdoAbortError
 from labrig.devices.simulated.shaft import Mechanics, MotorShaft
 from labrig.devices.trapezoid import Limits
 
-_PROFILE_POSITION, _PROFILE_VELOCITY, _HOMING = 1, 3, 6
+_PROFILE_POSITION, _HOMING = 1, 6
 _POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
-_FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
+_REFERENCED = 0x8000
+"""Bit of the statusword that a drive of maxon sets while it has its reference."""
 
-_FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x8611, 0x8130
+_GENERIC, _FOLLOWING_ERROR, _HEARTBEAT_ERROR, _SENSOR_ERROR = 0x01, 0x8611, 0x8130, 0x7320
+_REGISTER = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x5: 0x04, 0x6: 0x20, 0x7: 0x20, 0x8: 0x10, 0xF: 0x80}
+"""First digit of an error code -> its bit in the error register 0x1001, beside the generic one."""
+
 _NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
 """Values of 0x6007; 2 switches power off."""
 
 _POWER_OFF, _SLOW_DOWN = 0, 1
 """Values of 0x605B, 0x605C and 0x605E: power off at once, or after braking with the profile deceleration."""
+
+_STAYS_IN_QUICK_STOP = 5
+"""From this value of 0x605A on, power stays on at the end of a quick stop."""
 
 _COUNTING_S = 0.001
 """Time in which a drive counts its encoder to measure the speed."""
@@ -49,37 +56,18 @@ _COUNTING_S = 0.001
 _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
 _NEGATIVE_SWITCH, _POSITIVE_SWITCH, _HOME_SWITCH = 0x0001, 0x0002, 0x0004
-_NO_MECHANICS = Mechanics()
 
 
-class SimulatedCia402Drive(CanopenNode):
-    """One node; a kind of drive derives its own from this.
+@dataclass(frozen=True)
+class Behaviour:
+    """How a product behaves.
 
     Parameters
     ----------
-    wire : InProcessWire
-        The bus that it stands on; it says so with a boot-up frame.
-    node_id : int
-        Its node id.
-    clock : Clock
-        Whose time it moves in. `tick` is to be called whenever that time advances.
-    table : ObjectTable
-        What objects it has; those of `canopen_objects` that motion needs are among them.
-    fixed : mapping of Entry to int
-        What this drive has instead of the defaults, and keeps through every reset.
-    shaft_counts : float
-        Where the motor's shaft stands [counts]; the counter starts at zero whatever this is, as after power on.
-    mechanics : Mechanics
-        What the shaft can run against.
-    boot_time_s : float
-        How long it is silent after a reset.
-
-    Attributes
-    ----------
     state_bits : mapping of DriveState to int
         What the statusword says of each state.
-    modes, homing_methods : frozenset of int
-        Modes of operation and homing methods that it takes; others are refused as out of range.
+    homing_methods : frozenset of int
+        Homing methods that it takes; others are refused as out of range.
     switch_errors : mapping of int to int
         Bit of a limit switch that stops it -> error code.
     position_limit_error : int
@@ -88,46 +76,88 @@ class SimulatedCia402Drive(CanopenNode):
         Errors that switch the power stage off at once; to all others the drive reacts as 0x605E says.
     reset_communication_first, reset_node_first : frozenset of int
         Errors that stay until this NMT command.
+    encoder : Place or None
+        Object of the encoder's resolution.
+    counts_per_pulse : int
+        Counts for one of its units.
+    while_unpowered : frozenset of Place
+        Objects that can be written only without power.
+    switch_mask : Place or None
+        Object that says which limit switches stop the drive; None: both do.
+    zero_is_no_limit : bool
+        Whether software limits of zero both are none.
     """
 
-    state_bits: ClassVar[Mapping[DriveState, int]] = {
-        DriveState.NOT_READY: 0x0000,
-        DriveState.SWITCH_ON_DISABLED: 0x0050,
-        DriveState.READY_TO_SWITCH_ON: 0x0031,
-        DriveState.SWITCHED_ON: 0x0033,
-        DriveState.OPERATION_ENABLED: 0x0037,
-        DriveState.QUICK_STOP_ACTIVE: 0x0017,
-        DriveState.FAULT_REACTION: 0x001F,
-        DriveState.FAULT: 0x0018,
-    }
-    modes: ClassVar[frozenset[int]] = frozenset({1, 3, 6})
-    homing_methods: ClassVar[frozenset[int]] = frozenset({1, 2, 17, 18, 33, 34, 35, 37})
-    switch_errors: ClassVar[Mapping[int, int]] = {0x0001: 0x8A80, 0x0002: 0x8A81}
-    position_limit_error: ClassVar[int] = 0x8A82
-    disabling_errors: ClassVar[frozenset[int]] = frozenset({0x2310, 0x3210})
-    reset_communication_first: ClassVar[frozenset[int]] = frozenset({0x8120, 0x8130, 0x81FD})
-    reset_node_first: ClassVar[frozenset[int]] = frozenset()
+    state_bits: Mapping[DriveState, int]
+    homing_methods: frozenset[int]
+    switch_errors: Mapping[int, int]
+    position_limit_error: int
+    disabling_errors: frozenset[int]
+    reset_communication_first: frozenset[int]
+    reset_node_first: frozenset[int] = frozenset()
+    encoder: Place | None = None
+    counts_per_pulse: int = 1
+    while_unpowered: frozenset[Place] = frozenset()
+    switch_mask: Place | None = None
+    zero_is_no_limit: bool = False
+
+
+class SimulatedCia402Drive(CanopenNode):
+    """One node.
+
+    Parameters
+    ----------
+    section : Cia402Section
+        Section of its axis in the rig file; complete.
+    wire : InProcessWire
+        The bus that it stands on; it says so with a boot-up frame.
+    clock : Clock
+        Whose time it moves in. `tick` is to be called whenever that time advances.
+    mechanics : Mechanics
+        What the shaft can run against.
+    boot_time_s : float
+        How long it is silent after a reset.
+    behaviour : Behaviour
+        That of its product.
+    fixed : mapping of Place to int
+        What this drive has instead of the defaults, and keeps through every reset.
+    """
 
     def __init__(
         self,
+        section: Cia402Section,
         wire: InProcessWire,
-        node_id: int,
         clock: Clock,
-        *,
-        table: ObjectTable,
-        fixed: Mapping[Entry, int],
-        shaft_counts: float = 0.0,
-        mechanics: Mechanics = _NO_MECHANICS,
+        mechanics: Mechanics,
         boot_time_s: float = 0.0,
+        *,
+        behaviour: Behaviour,
+        fixed: Mapping[Place, int],
     ) -> None:
-        super().__init__(wire, node_id, clock, table, fixed)
+        (node_id,) = section.nodes
+        self._section, self._fixed = section, fixed
+        self._behaviour = behaviour
+        self._model = section.model()
+        self._inputs_by_name = section.digital_inputs
+        scale = section.scale()
+        self._speed_units, self._acceleration_units = scale.speed_units, scale.acceleration_units
+        self._pulses = round(scale.counts_per_turn) // behaviour.counts_per_pulse
+        super().__init__(
+            wire,
+            node_id,
+            clock,
+            eds=self._model.eds,
+            fixed=fixed,
+            while_unpowered=behaviour.while_unpowered,
+            fingerprint=self._model.fingerprint,
+        )
         self.journal = DriveJournal()
         self.forced_inputs = 0
         self._analog_mv: dict[str, float] = {}
         self.lasting_errors: set[int] = set()
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
-        self._shaft = MotorShaft(mechanics, clock.now_s(), shaft_counts)
+        self._shaft = MotorShaft(mechanics, clock.now_s())
         self._state = DriveState.SWITCH_ON_DISABLED
         self._state_at_rest: DriveState | None = None
         self._errors: list[int] = []
@@ -161,61 +191,40 @@ class SimulatedCia402Drive(CanopenNode):
         """Whether homing is under way."""
         return self._homing
 
-    # What a kind of drive has of its own
+    # What its product decides
 
-    @abstractmethod
     def counts_per_turn(self) -> int:
         """Return the counts a turn of the motor."""
+        encoder = self._behaviour.encoder
+        pulses = self._pulses if encoder is None else self._values(encoder)
+        return self._behaviour.counts_per_pulse * pulses
 
     def counts_per_speed_unit(self) -> float:
-        """Return the counts a second at one unit of speed; of rpm by default."""
-        return self.counts_per_turn() / 60
+        """Return the counts a second at one unit of speed."""
+        return self.counts_per_turn() / self._speed_units
 
-    def counts_per_acceleration_unit(self) -> float:
-        """Return the counts a second, each second, at one unit of acceleration; of rpm/s by default."""
-        return self.counts_per_turn() / 60
-
-    def watched_switches(self) -> int:
-        """Return the bits of the limit switches that stop the drive; bit 0 negative, bit 1 positive, bit 2 home."""
-        return 0
-
-    def homing_offset(self) -> int:
-        """Return how far homing moves off the switch or stop [counts]."""
-        return 0
-
-    def home_counter(self) -> int:
-        """Return what the counter reads where home has been found."""
-        return self._values(co.HOME_OFFSET)
-
-    @abstractmethod
-    def error_register(self, code: int) -> int:
-        """Return the bits that an error sets in the error register 0x1001."""
-
-    def position_limits(self) -> tuple[int, int]:
+    def position_limits(self) -> tuple[float, float]:
         """Return the software limits [counts]."""
-        values = self.objects.values
-        return values[co.LOWER_LIMIT], values[co.UPPER_LIMIT]
+        low, high = self.objects.values[co.LOWER_LIMIT], self.objects.values[co.UPPER_LIMIT]
+        if low == high == 0 and self._behaviour.zero_is_no_limit:
+            return -math.inf, math.inf
+        return low, high
 
     def stays_in_quick_stop(self) -> bool:
         """Tell whether power stays on at the end of a quick stop, which transition 16 can then leave."""
-        return True
-
-    def digital_inputs(self) -> Mapping[str, int]:
-        """Return the digital inputs by name -> bit of `forced_inputs`."""
-        return {"negative-limit": 0, "positive-limit": 1, "home": 2}
+        return self.objects.values.get(co.QUICK_STOP_OPTION, _STAYS_IN_QUICK_STOP) >= _STAYS_IN_QUICK_STOP
 
     def current_limit_ma(self) -> float:
         """Return the output current limit [mA]; none by default."""
-        return math.inf
+        if self._model.current_limit_ma is not None:
+            return float(self._values(self._model.current_limit_ma))
+        values = self.objects.values
+        rated_ma = values.get(co.RATED_CURRENT, 0)
+        return values.get(co.MAX_CURRENT, 0) * rated_ma / 1000 if rated_ma else math.inf
 
     def is_powered(self) -> bool:
         """Tell whether the power stage is on."""
         return self._state in _POWERED
-
-    def loses_power(self, code: int) -> bool:
-        """Tell whether an error switches the power stage off at once."""
-        powerless = self._values(co.FAULT_REACTION) == _POWER_OFF
-        return powerless or code in self.disabling_errors | self.lasting_errors
 
     def lose_master(self, t_s: float) -> None:
         """Do what the abort connection option code says when the heartbeat of the computer has ended."""
@@ -223,19 +232,25 @@ class SimulatedCia402Drive(CanopenNode):
         if option == _FAULT_SIGNAL:
             self._raise_error(_HEARTBEAT_ERROR, t_s)
         elif option != _NO_ACTION:
-            self.send_emergency(_HEARTBEAT_ERROR, self.error_register(_HEARTBEAT_ERROR))
+            self.send_emergency(_HEARTBEAT_ERROR, _find_register(_HEARTBEAT_ERROR))
             self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
 
-    @abstractmethod
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
+        SimulatedCia402Drive(
+            self._section,
+            self._wire,
+            self._clock,
+            self._shaft.mechanics,
+            behaviour=self._behaviour,
+            fixed=self._fixed,
+        )
 
-    @abstractmethod
     def set_encoder(self, pulses: int) -> None:
         """Have another encoder resolution than before, as if somebody had changed the settings."""
-
-    def take_object(self, entry: Entry, value: int, before: int) -> None:
-        """Do what writing an object of the kind's own brings about; nothing by default."""
+        self._pulses = 4 * pulses // self._behaviour.counts_per_pulse
+        if self._behaviour.encoder is not None:
+            self.objects.set_fixed(self._behaviour.encoder, self._pulses)
 
     # What tests and fault scripts do to it
 
@@ -262,7 +277,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def set_input(self, name: str, value: float) -> None:
         """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""
-        bit = self.digital_inputs().get(name)
+        bit = self._inputs_by_name.get(name)
         if bit is None:
             self._analog_mv[name] = value
         else:
@@ -327,7 +342,9 @@ class SimulatedCia402Drive(CanopenNode):
         if not self._shaft.is_at_rest(now_s) or self._homing:
             return
         self._note_stillness(self._shaft.profile.end_s)
-        if self._state is DriveState.FAULT_REACTION:
+        if self._state is DriveState.QUICK_STOP_ACTIVE and not self.stays_in_quick_stop():
+            self._change_state(0)
+        elif self._state is DriveState.FAULT_REACTION:
             self._set_state(DriveState.FAULT)
             self._hold()
         elif self._state_at_rest is not None:
@@ -349,7 +366,7 @@ class SimulatedCia402Drive(CanopenNode):
         low, high = self.position_limits()
         if not (low <= demand <= high and low <= actual <= high):
             passed_s = shaft.find_first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
-            self._raise_error(self.position_limit_error, passed_s)
+            self._raise_error(self._behaviour.position_limit_error, passed_s)
             return
         window = objects[co.MAX_FOLLOWING_ERROR]
         seeks_stop = self._homing and bool(self._stretches) and self._stretches[0].to_stop
@@ -362,10 +379,11 @@ class SimulatedCia402Drive(CanopenNode):
         before, self._inputs = self._inputs, self._read_inputs()
         pressed = self._inputs & ~before
         if pressed:
-            pressed &= self.watched_switches()
+            mask = self._behaviour.switch_mask
+            pressed &= _NEGATIVE_SWITCH | _POSITIVE_SWITCH if mask is None else self._values(mask)
         if not pressed or seeks_switch or self._state not in _POWERED:
             return
-        for bit, code in self.switch_errors.items():
+        for bit, code in self._behaviour.switch_errors.items():
             if pressed & bit:
                 self.fail(code)
 
@@ -391,29 +409,48 @@ class SimulatedCia402Drive(CanopenNode):
             return 0.0
         return self._shaft.current_ma(self.counts_per_turn(), self.current_limit_ma())
 
-    def read_lag(self) -> int:
-        """Return the following error [counts]."""
-        return round(self._shaft.demand - self._shaft.actual)
-
     def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
         at_s = self._clock.now_s() if t_s is None else t_s
         self.journal.note(DriveEvent(at_s, kind, text, self._shaft.position))
 
     # Objects
 
-    def live_objects(self) -> dict[Entry, Callable[[], int]]:
-        """Return the objects whose value is made when it is read; a kind adds its own."""
-        return {
+    def live_objects(self) -> dict[Place, Callable[[], int]]:
+        """Return the objects whose value is made when it is read."""
+        model = self._model
+        live: dict[Place | None, Callable[[], int]] = {
             co.STATUSWORD: self._statusword,
-            co.POSITION_ACTUAL: lambda: _clip_to_int32(self._shaft.actual),
-            co.POSITION_DEMAND: lambda: _clip_to_int32(self._shaft.demand),
+            co.POSITION_ACTUAL: lambda: round(self._shaft.actual),
+            co.POSITION_DEMAND: lambda: round(self._shaft.demand),
             co.MODE_DISPLAY: lambda: self._values(co.MODE),
-            co.VELOCITY_ACTUAL: self._velocity_rpm,
-            co.VELOCITY_SENSOR: self._velocity_rpm,
+            co.VELOCITY_ACTUAL: self._measure_velocity,
+            co.VELOCITY_SENSOR: self._measure_velocity,
             co.VELOCITY_DEMAND: lambda: round(self._shaft.velocity / self.counts_per_speed_unit()),
+            co.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
+            co.CURRENT_ACTUAL: self._read_current_per_mille,
+            co.TORQUE_ACTUAL: self._read_current_per_mille,
+            model.current_ma: lambda: round(self.read_current_ma()),
+            model.following_error: lambda: round(self._shaft.demand - self._shaft.actual),
+            model.inputs: self._read_masked_inputs,
+            **{place: partial(self.read_analog_mv, name) for name, place in model.analog.items()},
+        }
+        bounds = {place: find_bounds(variable) for place, variable in model.eds.objects.items()}
+        return {
+            place: partial(_clip, read, *bounds[place])
+            for place, read in live.items()
+            if place is not None and place in bounds
         }
 
-    def _velocity_rpm(self) -> int:
+    def _read_masked_inputs(self) -> int:
+        mask = self._model.input_mask
+        return self._read_inputs() & (-1 if mask is None else self._values(mask))
+
+    def _read_current_per_mille(self) -> int:
+        """Return the motor current in thousandths of the rated one, or in mA; the torque has the same number."""
+        rated_ma = self.objects.values.get(co.RATED_CURRENT, 0)
+        return round(self.read_current_ma() * (1000 / rated_ma if rated_ma else 1))
+
+    def _measure_velocity(self) -> int:
         """Return the speed as a drive measures it: the counts of the last whole millisecond.
 
         It alternates between two neighbours: a real EPOS2 with 1024 counts per turn shows 59 and 117 rpm at 100 rpm.
@@ -426,25 +463,23 @@ class SimulatedCia402Drive(CanopenNode):
         """Tell whether operation is enabled, and not about to be left at standstill."""
         return self._state is DriveState.OPERATION_ENABLED and self._state_at_rest is None
 
-    def _on_write(self, entry: Entry, value: int, before: int) -> None:
-        super()._on_write(entry, value, before)
-        if entry == co.CONTROLWORD:
+    def _on_write(self, place: Place, value: int, before: int) -> None:
+        super()._on_write(place, value, before)
+        if place == co.CONTROLWORD:
             self._obey(value, before)
-        elif entry == co.MODE:
+        elif place == co.MODE:
             self._change_mode(value, before)
-        elif entry == co.TARGET_VELOCITY:
-            if self._operates() and self._values(co.MODE) == _PROFILE_VELOCITY:
-                self._run(self._values(co.CONTROLWORD))
-        elif entry == co.HOMING_METHOD and value not in self.homing_methods:
-            self.objects.values[entry] = before
+        elif place == co.HOMING_METHOD and value not in self._behaviour.homing_methods:
+            self.objects.values[place] = before
             raise SdoAbortError(sdo_server.OUT_OF_RANGE)
-        elif entry == co.ERROR_COUNT:
+        elif place == co.ERROR_COUNT:
             self.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
-        else:
-            self.take_object(entry, value, before)
+        elif place == self._behaviour.encoder and value != before:
+            self._referenced = False
+            self.fail(_SENSOR_ERROR)
 
     def _change_mode(self, mode: int, before: int) -> None:
-        if mode not in self.modes:
+        if mode not in {_PROFILE_POSITION, _HOMING}:
             self.objects.values[co.MODE] = before
             raise SdoAbortError(sdo_server.OUT_OF_RANGE)
         if mode != before:
@@ -467,34 +502,32 @@ class SimulatedCia402Drive(CanopenNode):
                 self.restart()
                 return
             case 0x82:
-                self._errors = [code for code in self._errors if code not in self.reset_communication_first]
-                self.objects.load_communication()
+                self._errors = [
+                    code for code in self._errors if code not in self._behaviour.reset_communication_first
+                ]
+                self.objects.load(only_communication=True)
                 self.boot()
         self._note("nmt", f"0x{command:02X}")
 
     # State machine
 
     def _statusword(self) -> int:
-        word = self.state_bits[self._state]
+        word = self._behaviour.state_bits[self._state]
         word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
-        word |= REFERENCED if self._referenced else 0
+        word |= _REFERENCED if self._referenced else 0
         mode = self._values(co.MODE)
-        word |= TARGET_REACHED if self._has_arrived(mode) else 0
+        word |= TARGET_REACHED if self._has_arrived() else 0
         if mode == _HOMING:
             word |= HOMING_ATTAINED if self._attained else 0
             return word | (_MODE_SPECIFIC if self._homing_failed else 0)
         word |= _MODE_SPECIFIC if _FOLLOWING_ERROR in self._errors else 0
-        if mode == _PROFILE_VELOCITY:
-            return word | (SETPOINT_ACKNOWLEDGED if self._is_at_rest() else 0)
         return word | (SETPOINT_ACKNOWLEDGED if self._acknowledged else 0)
 
-    def _has_arrived(self, mode: int) -> bool:
+    def _has_arrived(self) -> bool:
         """Tell bit 10: the profile is over, and inside the window if there is one for as long as its time."""
         now_s, profile = self._clock.now_s(), self._shaft.profile
         if self._homing or self._homing_failed:
             return False
-        if mode == _PROFILE_VELOCITY and profile.segments:
-            return now_s >= profile.segments[-1].start_s
         due_s, window = profile.end_s, self.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
         if window != co.WINDOW_OFF:
             if abs(self._shaft.demand - self._shaft.actual) > window:
@@ -539,7 +572,7 @@ class SimulatedCia402Drive(CanopenNode):
         if powered != (self._state in _POWERED):
             self._hold()
 
-    def _leave_operation(self, state: DriveState, option: Entry) -> None:
+    def _leave_operation(self, state: DriveState, option: Place) -> None:
         """Go to a state without power, after braking if the option code says so (transitions 5 and 8)."""
         moves = self._state is DriveState.OPERATION_ENABLED and not self._is_at_rest()
         if moves and self._values(option) == _SLOW_DOWN:
@@ -569,10 +602,8 @@ class SimulatedCia402Drive(CanopenNode):
         mode = self._values(co.MODE)
         if mode == _HOMING:
             self._obey_homing_mode(word, before)
-        elif mode == _PROFILE_POSITION:
+        else:
             self._obey_position_mode(word, before)
-        elif mode == _PROFILE_VELOCITY:
-            self._run(word)
 
     # Modes
 
@@ -598,18 +629,6 @@ class SimulatedCia402Drive(CanopenNode):
         if not word & HALT:
             self._start_move(self._clock.now_s())
 
-    def _run(self, word: int) -> None:
-        """Profile velocity mode: run at the target velocity, or brake while Halt is set."""
-        now_s = self._clock.now_s()
-        if word & HALT:
-            self._brake(co.PROFILE_DECELERATION, now_s)
-            return
-        highest = self._values(co.MAX_PROFILE_VELOCITY)
-        rpm = max(-highest, min(highest, self._values(co.TARGET_VELOCITY)))
-        self._shaft.run(now_s, rpm * self.counts_per_speed_unit(), self._read_limits(co.PROFILE_VELOCITY))
-        self._moving = True
-        self._note("set-point", f"{rpm} rpm")
-
     def _obey_homing_mode(self, word: int, before: int) -> None:
         if word & HALT:
             if self._homing:
@@ -622,13 +641,8 @@ class SimulatedCia402Drive(CanopenNode):
         method = self._values(co.HOMING_METHOD)
         self._attained = self._homing_failed = False
         self._note("homing", f"method {method}")
-        stretches = plan_homing(
-            method,
-            self._shaft,
-            self.counts_per_turn(),
-            self.homing_offset(),
-        )
-        self._stretches = list(stretches)
+        offset = 0 if self._model.home_offset is None else self._values(self._model.home_offset)
+        self._stretches = list(plan_homing(method, self._shaft, self.counts_per_turn(), offset))
         self._homing = True
         if self._stretches:
             self._start_homing_move(self._clock.now_s())
@@ -655,9 +669,8 @@ class SimulatedCia402Drive(CanopenNode):
         self._finish_homing(now_s)
 
     def _finish_homing(self, now_s: float) -> None:
-        home = self.home_counter()
-        if self._values(co.HOMING_METHOD):
-            self._shaft.count_from(now_s, float(home))
+        home = self._model.home_position
+        self._shaft.count_from(now_s, float(0 if home is None else self._values(home)))
         self._homing = False
         self._target = self._shaft.actual
         self._attained = self._referenced = True
@@ -672,23 +685,23 @@ class SimulatedCia402Drive(CanopenNode):
 
     # Motion
 
-    def _read_limits(self, speed: Entry, acceleration: Entry | None = None) -> Limits:
+    def _read_limits(self, speed: Place, acceleration: Place | None = None) -> Limits:
         highest = self._values(co.MAX_ACCELERATION)
         up = min(highest, self._values(acceleration or co.PROFILE_ACCELERATION))
         down = min(highest, self._values(acceleration or co.PROFILE_DECELERATION))
         speed_units = min(self._values(speed), self._values(co.MAX_PROFILE_VELOCITY))
-        scale = self.counts_per_acceleration_unit()
+        scale = self.counts_per_turn() / self._acceleration_units
         return Limits(speed_units * self.counts_per_speed_unit(), up * scale, down * scale)
 
     def _start_move(self, t_s: float) -> None:
         self._shaft.go(t_s, self._target, self._read_limits(co.PROFILE_VELOCITY))
         self._moving = self._moving or not self._is_at_rest()
 
-    def _brake(self, entry: Entry, t_s: float) -> None:
+    def _brake(self, place: Place, t_s: float) -> None:
         self._waiting_target = None
         if self._moving:
-            self._note("brake", entry.name, t_s)
-        self._shaft.brake(t_s, self._values(entry) * self.counts_per_acceleration_unit())
+            self._note("brake", str(place), t_s)
+        self._shaft.brake(t_s, self._values(place) * self.counts_per_turn() / self._acceleration_units)
 
     # Faults
 
@@ -700,7 +713,7 @@ class SimulatedCia402Drive(CanopenNode):
         history = [code, *(values[entry] for entry in co.ERROR_HISTORY[:-1])]
         values |= dict(zip(co.ERROR_HISTORY, history, strict=True))
         values[co.ERROR_COUNT] = min(len(co.ERROR_HISTORY), values[co.ERROR_COUNT] + 1)
-        values[co.ERROR_REGISTER] |= self.error_register(code) | 0x01
+        values[co.ERROR_REGISTER] |= _find_register(code)
         self._note("emergency", f"0x{code:04X}", t_s)
         self._react(code, t_s)
         self.send_emergency(code, values[co.ERROR_REGISTER])
@@ -709,7 +722,7 @@ class SimulatedCia402Drive(CanopenNode):
         """Brake, or switch the power stage off at once, whichever the error and 0x605E ask for."""
         self._homing_failed = self._homing_failed or self._homing
         self._stop_homing()
-        if self._state not in _POWERED or self.loses_power(code):
+        if self._state not in _POWERED or self._loses_power(code):
             self._hold()
             self._set_state(DriveState.FAULT)
         elif self._state is not DriveState.FAULT_REACTION:
@@ -718,8 +731,15 @@ class SimulatedCia402Drive(CanopenNode):
             self._moving = True
             self._set_state(DriveState.FAULT_REACTION)
 
+    def _loses_power(self, code: int) -> bool:
+        """Tell whether an error switches the power stage off at once."""
+        powerless = self._values(co.FAULT_REACTION) == _POWER_OFF
+        return powerless or code in self._behaviour.disabling_errors | self.lasting_errors
+
     def _reset_fault(self) -> None:
-        kept = self.reset_communication_first | self.reset_node_first | self.lasting_errors
+        kept = (
+            self._behaviour.reset_communication_first | self._behaviour.reset_node_first | self.lasting_errors
+        )
         self._errors = [code for code in self._errors if code in kept]
         if self._errors:
             return
@@ -728,5 +748,10 @@ class SimulatedCia402Drive(CanopenNode):
         self.send_emergency(0, 0)
 
 
-def _clip_to_int32(value: float) -> int:
-    return max(-(2**31), min(2**31 - 1, round(value)))
+def _find_register(code: int) -> int:
+    """Return the bits that an error sets in the error register."""
+    return _GENERIC | _REGISTER.get(code >> 12, 0)
+
+
+def _clip(read: Callable[[], int], low: int, high: int) -> int:
+    return max(low, min(high, read()))

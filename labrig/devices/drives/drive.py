@@ -18,13 +18,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
+from canopen.objectdictionary import ODVariable
+
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.canopen_objects import Entry
 from labrig.devices.check_result import CheckResult
-from labrig.devices.cia402_states import DriveState
+from labrig.devices.drives.states import DriveState
 from labrig.devices.input_channel import InputValue
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
@@ -46,12 +47,15 @@ STILL_POLL_S = 0.05
 class Identity:
     """Identity that a drive reports; `versions` are its hardware and software, by their names in a record.
 
-    `serial_number` is None for a drive that has none.
+    `serial_number` is None for a drive that has none. `doubt` is what `labrig devices check` warns of, and `unguarded`
+    what a person has to confirm before the axis may move; both are phrases, empty without one.
     """
 
     model: str
     serial_number: int | None
     versions: Mapping[str, int] = field(default_factory=dict)
+    doubt: str = ""
+    unguarded: str = ""
 
     def document(self) -> dict[str, object]:
         """Return it ready for JSON."""
@@ -299,8 +303,7 @@ class DriveKind(Generic[Section]):
         (link, section, name of the axis, clock, heartbeat) -> results of `labrig devices check`; writes nothing and
         raises no `LabrigError`.
     find_object : callable
-        (section, index, subindex) -> the entry of the drive's object dictionary, None if unknown; a replay names
-        objects by it.
+        (section, index, subindex) -> the object of the drive, None if unknown; a foreign command is named by it.
     simulated_node : callable or None
         (section, wire, clock, mechanics, boot time [s]) -> a simulated drive on the wire. None if there is none: then
         a simulated rig refuses this kind.
@@ -314,7 +317,7 @@ class DriveKind(Generic[Section]):
     settings: type[Section]
     open: Callable[[CanLink, Section, str, Clock], Drive]
     check: Callable[[CanLink, Section, str, Clock, HeartbeatDescription], Iterable[CheckResult]]
-    find_object: Callable[[Section, int, int], Entry | None]
+    find_object: Callable[[Section, int, int], ODVariable | None]
     simulated_node: Callable[[Section, InProcessWire, Clock, Mechanics, float], SimulatedNode] | None = None
     example: Callable[[int], Section] | None = None
     interface: int = INTERFACE

@@ -1,0 +1,188 @@
+"""`labrig devices check` of an axis with a CiA 402 drive: it is compared with the rig file; nothing is written."""
+
+from collections.abc import Iterator
+
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.check_result import CheckResult, CheckStatus, failed
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.model import Cia402Section
+from labrig.errors import DriveError, LabrigError
+
+_GUARDS = {
+    co.ABORT_CONNECTION: "what the drive does when the computer's heartbeat stops (0x6007)",
+    co.FAULT_REACTION: "how it stops on a fault (0x605E)",
+    co.SHUTDOWN_OPTION: "how it stops when it is switched off (0x605B)",
+    co.DISABLE_OPTION: "how it stops when operation is disabled (0x605C)",
+    co.MAX_FOLLOWING_ERROR: "an axis that lags behind (0x6065)",
+    co.LOWER_LIMIT: "the lower limit in the drive (0x607D:01)",
+    co.UPPER_LIMIT: "the upper limit in the drive (0x607D:02)",
+}
+"""Objects that keep an axis safe -> what is not guarded in a drive that lacks them."""
+
+_PASS, _WARN, _FAIL = CheckStatus.PASS, CheckStatus.WARN, CheckStatus.FAIL
+
+
+def check_axis(
+    link: CanLink, axis: Cia402Section, name: str, clock: Clock, heartbeat: HeartbeatDescription
+) -> Iterator[CheckResult]:
+    """Compare an axis of the rig file with its drive."""
+    drive = Cia402Drive(link, axis, name, clock)
+    try:
+        yield _check_identity(drive, name)
+        drive.raise_if_faulted()
+        yield from _check_stated(drive, name)
+        if not axis.unknown:
+            yield _check_configuration(drive, name, heartbeat)
+        yield _check_reference(drive, name)
+        yield _check_limits(drive, name)
+        if not axis.unknown:
+            yield _check_current(drive, name)
+        yield from _check_inputs(drive, name)
+        yield _check_guards(drive, name)
+    except LabrigError as error:
+        yield failed(f"drive {name}", error)
+
+
+def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
+    identity = drive.read_identity()
+    versions = (f"{key.replace('_', ' ')} 0x{value:04X}" for key, value in identity.versions.items())
+    value = ", ".join((f"node {drive.node_id}: {identity.model}", *versions))
+    value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
+    if not identity.doubt:
+        return CheckResult(f"drive {name}", _PASS, value)
+    return CheckResult(
+        f"drive {name}",
+        _WARN,
+        f"{value}; {identity.doubt}",
+        "a run reads every setting back; try homing, jog and the emergency stop without a needle first",
+    )
+
+
+def _check_stated(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
+    """Compare encoder and units, which are never written."""
+    for stated, compare in drive.comparisons():
+        check = f"{stated.key} {name}"
+        try:
+            compare()
+        except DriveError as error:
+            yield CheckResult(check, _WARN if stated.value is None else _FAIL, error.message, error.hint)
+        else:
+            yield CheckResult(check, _PASS, f"{stated.value}, as in the drive")
+
+
+def _check_configuration(drive: Cia402Drive, name: str, heartbeat: HeartbeatDescription) -> CheckResult:
+    """Compare every setting with the value that a run will write, and the fingerprint with that of the rig file."""
+    check, model = f"configuration {name}", drive.model
+    settings = model.list_settings(drive.section) | drive.consume(heartbeat)
+    others = [str(place) for place, value in settings.items() if drive.upload(place) != value]
+    value = f"{len(settings)} settings as the rig file has them"
+    if others:
+        value = f"a run sets {len(others)} of {len(settings)} settings: {', '.join(others)}"
+    if model.fingerprint:
+        value += f"; fingerprint {list(drive.read_fingerprint())}"
+    try:
+        drive.require_fingerprint()
+    except DriveError as error:
+        return failed(check, error)
+    return CheckResult(check, _PASS, value)
+
+
+def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
+    state = drive.decode(drive.statusword()).name
+    if drive.is_referenced():
+        return CheckResult(f"reference {name}", _PASS, f"referenced, {state}")
+    return CheckResult(
+        f"reference {name}",
+        _WARN,
+        f"not referenced, {state}",
+        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
+    )
+
+
+def _check_limits(drive: Cia402Drive, name: str) -> CheckResult:
+    """Compare the limits in the drive with those of the rig file; without a reference it has none."""
+    check, axis = f"limits {name}", drive.section
+    value = f"[{axis.limits[0]:g}, {axis.limits[1]:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
+    expected = {} if axis.unknown else drive.limit_settings(axis.limits)
+    if not expected:
+        return CheckResult(check, _PASS, f"{value}; not compared with the drive")
+    if not drive.is_referenced():
+        return CheckResult(check, _PASS, f"{value}; the drive has none until referenced")
+    found = {place: drive.upload(place) for place in expected}
+    if found == expected:
+        return CheckResult(check, _PASS, f"{value}, also in the drive")
+    low, high = found.values()
+    return CheckResult(
+        check,
+        _WARN,
+        f"{value}; the drive holds {low} to {high} {axis.count_unit}",
+        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
+    )
+
+
+def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
+    """Compare the current limit of the rig file with that of the drive; a run writes the lower one."""
+    check, asked_ma = f"current {name}", drive.section.max_current_ma
+    own_ma, now_ma = drive.current_limit_ma(), drive.current_ma()
+    now = "not reported" if now_ma is None else f"{now_ma:.0f} mA"
+    try:
+        drive.require_limits()
+    except DriveError as error:
+        return failed(check, error)
+    if own_ma is None:
+        return CheckResult(
+            check,
+            _WARN,
+            f"{now}; neither limited nor guarded against a stall: labrig knows no current limit of this drive",
+            f"name its object in the rig file, or set the limit in {drive.model.tool}",
+        )
+    if asked_ma is None:
+        return CheckResult(
+            check,
+            _WARN,
+            f"{now}; limit {own_ma} mA, the drive's own; not guarded against a stall",
+            f"write axes.{name}.max_current_ma: the least with which the axis still moves freely, and some more",
+        )
+    return CheckResult(check, _PASS, f"{now}; limit {asked_ma} mA, the drive's own {own_ma} mA")
+
+
+def _check_inputs(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
+    """Read each input that the rig file names, and compare it with its limits."""
+    for channel_name, value in drive.read_inputs().items():
+        channel = drive.section.inputs[channel_name]
+        limits = channel.format_limits() or "only recorded"
+        what = f"{channel.format_value(value)} at {channel.source} of the drive of axis {name}, {limits}"
+        excess = channel.find_excess(channel_name, name, value)
+        if excess is None:
+            yield CheckResult(f"input {channel_name}", _PASS, what)
+        else:
+            yield CheckResult(f"input {channel_name}", _WARN, f"{what}: no run begins", excess.hint)
+
+
+def _check_guards(drive: Cia402Drive, name: str) -> CheckResult:
+    """Read how the drive stops by itself, and name what it does not guard."""
+    model, found = drive.model, {place: drive.find(place) for place in _GUARDS}
+    missing = [guard for place, guard in _GUARDS.items() if found[place] is None]
+    optional = {
+        "the motor current": drive.current_ma() is None,
+        "a limit of the current": drive.current_limit_ma() is None,
+        f"a stall ({model.following_error})": not model.has(model.following_error),
+        f"limit switches ({model.inputs})": not model.has(model.inputs),
+        "encoder and units": not any(model.has(stated.place) for stated in model.stated),
+        "whether it kept its reference (referenced_bit)": model.referenced_bit is None,
+    }
+    missing += [guard for guard, is_missing in optional.items() if is_missing]
+    if missing:
+        return CheckResult(
+            f"guards {name}",
+            _WARN,
+            f"not reported or not guarded by the drive: {'; '.join(missing)}",
+            "name the manufacturer's objects in the rig file if the drive has them; watch the axis for the others",
+        )
+    options = (f"{place} = {found[place]}" for place in model.stop_options if place in found)
+    return CheckResult(
+        f"guards {name}", _PASS, f"{', '.join(options)}; a run sets and reads back what it needs"
+    )

@@ -1,0 +1,639 @@
+"""The driver of CiA 402 drives in profile position mode over CANopen; a `Model` tells what a product has of its own.
+
+What is decided here
+--------------------
+- SDO goes through our own client. `canopen`'s `BaseNode402` is not used: it resets faults and enables power by itself,
+  and its signs of homing methods are wrong for maxon.
+- While axes move, each drive sends statusword, position and motor current at each SYNC in one process-data frame of 8
+  bytes, instead of six SDO frames; inputs that the rig file names, and what does not fit, go into a second frame. A
+  missing report is requested by SDO and counted. Current and inputs are mapped while the node is pre-operational and
+  without power, behind statusword and position, which stand there by default. If the drive refuses it, the mapping is
+  as before; if it is another one, SDO does all of it. The mapping is not stored: it ends with the drive's power.
+- Nothing counts until it has been read back: each setting after writing, both edges of the set-point acknowledge, the
+  position at the end of a move, standstill after a stop. A value out of the range of the EDS file is not sent.
+- Only `enable` switches power on. It sets Halt and takes the actual position as target, so nothing moves until a move
+  is commanded. Only `reset_fault` resets a fault, after a person has confirmed.
+- Only settings that differ are written. What vouches for the drive's configuration is written back afterwards.
+- A lost heartbeat, a fault and a quick stop have option codes; all are set. CiA 402 allows 0 in 0x6007, with which the
+  axis would keep moving.
+- A lost heartbeat, an EMCY and a boot-up of the drive become errors at the next call of `check` or `read`.
+- If the EDS file cannot be read, the widths of the standard are used: enough to stop the drive; `identify` refuses it.
+- Uncertain until tried on a device: whether bit 12 falls when homing starts, as a fresh attained bit requires (if not,
+  homing ends in its timeout with the axis halted); whether two nodes with one id both answer (on a wire they may
+  destroy each other's frames and seem silent); whether a drive accepts homing here by method 37 at once; whether a
+  drive with 0x6007 = 1 goes to fault when its heartbeat ends.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import (
+    STILL_COUNTS,
+    STILL_POLL_S,
+    DriveReading,
+    Homing,
+    RoundedMove,
+    raise_together,
+)
+from labrig.devices.drives.eds import find_default
+from labrig.devices.drives.model import Cia402Section
+from labrig.devices.drives.node import (
+    NMT_RESET_COMMUNICATION,
+    NMT_START,
+    NMT_STOPPED,
+    OBEYED_IDS,
+    SENT_IDS,
+    DriveNode,
+)
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.reports import REPORT_PDO, DriveReports
+from labrig.devices.drives.sdo import CHECK_POWER, NO_OBJECT
+from labrig.devices.drives.states import (
+    CHANGE_IMMEDIATELY,
+    ENABLE,
+    FAULT_RESET,
+    FAULTED,
+    HALT,
+    HOMING_ATTAINED,
+    HOMING_ERROR,
+    NEW_SETPOINT,
+    QUICK_STOP,
+    SETPOINT_ACKNOWLEDGED,
+    TARGET_REACHED,
+    DriveState,
+    TargetState,
+    decode_state,
+    is_attained,
+    plan_controlword,
+)
+from labrig.devices.homing import HOMING_HERE
+from labrig.devices.input_channel import InputValue
+from labrig.errors import DriveError, DriveFaultError, DriveRefusedError
+
+POLL_S = 0.005
+ANSWER_TIME_S = 1.0
+"""Longest rig time to reach a state, acknowledge a set-point or finish homing at the present position."""
+
+LONGEST_STILL_TIME_S = 0.4
+"""Time for which a position must stay within the dither if the speed of the slowest creep is unknown [s]."""
+
+_RESET_TIME_S = 0.05
+"""Time that a drive gets to reset a fault."""
+
+_NO_ACTION = 0
+"""Value of 0x6007 with which a drive moves on when the computer falls silent."""
+
+
+def still_time_s(slowest_counts_per_s: float | None) -> float:
+    """Return the time for which a position must stay within `STILL_COUNTS` before an axis counts as still [s].
+
+    In this time the slowest commandable speed moves the counter by more than the dither at both ends, so a creep never
+    counts as standstill. The time is at most `LONGEST_STILL_TIME_S`, also if the speed is unknown (None); a slower
+    creep is not noticed.
+    """
+    if slowest_counts_per_s is None:
+        return LONGEST_STILL_TIME_S
+    return min((2 * STILL_COUNTS + 1) / slowest_counts_per_s, LONGEST_STILL_TIME_S)
+
+
+class Cia402Drive(DriveNode):
+    """One drive.
+
+    Parameters
+    ----------
+    link : CanLink
+        The bus.
+    section : Cia402Section
+        Section of its axis in the rig file; may be incomplete, or name an EDS file that cannot be read.
+    axis : str
+        Name of its axis, for messages.
+    clock : Clock
+        Time for timeouts.
+    """
+
+    def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
+        super().__init__(link, section, axis, clock)
+        slowest = None if section.unknown else self.scale.counts_per_turn / self.scale.speed_units
+        self._readings_until_still = 1 + math.ceil(still_time_s(slowest) / STILL_POLL_S)
+        self._offset_counts = 0
+        self._target: int | None = None
+        self._settings: dict[Place, int] = {}
+        self._dead_man: dict[str, int | None] = {}
+        self._heartbeat: HeartbeatDescription | None = None
+        self._own_limit: dict[Place, int] = {}
+        self._written: tuple[Place, ...] = ()
+        self._was_enabled = self._has_homed = False
+        self._reports = DriveReports(self, link)
+
+    # Units
+
+    def _counter(self, position: float) -> int:
+        """Return the drive's counter at a position."""
+        return self.scale.to_counts(position) - self._offset_counts
+
+    def _position(self, counter: int) -> float:
+        """Return the position at a value of the drive's counter."""
+        return self.scale.to_position(counter + self._offset_counts)
+
+    @property
+    def _window_counts(self) -> int:
+        return self.scale.to_distance_counts(self.section.position_window)
+
+    # Connecting
+
+    def require_limits(self) -> None:
+        """Refuse a current limit or a speed of the rig file above the drive's own. Raises `DriveError`."""
+        failures, tool, section = [], self.model.tool, self.section
+        asked_ma, own_ma = section.max_current_ma, self.current_limit_ma()
+        if asked_ma is not None and own_ma is not None and asked_ma > own_ma:
+            failures.append(
+                DriveError(
+                    f"{self.name} limits its current to {own_ma} mA, the rig file says max_current_ma {asked_ma}",
+                    f"write {own_ma} or less into the rig file, or raise the limit in {tool} if the motor bears it",
+                )
+            )
+        place = self.model.motor_speed_limit
+        own, units = (
+            None if place is None else self.upload(place),
+            self.scale.to_speed_units(section.max_speed),
+        )
+        if own is not None and units > own:
+            failures.append(
+                DriveError(
+                    f"{self.name} limits its motor to {own} ({place}), max_speed "
+                    f"{section.max_speed:g} {section.unit}/s of the rig file is {units} {section.speed_unit}",
+                    f"write max_speed: {self.scale.to_speed(own):.4g} or less, or correct the limit in {tool}",
+                )
+            )
+        raise_together(failures)
+
+    def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
+        """Switch the drive off, write its settings, and make it stop by itself; its heartbeat is monitored now."""
+        self._fingerprint = ()  # written back last
+        found = self.read_fingerprint()
+        self.send_nmt(NMT_START)
+        self.raise_if_faulted()
+        self.stop()
+        self.settle(ANSWER_TIME_S)
+        self.go_to(TargetState.POWER_OFF)
+        self.require_limits()
+        self._heartbeat = heartbeat
+        self.watch(heartbeat)
+        self._settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
+        written = self.adjust(self._settings)
+        self._reports.switch_on()
+        self._written = (*written, *self._make_stop_by_itself(heartbeat))
+        self._fingerprint = found
+        self.adjust(dict(zip(self.model.fingerprint, found, strict=True)))
+
+    def _limit_current(self, max_current_ma: int | None) -> dict[Place, int]:
+        """Return the setting that limits the current, and keep the drive's own for `close`."""
+        if max_current_ma is None:
+            return {}
+        found = self._reports.current_limit
+        if found is None:
+            raise DriveError(
+                f"{self.name} has no current limit that labrig can set, asked for {max_current_ma} mA",
+                f"set it in {self.model.tool}; --current-ma 0, and a rig file without max_current_ma, ask for none",
+            )
+        place, milliamperes = found
+        own = self.upload(place)
+        self._own_limit = {place: own}
+        return {place: min(math.floor(max_current_ma / milliamperes), own)}
+
+    def describe(self) -> dict[str, object]:
+        """Return conversion and settings of the drive, for the record."""
+        return {
+            "node_id": self.node_id,
+            "eds": self.model.eds.product_name,
+            "counts_per_unit": self.scale.counts_per_unit,
+            "speed_units_per_speed": self.scale.speed_units_per_speed,
+            "speed_unit": self.section.speed_unit,
+            "drive_settings": {str(place): value for place, value in self._settings.items()} | self._dead_man,
+            "settings_written": [str(place) for place in self._written],
+            "dead_man": dict(self._dead_man),
+            "retries": self.sdo.retries + self._reports.pdos.missed,
+            "strays": self.sdo.strays + self._reports.pdos.strays,
+        }
+
+    def close(self) -> None:
+        """Switch power off, restore the current limit, and end both heartbeats without a fault."""
+        self.go_to(TargetState.POWER_OFF)
+        self._silence_s = math.inf
+        self.adjust({**self._own_limit, co.CONSUMER_HEARTBEAT: 0, co.PRODUCER_HEARTBEAT: 0})
+
+    # Stopping by itself
+
+    def _make_stop_by_itself(self, heartbeat: HeartbeatDescription) -> Iterator[Place]:
+        """Make the drive stop when the computer's heartbeat does, and obey nobody else; yield what was written.
+
+        Raises
+        ------
+        DriveError
+            When it does not keep one of the settings, among them an option that means "no action".
+        """
+        used = {co.TRANSMIT_PDO_COB_IDS[pdo] for pdo in (REPORT_PDO, *self._reports.pdos.switched_on)}
+        pdos = (*self.pdos(OBEYED_IDS), *self.pdos(SENT_IDS))
+        unused = [place for place in pdos if place not in used and self.model.takes(place)]
+        settings = {
+            **self.consume(heartbeat),
+            **{place: value for place, value in self.model.stop_options.items() if self.model.has(place)},
+            **{place: self.upload(place) | co.PDO_INVALID for place in unused},
+        }
+        self._dead_man = {}
+        for place, value in settings.items():
+            self._clock.sleep(0.0)  # lets a heartbeat that is due be sent
+            self._dead_man[str(place)] = value
+            try:
+                if self.ensure(place, value):
+                    yield place
+            except DriveError as error:
+                if not isinstance(error, DriveRefusedError) or error.code != NO_OBJECT:
+                    raise self._unsafe(place, error) from error
+                self._dead_man[str(place)] = None
+
+    def _unsafe(self, place: Place, error: DriveError) -> DriveError:
+        """Return the error of a drive that does not take what makes it stop by itself."""
+        if place == co.ABORT_CONNECTION and self.upload(place) == _NO_ACTION:
+            return error.reword(
+                f"{self.name} takes no action when the computer falls silent ({place} = {_NO_ACTION}): {error.message}",
+                f"set {place} in {self.model.tool} and save it; nothing else stops this drive if labrig ends",
+            )
+        return error.reword(
+            f"{error.message}; its dead-man cannot be relied upon",
+            f"set {place} in {self.model.tool} and save it",
+        )
+
+    # States
+
+    def decode(self, statusword: int) -> DriveState:
+        """Return the state that a statusword shows."""
+        if statusword & self.model.PASSING_BITS in self.model.passing:
+            return DriveState.PASSING
+        return decode_state(statusword)
+
+    def statusword(self) -> int:
+        """Return the statusword."""
+        statusword = self.upload(co.STATUSWORD)
+        self._note_state(statusword)
+        return statusword
+
+    def _note_state(self, statusword: int) -> None:
+        self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
+
+    def go_to(self, goal: TargetState) -> None:
+        """Bring the drive to a goal of its state machine.
+
+        Raises
+        ------
+        DriveError
+            On a fault if it is to be enabled, or when it stays in a state, or returns to it, for too long.
+        """
+        since_s: dict[DriveState, float] = {}
+        while True:
+            statusword = self.statusword()
+            state, now_s = self.decode(statusword), self._clock.now_s()
+            if goal is TargetState.ENABLED:
+                self._refuse_fault(statusword)
+            if is_attained(state, goal):
+                return
+            if now_s - since_s.setdefault(state, now_s) > ANSWER_TIME_S:
+                raise DriveError(
+                    f"{self.name} stayed in {state.name} for {ANSWER_TIME_S:g} s "
+                    f"on the way to {goal.name} (statusword 0x{statusword:04X})",
+                    f"look at its status in {self.model.tool}",
+                )
+            controlword = plan_controlword(state, goal)
+            if controlword is not None:
+                self.download(co.CONTROLWORD, controlword)
+            self._clock.sleep(POLL_S)
+
+    def enable(self) -> None:
+        """Switch the power stage on; the axis holds its position."""
+        self._set_mode(co.PROFILE_POSITION)
+        self.download(co.CONTROLWORD, HALT)
+        self.download(co.TARGET_POSITION, self.counter())
+        self.go_to(TargetState.ENABLED)
+
+    def _set_mode(self, mode: int) -> None:
+        """Set the mode of operation, and wait until the drive is in it."""
+        self.ensure(co.MODE, mode)
+        deadline_s = self._clock.now_s() + ANSWER_TIME_S
+        while self.model.has(co.MODE_DISPLAY) and (found := self.upload(co.MODE_DISPLAY)) != mode:
+            if self._clock.now_s() > deadline_s:
+                raise DriveError(
+                    f"{self.name} stayed in mode of operation {found} (0x6061) when {mode} was requested",
+                    f"look at its status in {self.model.tool}",
+                )
+            self._clock.sleep(POLL_S)
+
+    # Reading
+
+    def counter(self) -> int:
+        """Return the actual position [counts]."""
+        return self.upload(co.POSITION_ACTUAL)
+
+    def position(self) -> float:
+        """Return the position of the axis [mm or rad]."""
+        return self._position(self.counter())
+
+    def target(self) -> float | None:
+        """Return the target position that the drive now has [mm or rad]."""
+        return self._position(self.upload(co.TARGET_POSITION))
+
+    def expect_report(self) -> None:
+        """Drop earlier reports: the next `read` is that of the coming SYNC."""
+        self._reports.expect()
+
+    def read(self) -> DriveReading:
+        """Read statusword, position and load. Raises `DriveError` if the drive cannot move."""
+        values = self._reports.read()
+        statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
+        self._note_state(statusword)
+        self.refuse_unless_enabled(statusword)
+        arrived = self._target is None or (
+            bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
+        )
+        return DriveReading(
+            self._position(counter),
+            statusword,
+            DriveState.OPERATION_ENABLED,
+            arrived,
+            self._reports.convert_current(values),
+            self._reports.convert_inputs(values),
+        )
+
+    def read_inputs(self) -> dict[str, InputValue]:
+        """Return what the inputs read that its section names."""
+        return self._reports.read_inputs()
+
+    def current_ma(self) -> float | None:
+        """Return the motor current, with its sign [mA]; None if the drive does not measure it."""
+        found = self._reports.current
+        return None if found is None else self.upload(found[0]) * found[1]
+
+    def current_limit_ma(self) -> int | None:
+        """Return the limit of the output current [mA]; None if the drive has none."""
+        found = self._reports.current_limit
+        return None if found is None else math.floor(self.upload(found[0]) * found[1])
+
+    def set_current_limit(self, limit_ma: int) -> None:
+        """Set the limit of the output current, where the drive has one [mA]."""
+        found = self._reports.current_limit
+        if found is not None:
+            self.adjust({found[0]: round(limit_ma / found[1])})
+
+    def lag(self) -> float | None:
+        """Return the following error, with its sign [mm or rad]; None if the drive does not tell it."""
+        place = self.model.following_error
+        return self.upload(place) / self.scale.counts_per_unit if self.model.has(place) else None
+
+    # Moving
+
+    def round_move(self, position: float, speed: float) -> RoundedMove:
+        """Return the nearest move in whole counts and units of speed."""
+        sent = self._counter(position), self.scale.to_speed_units(speed)
+        names = dict(zip(self.model.sent_names, sent, strict=True))
+        return RoundedMove(self._position(sent[0]), self.scale.to_speed(sent[1]), names)
+
+    def start_move(self, position: float, speed: float) -> None:
+        """Start a move to an absolute position [mm or rad, per s]."""
+        self._target = self._counter(position)
+        self.start_profile(self._target, self.scale.to_speed_units(speed))
+
+    def start_profile(self, target: int, speed_units: int) -> None:
+        """Start a profile to a counter, in units of speed of the drive, with both edges of the set-point handshake."""
+        # The drive takes a set-point at the rising edge of its bit; an acknowledge of an earlier one would seem
+        # to be its own.
+        self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "get ready for a set-point")
+        self._refuse_unless_enabled(self.statusword())
+        self._set_mode(co.PROFILE_POSITION)
+        self.adjust({co.PROFILE_VELOCITY: speed_units})
+        self.download(co.TARGET_POSITION, target)
+        self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT | CHANGE_IMMEDIATELY)
+        self._wait_for_bit(SETPOINT_ACKNOWLEDGED, SETPOINT_ACKNOWLEDGED, "acknowledge the set-point")
+        self.download(co.CONTROLWORD, ENABLE)
+        self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "take back the acknowledge of the set-point")
+
+    def _wait_for_bit(self, mask: int, wanted: int, what: str) -> None:
+        deadline_s = self._clock.now_s() + ANSWER_TIME_S
+        while (statusword := self.statusword()) & mask != wanted:
+            self.refuse_unless_enabled(statusword)
+            if self._clock.now_s() > deadline_s:
+                raise DriveError(
+                    f"{self.name} did not {what} within {ANSWER_TIME_S:g} s (statusword 0x{statusword:04X})",
+                    f"look at its status in {self.model.tool}",
+                )
+            self._clock.sleep(POLL_S)
+
+    # Stopping
+
+    def post_stop(self, *, quick: bool = False) -> None:
+        """Send Halt to a drive that was last known enabled, or a quick stop to any, and wait for no answer.
+
+        A node that somebody has stopped takes no request until it is started again. Raises `BusError`.
+        """
+        if quick or self._was_enabled:
+            if self._nmt_state == NMT_STOPPED:
+                self.send_nmt(NMT_START)
+            data = self.variable(co.CONTROLWORD).encode_raw(QUICK_STOP if quick else ENABLE | HALT)
+            self.sdo.post(co.CONTROLWORD, data)
+
+    def stop(self, *, quick: bool = False) -> None:
+        """Decelerate and hold, if power is on; a quick stop leaves operation enabled, and wakes a stopped node."""
+        if quick:
+            self.do_awake(lambda: self.go_to(TargetState.QUICK_STOPPED))
+        elif self.decode(self.statusword()) is DriveState.OPERATION_ENABLED:
+            self.download(co.CONTROLWORD, ENABLE | HALT)
+
+    def settle(self, within_s: float) -> None:
+        """Return when the axis stands still. Raises `DriveError` if it still moves after `within_s`."""
+        for _ in self.wait_until_still(within_s):
+            self._clock.sleep(STILL_POLL_S)
+
+    def wait_until_still(self, within_s: float) -> Iterator[None]:
+        """Poll the position until all readings of `still_time_s` lie within the dither.
+
+        Ends when the axis stands still; until then the caller lets `STILL_POLL_S` pass after each reading.
+        """
+        deadline_s = self._clock.now_s() + within_s
+        readings = deque([self.counter()], maxlen=self._readings_until_still)
+        while len(readings) < self._readings_until_still or max(readings) - min(readings) > STILL_COUNTS:
+            if self._clock.now_s() > deadline_s:
+                raise DriveError(
+                    f"{self.name} still moves {within_s:.1f} s after it was stopped "
+                    f"({readings[0]} -> {readings[-1]} {self.section.count_unit})",
+                    "press the emergency stop",
+                )
+            yield
+            readings.append(self.counter())
+
+    # Reference
+
+    def home(self, homing: Homing) -> Iterator[None]:
+        """Home, and hold at home in profile position mode; the caller lets time pass at each turn."""
+        self._offset_counts, self._target, self._has_homed = 0, None, False
+        due_s = self._clock.now_s() + homing.timeout_s
+        settings = self._list_homing_settings(homing)
+        self._set_mode(co.HOMING)
+        self.adjust(settings)
+        self.download(co.CONTROLWORD, ENABLE)
+        # An attained bit from an earlier homing does not count until it has fallen.
+        is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HOMING_HERE
+        self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
+        while True:
+            statusword = self.statusword()
+            self.refuse_unless_enabled(statusword)
+            if statusword & HOMING_ERROR:
+                raise DriveError(
+                    f"{self.name} did not find home (statusword 0x{statusword:04X})",
+                    "check switches, current threshold and direction of its homing",
+                )
+            is_fresh |= not statusword & HOMING_ATTAINED
+            if is_fresh and statusword & HOMING_ATTAINED and statusword & TARGET_REACHED:
+                break
+            if self._clock.now_s() > due_s:
+                raise DriveError(f"{self.name} did not find home in time", "see its homing section")
+            yield
+        yield from self.wait_until_still(ANSWER_TIME_S)
+        self._hold_at_home(homing)
+
+    def _list_homing_settings(self, homing: Homing) -> dict[Place, int]:
+        """Return the settings that a homing needs."""
+        model, scale, method = self.model, self.scale, homing.method
+        if (homing.offset and model.home_offset is None) or (homing.position and model.home_position is None):
+            raise DriveError(
+                f"{self.name} has no home position but zero and no distance off a switch, as far as labrig knows",
+                "name the object of the home position in objects.home_position of this axis",
+            )
+        settings = {
+            co.HOMING_METHOD: model.home_here if method == HOMING_HERE else method,
+            co.HOME_OFFSET: 0,
+        }
+        if model.home_offset is not None:
+            away = -self.section.homing_directions.get(method, 0)
+            settings[model.home_offset] = away * round(homing.offset * scale.counts_per_unit)
+        if model.home_position is not None:
+            settings[model.home_position] = scale.to_counts(homing.position)
+        if method != HOMING_HERE:
+            units = scale.to_speed_units(homing.speed)
+            settings[co.HOMING_SPEED_SWITCH] = units
+            settings[co.HOMING_SPEED_INDEX] = max(1, units // 10)
+            settings[co.HOMING_ACCELERATION] = scale.to_acceleration_units(self.section.acceleration)
+        threshold_ma = self.section.homing_current_ma(method)
+        if model.homing_current is not None and threshold_ma is not None:
+            settings[model.homing_current] = threshold_ma
+        return {place: value for place, value in settings.items() if model.has(place)}
+
+    def _hold_at_home(self, homing: Homing) -> None:
+        """Hold, after checking the counter: even a fresh bit can be wrong, and makers differ in the sign of a home."""
+        counter, home = self.counter(), self.scale.to_counts(homing.position)
+        reads = f"{self.name} reads {counter} {self.section.count_unit}"
+        if homing.method == HOMING_HERE and abs(counter - home) > STILL_COUNTS:
+            raise DriveError(f"{reads} after homing here, expected {home}", CHECK_POWER)
+        self.download(co.CONTROLWORD, ENABLE | HALT)
+        self.download(co.TARGET_POSITION, counter)
+        self._set_mode(co.PROFILE_POSITION)
+        if abs(counter - home) > abs(counter + home):
+            raise DriveError(
+                f"{reads} at home, {home} was requested: it uses the opposite sign for the home position",
+                "leave objects.home_position out, and write homing.position: 0",
+            )
+        self._has_homed = True
+
+    def is_referenced(self) -> bool:
+        """Tell whether the drive has its reference; a drive that cannot tell has it only until it is closed."""
+        bit = self.model.referenced_bit
+        if bit is None:
+            return self._has_homed and not self.has_restarted
+        return bool(self.statusword() >> bit & 1)
+
+    def assume_position(self, position: float) -> None:
+        """Assume that the axis is at this position [mm or rad]; the drive keeps its counter."""
+        self._offset_counts = self.scale.to_counts(position) - self.counter()
+        self._target = None
+
+    def limit_settings(self, limits: tuple[float, float] | None) -> dict[Place, int]:
+        """Return the limits of the drive, wider by the window: a count beyond them is a fault. None: no limits."""
+        places = (co.LOWER_LIMIT, co.UPPER_LIMIT)
+        if not all(map(self.model.has, places)):
+            return {}
+        if limits is None:
+            return {place: find_default(self.variable(place)) for place in places}
+        low, high = sorted(map(self.scale.to_counts, limits))
+        return dict(zip(places, (low - self._window_counts, high + self._window_counts), strict=True))
+
+    def set_limits(self, limits: tuple[float, float] | None) -> None:
+        """Set the limits of the drive, if it has any; None removes them."""
+        self.adjust(self.limit_settings(limits))
+
+    # Faults
+
+    def raise_if_faulted(self) -> None:
+        """Raise a fault that the drive has reported or that its statusword shows. Raises `DriveError`."""
+        self.check()
+        self._refuse_fault(self.statusword())
+
+    def refuse_unless_enabled(self, statusword: int) -> None:
+        """Refuse a statusword with which the drive cannot move. Raises `DriveError`."""
+        self.check()
+        self._refuse_unless_enabled(statusword)
+
+    def _refuse_unless_enabled(self, statusword: int) -> None:
+        state = self.decode(statusword)
+        if state is DriveState.OPERATION_ENABLED:
+            return
+        self._refuse_fault(statusword)
+        raise DriveError(
+            f"{self.name} is in {state.name} (statusword 0x{statusword:04X}), expected OPERATION_ENABLED",
+            "open the rig again once the cause is known",
+        )
+
+    def _refuse_fault(self, statusword: int) -> None:
+        if self.decode(statusword) in FAULTED:
+            raise self.make_fault(self.find_error_code(), self.upload(co.ERROR_REGISTER))
+
+    def faults(self) -> tuple[DriveFaultError, ...]:
+        """Return the newest fault, if the statusword shows one."""
+        try:
+            self._refuse_fault(self.upload(co.STATUSWORD))
+        except DriveFaultError as fault:
+            return (fault,)
+        return ()
+
+    def reset_fault(self) -> None:
+        """Reset a fault that a person has confirmed; power stays off and nothing moves.
+
+        Raises
+        ------
+        DriveFaultError
+            When the cause persists.
+        """
+        faults = self.faults()
+        if not faults:
+            return
+        if faults[0].code in self.model.reset_communication_first:
+            self._reset_communication()
+        self.download(co.CONTROLWORD, 0)
+        self.download(co.CONTROLWORD, FAULT_RESET)
+        self._clock.sleep(_RESET_TIME_S)
+        self.download(co.CONTROLWORD, 0)
+        self._emergency = None
+        for fault in self.faults():
+            raise fault.reword(f"{fault.message}; it could not be reset, its cause is still there")
+
+    def _reset_communication(self) -> None:
+        """Reset the communication, and restore what that clears: heartbeats and report, once configured."""
+        self.send_nmt(NMT_RESET_COMMUNICATION)
+        self._clock.sleep(ANSWER_TIME_S)
+        self.has_restarted = False
+        self.send_nmt(NMT_START)
+        if self._heartbeat is not None:
+            self.watch(self._heartbeat)
+            self.adjust(self.consume(self._heartbeat))
+            self._reports.switch_on()

@@ -1,0 +1,396 @@
+"""The kind of drive `cia402`: any CiA 402 drive in profile position mode; its EDS file states which objects it has.
+
+What is decided here
+--------------------
+- Object widths are those of the EDS file, and a value out of an object's range is refused before it is sent.
+- Units are compared if the drive reports them (0x60A9, 0x60AA) and never written; the same holds for counts per turn.
+- Bit 15 of the statusword is manufacturer-specific: a reference counts after reopening only if the section names the
+  bit that reports it.
+- Home has position zero unless the section names the object for another position: makers differ in the sign of 0x607C.
+- Uncertain until tried on a device: whether both limits at 0 switch the limits of an EPOS4 off, as its EDS file has
+  them.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import AfterValidator, Field
+
+from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
+from labrig.devices.can_description import HeartbeatDescription, NodeId
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.check import check_axis
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.drive import DriveKind, Identity
+from labrig.devices.drives.eds import Eds, find_bounds, read_eds, read_own_eds
+from labrig.devices.drives.errors import EPOS4_ERRORS
+from labrig.devices.drives.model import STOP_OPTIONS, Asked, Cia402Section, Model, Stated, find_object
+from labrig.devices.drives.objects import Place
+from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.kinds import simulate_cia402
+from labrig.devices.units import AxisScale
+from labrig.errors import DriveError, InputError
+from labrig.protocol.model import Conflict
+from labrig.protocol.model import Model as Section
+
+_PROFILE = 402
+_NEEDED_MODES = {0: "profile position", 5: "homing"}
+"""Bit of 0x6502 -> mode of operation."""
+
+_WRITTEN = (
+    co.CONSUMER_HEARTBEAT,
+    co.PRODUCER_HEARTBEAT,
+    co.CONTROLWORD,
+    co.MODE,
+    co.TARGET_POSITION,
+    co.PROFILE_VELOCITY,
+    co.PROFILE_ACCELERATION,
+    co.QUICK_STOP_DECELERATION,
+    co.HOMING_METHOD,
+)
+_READ = (
+    co.DEVICE_TYPE,
+    co.ERROR_REGISTER,
+    co.VENDOR_ID,
+    co.PRODUCT_CODE,
+    co.STATUSWORD,
+    co.POSITION_ACTUAL,
+)
+"""These and `_WRITTEN` are required: profile position mode, homing, and the stop on a lost heartbeat."""
+
+VELOCITY_CODES = {0xB447: "rpm", 0xB403: "turns/s", 0xB503: "counts/s"}
+ACCELERATION_CODES = {0xC003: "rpm/s"}
+"""Numerator and denominator of 0x60A9 and 0x60AA (CiA 303-2; 0xC0 is maxon's) -> the unit in a rig file."""
+
+_HALT_BY_RAMP = 1
+
+
+def _check_name(name: str) -> str:
+    if not name.isprintable() or name != name.strip():
+        raise ValueError("a name cannot start or end with a space, or contain a control character")
+    parts = name.replace("\\", "/").split("/")
+    if not all(parts) or ".." in parts or ":" in name:
+        raise ValueError("the file must be in the folder of the rig file or below it")
+    return name
+
+
+PlaceText = Annotated[str, Field(pattern=r"^0x[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$")]
+"""Index and subindex of an object, such as 0x3001:02."""
+
+
+class Cia402Homing(HomingDescription):
+    """Homing of an axis."""
+
+    method: Literal[35, 1, 2, 17, 18] = 35
+    """Homing method of CiA 402. 35: home is the present position, on confirmation. 17, 18: to the negative or
+    positive limit switch. 1, 2: the same, then to the index."""
+
+
+class ObjectsOfMaker(Section):
+    """Objects of the manufacturer, such as 0x3001:02; labrig uses those that are named."""
+
+    home_position: PlaceText | None = None
+    """Counter value at home: 0x30B0:00 of an EPOS4, 0x607C:00 of many others. null: zero, and homing.position
+    must be 0."""
+    counts_per_turn: PlaceText | None = None
+    """Counts per turn of the motor, compared with counts_per_turn: 0x3000:05 of an EPOS4. null: not compared."""
+    current_ma: PlaceText | None = None
+    """Motor current [mA]: 0x30D1:01 of an EPOS4. null: 0x6078 or 0x6077, and 0x6075, if the drive has them."""
+    current_limit_ma: PlaceText | None = None
+    """Output current limit [mA]: 0x3001:02 of an EPOS4. null: 0x6073 and 0x6075, if the drive has them."""
+
+    analog_1: PlaceText | None = None
+    """Analog input 1 [mV]: 0x3160:01 of an EPOS4. null: the drive has none that labrig reads."""
+    analog_2: PlaceText | None = None
+    """Analog input 2 [mV]: 0x3160:02 of an EPOS4. null: the drive has none that labrig reads."""
+
+    def places(self) -> dict[str, Place]:
+        """Return the objects that are named, by their keys."""
+        named: dict[str, str | None] = self.model_dump()
+        return {key: Place(int(at[2:6], 16), int(at[7:], 16)) for key, at in named.items() if at is not None}
+
+
+class Cia402Axis(Cia402Section):
+    """One axis with any CiA 402 drive in profile position mode. Lengths are mm, or rad where `unit` is rad."""
+
+    homing_directions: ClassVar[Mapping[int, int]] = {HOMING_HERE: 0, 1: -1, 2: +1, 17: -1, 18: +1}
+    needed: ClassVar[tuple[str, ...]] = ("counts_per_turn", *AxisDescription.needed)
+    where_to_find: ClassVar[Mapping[str, str]] = {
+        "counts_per_turn": "counts of 0x6064 per turn of the motor: four per encoder line, unless the drive scales",
+        **AxisDescription.where_to_find,
+    }
+    file_keys: ClassVar[tuple[str, ...]] = ("eds",)
+    digital_inputs: ClassVar[Mapping[str, int]] = {
+        "negative-limit": 0,
+        "positive-limit": 1,
+        "home": 2,
+        **{f"general-{bit - 15}": bit for bit in range(16, 24)},
+    }
+
+    driver: Literal["cia402"]
+    """cia402: any CiA 402 drive over CANopen."""
+    node_id: NodeId
+    """CANopen node id of the drive."""
+    eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_check_name)] | None
+    """EDS file of the drive, in the folder of the rig file or below. Sizes and access of the objects come
+    from it, and the drive must be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."""
+    counts_per_turn: Positive | None
+    """Counts of the position (0x6064) per turn of the motor. null: unknown [-]."""
+    velocity_unit: Literal["rpm", "turns/s", "counts/s"]
+    """Unit of velocities in the drive (0x6081), of the motor."""
+    velocity_factor: Positive = 1.0
+    """Size of one unit of 0x6081 in velocity_unit: 0.001 for thousandths of rpm [-]."""
+    acceleration_unit: Literal["rpm/s", "turns/s^2", "counts/s^2"]
+    """Unit of accelerations in the drive (0x6083), of the motor."""
+    acceleration_factor: Positive = 1.0
+    """Size of one unit of 0x6083 in acceleration_unit [-]."""
+    homing: Cia402Homing = Field(default_factory=Cia402Homing)
+    """How the axis gets its reference."""
+    home_here_method: Literal[35, 37] = 37
+    """The drive's number for homing at the present position; 35 in older drives [-]."""
+    referenced_bit: Literal[8, 14, 15] | None = None
+    """Bit of the statusword that is set while the drive has its reference: 15 of maxon. null: the drive does
+    not report it, and every run asks for zero [-]."""
+    quick_stop_option: Literal[2, 6] = 6
+    """0x605A. 2: brake and switch power off; 6: brake and hold [-]."""
+    abort_connection_option: Literal[1, 3] = 1
+    """0x6007, what the drive does when the computer's heartbeat stops. 1: a fault, which must be reset; 3: a
+    quick stop [-]."""
+    following_error_timeout_ms: Annotated[int, Field(ge=0, le=65535)] = 0
+    """How long an axis may lag by more than max_following_error (0x6066) [ms]."""
+    objects: ObjectsOfMaker = Field(default_factory=ObjectsOfMaker)
+    """Objects of the manufacturer that labrig may use."""
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The node id."""
+        return (self.node_id,)
+
+    @property
+    def analog(self) -> dict[str, Place]:
+        """The analog inputs whose objects are named."""
+        named = self.objects.places()
+        return {f"analog-{n}": named[f"analog_{n}"] for n in (1, 2) if f"analog_{n}" in named}
+
+    @property
+    def analog_inputs(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self.analog)
+
+    @property
+    def speed_unit(self) -> str:
+        """Unit of speeds in the drive."""
+        unit = f"{self.velocity_unit} of the motor"
+        return unit if self.velocity_factor == 1 else f"x {self.velocity_factor:g} {unit}"
+
+    def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
+        """Return the conversion to counts and to the stated units of velocity and acceleration."""
+        counts = self.counts_per_turn or 0.0
+        speeds = {"rpm": 60.0, "turns/s": 1.0, "counts/s": counts}
+        accelerations = {"rpm/s": 60.0, "turns/s^2": 1.0, "counts/s^2": counts}
+        return AxisScale(
+            counts,
+            gear_ratio,
+            travel_per_turn,
+            self.reversed,
+            speed_units=speeds[self.velocity_unit] / self.velocity_factor,
+            acceleration_units=accelerations[self.acceleration_unit] / self.acceleration_factor,
+        )
+
+    def model(self) -> Model:
+        """Return what the EDS file and this section tell of the drive. Raises `InputError`."""
+        path, named = self.files.get("eds"), self.objects.places()
+        eds = read_own_eds("epos4.eds") if path is None else read_eds(path, self._folder)
+        units = (
+            (co.VELOCITY_UNIT, "velocity_unit", self.velocity_unit, self.velocity_factor, VELOCITY_CODES),
+            (
+                co.ACCELERATION_UNIT,
+                "acceleration_unit",
+                self.acceleration_unit,
+                self.acceleration_factor,
+                ACCELERATION_CODES,
+            ),
+        )
+        stated = [
+            Stated(
+                place, key, f"{factor:g} {unit}", _write_unit(codes, unit, factor), partial(_name_unit, codes)
+            )
+            for place, key, unit, factor, codes in units
+        ]
+        if "counts_per_turn" in named:
+            counts = self.counts_per_turn
+            raw = None if counts is None else round(counts)
+            stated.append(Stated(named["counts_per_turn"], "counts_per_turn", counts, raw))
+        return Model(
+            eds,
+            partial(_identify, eds),
+            settings={
+                co.HALT_OPTION: _HALT_BY_RAMP,
+                co.FOLLOWING_ERROR_TIMEOUT: self.following_error_timeout_ms,
+            },
+            stop_options=STOP_OPTIONS
+            | {
+                co.ABORT_CONNECTION: self.abort_connection_option,
+                co.QUICK_STOP_OPTION: self.quick_stop_option,
+            },
+            errors=EPOS4_ERRORS,
+            stated=tuple(stated),
+            current_ma=named.get("current_ma"),
+            current_limit_ma=named.get("current_limit_ma"),
+            home_position=named.get("home_position"),
+            home_here=self.home_here_method,
+            referenced_bit=self.referenced_bit,
+            analog=self.analog,
+        )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield conflicts, also of a homing that no CiA 402 drive can do."""
+        yield from super().conflicts()
+        if self.homing.offset:
+            yield Conflict(
+                "homing.offset",
+                f"homing.offset is {self.homing.offset:g}, CiA 402 has no distance off a switch",
+                "write 0, and jog after homing",
+            )
+        if self.homing.position and self.objects.home_position is None:
+            yield Conflict(
+                "homing.position",
+                f"homing.position is {self.homing.position:g}, and the object for it in the drive is not named",
+                "name it in objects.home_position, or write 0",
+            )
+
+    def problems(self, heartbeat: HeartbeatDescription) -> Iterator[Conflict]:  # noqa: ARG002 - as the base has it
+        """Yield objects that the EDS file lacks for this section, and settings out of the drive's range."""
+        try:
+            model = self.model()
+        except InputError as error:
+            yield Conflict("eds", error.message, error.hint)
+            return
+        lacking = [*_find_lacking(model), *self._find_unknown(model)]
+        yield from lacking
+        if lacking or self.unknown:
+            return
+        for place, value in (model.list_settings(self) | dict(model.stop_options)).items():
+            if not model.takes(place):
+                continue
+            low, high = find_bounds(model.eds.objects[place])
+            if not low <= value <= high:
+                yield Conflict(
+                    "eds",
+                    f"{model.eds.objects[place].name} ({place}) would be {value}, the drive takes {low} to {high}",
+                    "check speeds, accelerations, windows and units of this axis",
+                )
+
+    def _find_unknown(self, model: Model) -> Iterator[Conflict]:
+        """Yield named objects of the manufacturer that the drive lacks."""
+        for key, place in self.objects.places().items():
+            if not model.has(place):
+                yield Conflict(
+                    f"objects.{key}",
+                    f"{model.eds.source} has no object {place}",
+                    "correct it with the manual of the drive, or leave it out",
+                )
+
+
+def _find_lacking(model: Model) -> Iterator[Conflict]:
+    """Yield each required object that the drive lacks, or of which it refuses the access that labrig needs."""
+    standard = read_own_eds("epos4.eds").objects
+    for place in (*_READ, *_WRITTEN):
+        found, needs_write = model.eds.objects.get(place), place in _WRITTEN
+        if found is not None and (found.writable if needs_write else found.readable):
+            continue
+        lack = f"does not allow to {'write' if needs_write else 'read'} object" if found else "has no object"
+        yield Conflict(
+            "eds",
+            f"{model.eds.source} {lack} {place} ({standard[place].name})",
+            "labrig needs it in every drive: use the EDS file of this drive, or another drive",
+        )
+
+
+def _name_unit(codes: Mapping[int, str], value: int) -> str | None:
+    """Return factor and unit in a value of 0x60A9 or 0x60AA, as a rig file has them; None for an unknown unit."""
+    unit = codes.get(value >> 8 & 0xFFFF)
+    exponent = int.from_bytes(bytes([value >> 24 & 0xFF]), signed=True)
+    return None if unit is None else f"{10.0**exponent:g} {unit}"
+
+
+def _write_unit(codes: Mapping[int, str], unit: str, factor: float) -> int | None:
+    """Return the value of 0x60A9 or 0x60AA for a unit; None for one without a code."""
+    code = next((code for code, name in codes.items() if name == unit), None)
+    exponent = round(math.log10(factor))
+    if code is None or not math.isclose(10.0**exponent, factor):
+        return None
+    return (exponent & 0xFF) << 24 | code << 8
+
+
+def _identify(eds: Eds, drive: Asked) -> Identity:
+    """Return the identity of a drive. Raises `DriveError` for another product than that of the EDS file."""
+    device_type, modes = drive.upload(co.DEVICE_TYPE), drive.find(co.SUPPORTED_MODES)
+    found = {"vendor_id": drive.upload(co.VENDOR_ID), "product_code": drive.upload(co.PRODUCT_CODE)}
+    if device_type & 0xFFFF != _PROFILE:
+        raise DriveError(
+            f"{drive.name} has device type 0x{device_type:08X} ({co.DEVICE_TYPE}), expected a CiA 402 drive",
+            "check the node id in the rig file",
+        )
+    for place, (key, number), expected in zip(
+        (co.VENDOR_ID, co.PRODUCT_CODE), found.items(), (eds.vendor, eds.product), strict=True
+    ):
+        if number != expected:
+            raise DriveError(
+                f"{drive.name} has {key.partition('_')[0]} 0x{number:08X} ({place}), {eds.source} is for "
+                f"0x{expected:08X} ({eds.product_name})",
+                "name the EDS file of this drive in the rig file, or check its node id",
+            )
+    for bit, mode in _NEEDED_MODES.items():
+        if modes is not None and not modes >> bit & 1:
+            raise DriveError(
+                f"{drive.name} has no mode {mode} ({co.SUPPORTED_MODES} is 0x{modes:08X})",
+                "use another drive",
+            )
+    revision, doubt = drive.find(co.REVISION), ""
+    if revision is not None:
+        found["revision_number"] = revision
+        if eds.revision not in {None, revision}:
+            doubt = f"its EDS file is for revision 0x{eds.revision:08X}: ranges and defaults may differ"
+    return Identity(eds.product_name, drive.find(co.SERIAL_NUMBER), found, doubt)
+
+
+def _example(node_id: int) -> Cia402Axis:
+    """Return a section for an EPOS4 with factory settings, on a screw without a gear."""
+    return Cia402Axis(
+        driver="cia402",
+        node_id=node_id,
+        eds=None,
+        unit="mm",
+        counts_per_turn=2000.0,
+        gear_ratio=1.0,
+        lead_mm=1.0,
+        velocity_unit="rpm",
+        acceleration_unit="rpm/s",
+        limits=(-100.0, 100.0),
+        max_speed=20.0,
+        acceleration=50.0,
+        quick_stop_deceleration=200.0,
+        position_window=0.01,
+        max_following_error=1.0,
+        referenced_bit=15,
+        objects=ObjectsOfMaker(
+            home_position="0x30B0:00",
+            counts_per_turn="0x3000:05",
+            current_ma="0x30D1:01",
+            current_limit_ma="0x3001:02",
+        ),
+    )
+
+
+DRIVE = DriveKind(
+    name="cia402",
+    settings=Cia402Axis,
+    open=Cia402Drive,
+    check=check_axis,
+    find_object=find_object,
+    simulated_node=simulate_cia402,
+    example=_example,
+)

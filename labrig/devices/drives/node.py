@@ -1,0 +1,308 @@
+"""A drive as a CANopen node: its objects by SDO, its identity, and what it says by itself.
+
+What is decided here
+--------------------
+- Nothing counts until it has been read back. Only settings that differ are written, none out of the range of the EDS
+  file. What vouches for the drive's configuration is written back afterwards.
+- A lost heartbeat, an EMCY and a boot-up of the drive become errors at the next call of `check`.
+- If the EDS file cannot be read, the widths of the standard are used: enough to stop the drive; `identify` refuses it.
+- Uncertain until tried on a device: whether two nodes with one id both answer (on a wire they may destroy each other's
+  frames and seem silent).
+"""
+
+import math
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import TypeVar
+
+from canopen.objectdictionary import ODVariable
+
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Identity, require_all
+from labrig.devices.drives.eds import count_bytes, find_bounds, read_own_eds
+from labrig.devices.drives.errors import describe_emergency
+from labrig.devices.drives.model import Cia402Section, Model, Stated
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.sdo import CHECK_POWER, NO_OBJECT, SdoClient
+from labrig.devices.units import AxisScale
+from labrig.errors import (
+    HEARTBEAT_LOST,
+    DriveError,
+    DriveFaultError,
+    DriveRefusedError,
+    DriveRestartedError,
+    DriveSilentError,
+    InputError,
+)
+
+NMT_START, NMT_STOP, NMT_PRE_OPERATIONAL, NMT_RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
+NMT_STOPPED, NMT_OPERATIONAL = 0x04, 0x05
+
+_CLASHING_ANSWERS = 3
+"""Unexpected answers while a drive is identified that show two nodes; a single one may be a repeated frame."""
+
+_EMERGENCY = struct.Struct("<HB")
+SENT_IDS, OBEYED_IDS = range(0x1800, 0x1A00), range(0x1400, 0x1600)
+"""Indices of transmit and of receive PDOs."""
+
+_T = TypeVar("_T")
+
+
+class DriveNode:
+    """One drive on a CANopen bus; its parameters are those of `Cia402Drive`.
+
+    Attributes
+    ----------
+    model : Model
+        What is known of the product.
+    """
+
+    def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
+        (self.node_id,) = section.nodes
+        self.name = f"drive of axis {axis} (node {self.node_id})"
+        self.axis = axis
+        self.section = section
+        self._standard = {**read_own_eds("epos2.eds").objects, **read_own_eds("epos4.eds").objects}
+        self._unreadable: InputError | None = None
+        try:
+            self.model = section.model()
+        except InputError as error:
+            self._unreadable = error
+            self.model = Model(read_own_eds("epos4.eds"), self._refuse_unread)
+        self.sdo = SdoClient(link, self.node_id, self.name, axis)
+        self.has_restarted = False
+        self._clock = clock
+        self._link = link
+        self._fingerprint: tuple[int, ...] = ()
+        self._emergency: tuple[int, int] | None = None
+        self._heard_s, self._silence_s = 0.0, math.inf
+        self._nmt_state: int | None = None
+        link.network.subscribe(0x700 + self.node_id, self._on_heartbeat)
+        link.network.subscribe(0x080 + self.node_id, self._on_emergency)
+        link.network.subscribe(0x000, self._on_nmt)
+
+    @cached_property
+    def scale(self) -> AxisScale:
+        """The conversion to counts and speeds of the drive. Raises `InputError` if an entry is unknown."""
+        return self.section.scale()
+
+    # Objects
+
+    def variable(self, place: Place) -> ODVariable:
+        """Return an object as the EDS file describes it, or as the standard does if it is not there."""
+        return self.model.eds.objects.get(place) or self._standard[place]
+
+    def upload(self, place: Place) -> int:
+        """Return the value of an object. Raises `DriveSilentError`, `DriveRefusedError`, `BusError`."""
+        variable = self.variable(place)
+        return int(variable.decode_raw(self.sdo.upload(place, variable.name)[: count_bytes(variable)]))
+
+    def find(self, place: Place) -> int | None:
+        """Return the value of an object; None if the drive does not have it. Raises as `upload`."""
+        if not self.model.has(place):
+            return None
+        try:
+            return self.upload(place)
+        except DriveRefusedError as error:
+            if error.code != NO_OBJECT:
+                raise
+        return None
+
+    def download(self, place: Place, value: int) -> None:
+        """Write an object. Raises `DriveError` if the value is out of range, and as `upload`."""
+        variable = self.variable(place)
+        low, high = find_bounds(variable)
+        if not low <= value <= high:
+            raise DriveError(
+                f"{self.name} does not take {variable.name} ({place}) = {value}, only {low} to {high}",
+                "compare units and limits of this axis in the rig file with the drive's EDS file",
+            )
+        self.sdo.download(place, variable.encode_raw(value), f"{variable.name} ({place}) = {value}")
+
+    def ensure(self, place: Place, value: int) -> bool:
+        """Write an object if it differs, and read it back; return whether it was written."""
+        if self.upload(place) == value:
+            return False
+        self.download(place, value)
+        found = self.upload(place)
+        if found != value:
+            raise DriveError(
+                f"{self.name} kept {self.variable(place).name} ({place}) at {found} when {value} was written",
+                f"check whether the drive's parameters are locked in {self.model.tool}",
+            )
+        return True
+
+    def adjust(self, settings: Mapping[Place, int]) -> tuple[Place, ...]:
+        """Write the settings that differ, and return which; the drive keeps its fingerprint. Raises `DriveError`."""
+        written = tuple(place for place, value in settings.items() if self.ensure(place, value))
+        if written and self._fingerprint and not self.has_restarted:
+            for place, value in zip(self.model.fingerprint, self._fingerprint, strict=True):
+                self.ensure(place, value)
+        return written
+
+    # Connecting
+
+    def identify(self) -> Identity:
+        """Return the identity of the drive after comparing it with its section; nothing is written.
+
+        Raises
+        ------
+        DriveError
+            When it is another product, has other units or another encoder than the rig file says, or has been changed,
+            or when two drives answer.
+        InputError
+            When its EDS file cannot be read.
+        """
+        identity = self.read_identity()
+        require_all((*(compare for _, compare in self.comparisons()), self.require_fingerprint))
+        if self.find(co.ABORT_CONNECTION) is not None:
+            return identity
+        return replace(
+            identity,
+            unguarded=f"it has no object {co.ABORT_CONNECTION}: it may move on when labrig falls silent",
+        )
+
+    def read_identity(self) -> Identity:
+        """Return the identity of the drive, whatever its settings. Raises as `identify`."""
+        self.do_awake(lambda: self.upload(co.VENDOR_ID))
+        strays = self.sdo.strays
+        identity = self.model.identify(self)
+        if self.sdo.strays - strays >= _CLASHING_ANSWERS:
+            raise DriveError(
+                f"{self.name}: two nodes answer as node {self.node_id}",
+                "give every drive a node id of its own",
+            )
+        return identity
+
+    def _refuse_unread(self, _drive: object) -> Identity:
+        raise self._unreadable or InputError(f"{self.name} has no EDS file")
+
+    def comparisons(self) -> Iterator[tuple[Stated, Callable[[], None]]]:
+        """Yield what the drive reports too, and a function that raises `DriveError` if the rig file says otherwise."""
+        for stated in self.model.stated:
+            if self.model.has(stated.place):
+                yield stated, partial(self._compare, stated)
+
+    def _compare(self, stated: Stated) -> None:
+        found = stated.read(self.upload(stated.place))
+        if found is not None and found != stated.value:
+            said = "nothing" if stated.value is None else stated.value
+            raise DriveError(
+                f"{self.name} has {stated.key} {found} ({stated.place}), the rig file says {said}",
+                f"find out which is right; correct the rig file, or the drive in {self.model.tool}",
+            )
+
+    def read_fingerprint(self) -> tuple[int, ...]:
+        """Return what the drive clears when a setting is changed; empty if it has no such objects."""
+        return tuple(self.upload(place) for place in self.model.fingerprint)
+
+    def require_fingerprint(self) -> None:
+        """Refuse a drive with another fingerprint than its section says. Raises `DriveError`."""
+        expected = self.model.expected_fingerprint
+        if expected is not None and (found := self.read_fingerprint()) != expected:
+            raise DriveError(
+                f"{self.name} has the configuration fingerprint {list(found)}, the rig file says {list(expected)}: its "
+                "parameters have been changed",
+                "with no needle in tissue, power it off and on, which restores its stored parameters; if that does not "
+                f"help, compare them in {self.model.tool} and enter the new fingerprint in the rig file",
+            )
+
+    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
+        """Return the COB-IDs of process data that the drive sends, and that it obeys."""
+        return self._list_cob_ids(SENT_IDS), self._list_cob_ids(OBEYED_IDS)
+
+    def pdos(self, indices: range) -> list[Place]:
+        """Return the COB-IDs of the PDOs at these indices."""
+        return [place for place in self.model.eds.objects if place.subindex == 1 and place.index in indices]
+
+    def _list_cob_ids(self, indices: range) -> frozenset[int]:
+        values = map(self.upload, self.pdos(indices))
+        return frozenset(value & 0x7FF for value in values if not value & co.PDO_INVALID)
+
+    def send_nmt(self, command: int) -> None:
+        """Send an NMT command to this node; NMT is not answered."""
+        self._link.send(0x000, bytes([command, self.node_id]))
+
+    def do_awake(self, act: Callable[[], _T]) -> _T:
+        """Do something, and again once the node has been woken if it does not answer and may be in NMT stopped."""
+        try:
+            return act()
+        except DriveSilentError:
+            if self._nmt_state == NMT_OPERATIONAL:
+                raise
+            self.send_nmt(NMT_PRE_OPERATIONAL)
+            return act()
+
+    # What the drive says by itself
+
+    def watch(self, heartbeat: HeartbeatDescription) -> None:
+        """Switch the drive's heartbeat on; it counts as silent after the timeout without one."""
+        self.adjust({co.PRODUCER_HEARTBEAT: heartbeat.period_ms})
+        self._heard_s, self._silence_s = self._clock.now_s(), heartbeat.timeout_ms / 1000
+
+    def consume(self, heartbeat: HeartbeatDescription) -> dict[Place, int]:
+        """Return the setting with which the drive misses the computer's heartbeat."""
+        return {co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms}
+
+    def check(self) -> None:
+        """Raise a restart, emergency or silence that was noticed; send nothing to the drive.
+
+        Raises
+        ------
+        DriveRestartedError, DriveFaultError, DriveSilentError
+        """
+        if self.has_restarted:
+            raise DriveRestartedError(
+                f"{self.name} has restarted: it lost power, its position and its reference",
+                "find out why it lost power; do not home while a needle is in tissue",
+            )
+        if self._emergency is not None:
+            raise self.make_fault(*self._emergency)
+        silent_s = self._clock.now_s() - self._heard_s
+        if silent_s > self._silence_s:
+            raise DriveSilentError(
+                f"{self.name} has sent no heartbeat for {silent_s:.2f} s, expected one every "
+                f"{self._silence_s:g} s at the latest",
+                CHECK_POWER,
+                fault=HEARTBEAT_LOST,
+                axis=self.axis,
+            )
+
+    def find_error_code(self) -> int:
+        """Return the code of the newest error that the drive reports; 0 without one."""
+        if code := self.find(co.ERROR_CODE):
+            return code
+        return self.upload(co.LAST_ERROR) & 0xFFFF if self.find(co.ERROR_COUNT) else 0
+
+    def make_fault(self, code: int, register: int) -> DriveFaultError:
+        """Return the error of a fault of the drive."""
+        emergency = describe_emergency(code, self.model.errors)
+        return DriveFaultError(
+            f"{self.name} is in fault: {emergency} (error register 0x{register:02X})",
+            emergency.remedy,
+            code=code,
+            register=register,
+            text=emergency.text,
+        )
+
+    def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        self._heard_s = self._clock.now_s()
+        if data[:1] == b"\0":
+            self.has_restarted = True
+        elif data:
+            self._nmt_state = data[0] & 0x7F
+
+    def _on_nmt(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        """Note the NMT command of somebody else: labrig's own do not come back."""
+        if len(data) == 2 and data[1] in {0, self.node_id}:
+            self._nmt_state = NMT_STOPPED if data[0] == NMT_STOP else NMT_OPERATIONAL
+
+    def _on_emergency(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) >= _EMERGENCY.size:
+            code, register = _EMERGENCY.unpack_from(data)
+            self._emergency = (code, register) if code else None

@@ -1,0 +1,139 @@
+"""The state machine of CiA 402: what a statusword says, and the next controlword towards a goal, as pure functions.
+
+No controlword here resets a fault. One leads to an enabled power stage only if enabling is the goal, and then with the
+Halt bit set, so that a stale target moves nothing.
+"""
+
+from enum import Enum, auto
+
+
+class DriveState(Enum):
+    """State that a statusword tells.
+
+    `PASSING` is one of the maker's own that the drive leaves by itself; `UNKNOWN` a pattern that no document lists.
+    """
+
+    NOT_READY = auto()
+    SWITCH_ON_DISABLED = auto()
+    READY_TO_SWITCH_ON = auto()
+    SWITCHED_ON = auto()
+    PASSING = auto()
+    OPERATION_ENABLED = auto()
+    QUICK_STOP_ACTIVE = auto()
+    FAULT_REACTION = auto()
+    FAULT = auto()
+    UNKNOWN = auto()
+
+    # Every reading looks its state up in tables; Enum would hash the name each time, in Python.
+    __hash__ = object.__hash__
+
+
+class TargetState(Enum):
+    """Where a drive is to be brought."""
+
+    ENABLED = auto()
+    QUICK_STOPPED = auto()
+    POWER_OFF = auto()
+
+
+# The bits of the controlword, object 0x6040.
+SHUTDOWN = 0x0006
+SWITCH_ON = 0x0007
+ENABLE = 0x000F
+DISABLE_VOLTAGE = 0x0000
+QUICK_STOP = 0x0002
+NEW_SETPOINT = 0x0010
+CHANGE_IMMEDIATELY = 0x0020
+RELATIVE = 0x0040
+FAULT_RESET = 0x0080
+HALT = 0x0100
+
+# The bits of the statusword, object 0x6041.
+REMOTE = 0x0200
+TARGET_REACHED = 0x0400
+SETPOINT_ACKNOWLEDGED = 0x1000
+HOMING_ATTAINED = 0x1000
+HOMING_ERROR = 0x2000
+
+_STATE_BITS = 0x006F
+"""The bits that name a state; bit 4 is the voltage, bits 8 and 14 are the manufacturer's."""
+
+_STATES = {
+    0x0000: DriveState.NOT_READY,
+    0x0020: DriveState.NOT_READY,
+    0x0040: DriveState.SWITCH_ON_DISABLED,
+    0x0060: DriveState.SWITCH_ON_DISABLED,
+    0x0021: DriveState.READY_TO_SWITCH_ON,
+    0x0023: DriveState.SWITCHED_ON,
+    0x0027: DriveState.OPERATION_ENABLED,
+    0x0007: DriveState.QUICK_STOP_ACTIVE,
+    0x000F: DriveState.FAULT_REACTION,
+    0x002F: DriveState.FAULT_REACTION,
+    0x0008: DriveState.FAULT,
+    0x0028: DriveState.FAULT,
+}
+
+FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
+
+_ATTAINED = {
+    TargetState.ENABLED: {DriveState.OPERATION_ENABLED},
+    TargetState.QUICK_STOPPED: {
+        DriveState.QUICK_STOP_ACTIVE,
+        DriveState.SWITCH_ON_DISABLED,
+        DriveState.READY_TO_SWITCH_ON,
+        DriveState.FAULT,
+    },
+    TargetState.POWER_OFF: {
+        DriveState.READY_TO_SWITCH_ON,
+        DriveState.SWITCH_ON_DISABLED,
+        DriveState.FAULT,
+    },
+}
+_NEXT = {
+    TargetState.ENABLED: {
+        DriveState.SWITCH_ON_DISABLED: SHUTDOWN | HALT,
+        DriveState.READY_TO_SWITCH_ON: SWITCH_ON | HALT,
+        DriveState.SWITCHED_ON: ENABLE | HALT,
+        DriveState.QUICK_STOP_ACTIVE: DISABLE_VOLTAGE | HALT,
+    },
+    TargetState.QUICK_STOPPED: {
+        DriveState.OPERATION_ENABLED: QUICK_STOP,
+        DriveState.SWITCHED_ON: SHUTDOWN,
+        DriveState.PASSING: DISABLE_VOLTAGE,
+    },
+    TargetState.POWER_OFF: {
+        DriveState.OPERATION_ENABLED: DISABLE_VOLTAGE,
+        DriveState.QUICK_STOP_ACTIVE: DISABLE_VOLTAGE,
+        DriveState.SWITCHED_ON: DISABLE_VOLTAGE,
+        DriveState.PASSING: DISABLE_VOLTAGE,
+    },
+}
+
+_DOES = {
+    DriveState.QUICK_STOP_ACTIVE: "quick stop",
+    DriveState.FAULT_REACTION: "fault",
+    DriveState.FAULT: "fault",
+}
+
+
+def decode_state(statusword: int) -> DriveState:
+    """Return the state that a statusword tells."""
+    return _STATES.get(statusword & _STATE_BITS, DriveState.UNKNOWN)
+
+
+def describe_statusword(statusword: int) -> str:
+    """Return what a drive does: `moving`, `holding`, `quick stop`, `fault` or `power off`."""
+    state = decode_state(statusword)
+    if state is DriveState.OPERATION_ENABLED:
+        return "holding" if statusword & TARGET_REACHED else "moving"
+    return _DOES.get(state, "power off")
+
+
+def is_attained(state: DriveState, goal: TargetState) -> bool:
+    """Tell whether a state is the goal, or as good: a drive without power needs no quick stop."""
+    return state in _ATTAINED[goal]
+
+
+def plan_controlword(state: DriveState, goal: TargetState) -> int | None:
+    """Return the next controlword towards a goal; None to wait, as in a state that the drive leaves by itself."""
+    return _NEXT[goal].get(state)

@@ -1,0 +1,119 @@
+"""The products that are simulated: an EPOS2 24/5, and any CiA 402 drive by its EDS file, which behaves as an EPOS4."""
+
+from dataclasses import replace
+
+from labrig.clock import Clock
+from labrig.devices.drives import objects as co
+from labrig.devices.drives.model import Cia402Section
+from labrig.devices.drives.objects import Place
+from labrig.devices.drives.states import DriveState
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402 import Behaviour, SimulatedCia402Drive
+from labrig.devices.simulated.shaft import Mechanics
+
+_SOFTWARE, _HARDWARE = Place(0x2003, 1), Place(0x2003, 2)
+_ENCODER_PULSES, _SENSOR_TYPE, _SENSOR_POLARITY = (Place(0x2210, n) for n in (1, 2, 4))
+_CONTINUOUS_CURRENT, _MAX_CURRENT, _POLE_PAIRS = (Place(0x6410, n) for n in (1, 2, 3))
+_MOTOR_TYPE = Place(0x6402)
+_EPOS2_24_5, _SOFTWARE_TRIED = 0x6220, 0x2122
+
+EPOS2 = Behaviour(
+    state_bits={
+        DriveState.SWITCH_ON_DISABLED: 0x0140,
+        DriveState.READY_TO_SWITCH_ON: 0x0121,
+        DriveState.SWITCHED_ON: 0x0123,
+        DriveState.OPERATION_ENABLED: 0x0137,
+        DriveState.QUICK_STOP_ACTIVE: 0x0117,
+        DriveState.FAULT_REACTION: 0x010F,
+        DriveState.FAULT: 0x0108,
+    },
+    homing_methods=frozenset({-4, -3, -2, -1, 1, 2, 17, 18, 35}),
+    switch_errors={0x0001: 0xFF06, 0x0002: 0xFF07},
+    position_limit_error=0xFF09,
+    # By maxon's firmware specification of the first EPOS generation (798675-03).
+    disabling_errors=frozenset(
+        {0x1000, 0x2310, 0x3210, 0x3220, 0x4210, 0x5113, 0x6100, 0x6320, 0x7320}
+        | {0xFF01, 0xFF02, 0xFF03, 0xFF04, 0xFF0A, 0xFF0B}
+    ),
+    reset_communication_first=frozenset({0x8120, 0x81FD}),
+    reset_node_first=frozenset({0xFF04}),
+    encoder=_ENCODER_PULSES,
+    counts_per_pulse=4,
+    while_unpowered=frozenset({_ENCODER_PULSES, _SENSOR_TYPE, _SENSOR_POLARITY, _MOTOR_TYPE, _POLE_PAIRS}),
+    switch_mask=Place(0x2071, 4),
+)
+
+CIA402 = Behaviour(
+    state_bits={
+        DriveState.NOT_READY: 0x0000,
+        DriveState.SWITCH_ON_DISABLED: 0x0050,
+        DriveState.READY_TO_SWITCH_ON: 0x0031,
+        DriveState.SWITCHED_ON: 0x0033,
+        DriveState.OPERATION_ENABLED: 0x0037,
+        DriveState.QUICK_STOP_ACTIVE: 0x0017,
+        DriveState.FAULT_REACTION: 0x001F,
+        DriveState.FAULT: 0x0018,
+    },
+    homing_methods=frozenset({1, 2, 17, 18, 35, 37}),
+    switch_errors={0x0001: 0x8A80, 0x0002: 0x8A81},
+    position_limit_error=0x8A82,
+    disabling_errors=frozenset({0x2310, 0x3210}),
+    reset_communication_first=frozenset({0x8120, 0x8130, 0x81FD}),
+    zero_is_no_limit=True,
+)
+_MODES = 0x21
+"""0x6502: profile position, homing."""
+
+
+def simulate_epos2(
+    section: Cia402Section,
+    wire: InProcessWire,
+    clock: Clock,
+    mechanics: Mechanics,
+    boot_time_s: float = 0.0,
+    *,
+    hardware: int = _EPOS2_24_5,
+    software: int = _SOFTWARE_TRIED,
+) -> SimulatedCia402Drive:
+    """Return an EPOS2 of this hardware and software version on a wire."""
+    (node_id,), scale = section.nodes, section.scale()
+    fixed = {
+        Place(0x2000): node_id,
+        _ENCODER_PULSES: round(scale.counts_per_turn) // EPOS2.counts_per_pulse,
+        _HARDWARE: hardware,
+        _SOFTWARE: software,
+        co.VENDOR_ID: 0xFB,
+        co.PRODUCT_CODE: hardware << 16,
+        co.REVISION: software << 16,
+        co.SERIAL_NUMBER: 1000 + node_id,
+    }
+    if hardware == _EPOS2_24_5:
+        fixed |= {_CONTINUOUS_CURRENT: 5000, _MAX_CURRENT: 10_000}
+    return SimulatedCia402Drive(section, wire, clock, mechanics, boot_time_s, behaviour=EPOS2, fixed=fixed)
+
+
+def simulate_cia402(
+    section: Cia402Section,
+    wire: InProcessWire,
+    clock: Clock,
+    mechanics: Mechanics,
+    boot_time_s: float = 0.0,
+) -> SimulatedCia402Drive:
+    """Return a CiA 402 drive on a wire, with the units and the encoder that its section states."""
+    (node_id,), model = section.nodes, section.model()
+    encoder = next((stated.place for stated in model.stated if stated.key == "counts_per_turn"), None)
+    behaviour = replace(CIA402, encoder=encoder)
+    fixed = {
+        co.DEVICE_TYPE: 0x00020192,
+        co.VENDOR_ID: model.eds.vendor,
+        co.PRODUCT_CODE: model.eds.product,
+        co.REVISION: model.eds.revision or 0,
+        co.SERIAL_NUMBER: 1000 + node_id,
+        co.SUPPORTED_MODES: _MODES,
+        **{stated.place: stated.raw for stated in model.stated if stated.raw is not None},
+    }
+    if not model.has(co.MAX_FOLLOWING_ERROR):
+        fixed[co.MAX_FOLLOWING_ERROR] = 0xFFFFFFFF
+    return SimulatedCia402Drive(
+        section, wire, clock, mechanics, boot_time_s, behaviour=behaviour, fixed=fixed
+    )

@@ -500,7 +500,7 @@ class Cia402Drive(DriveNode):
             if self._clock.now_s() > due_s:
                 raise DriveError(f"{self.name} did not find home in time", "see its homing section")
             yield
-        yield from self.wait_until_still(ANSWER_TIME_S)
+        self.settle(ANSWER_TIME_S)
         self._hold_at_home(homing)
 
     def _list_homing_settings(self, homing: Homing) -> dict[Place, int]:

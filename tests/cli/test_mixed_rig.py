@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from labrig.record import open_run
 from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Done, Labrig
 from tests.cli.example_runs import SHORTENED
 from tests.devices.cia402.eds_text import eds_text
@@ -73,7 +74,7 @@ def test_a_sweep_on_two_kinds_of_drives_replays(labrig: Labrig, mixed: MixedRig,
     assert done.exit_code == 0, done.err
     (run,) = (tmp_path / "runs").iterdir()
     assert (run / "calibration" / "rotation-eds.eds").read_bytes() == mixed.eds.read_bytes()
-    devices = json.loads((run / "manifest.json").read_text())["devices"]["axes"]
+    devices = open_run(run).devices["axes"]
     models = {name: axis["drive"]["model"] for name, axis in devices.items()}
     assert models == {"insertion": "EPOS2 24/5", "rotation": "EPOS4 Module 50/5", "linear": "EPOS2 24/5"}
     assert devices["rotation"]["drive_settings"]["0x6007:00"] == 1
@@ -98,8 +99,10 @@ def test_the_rig_is_checked_with_both_kinds(labrig: Labrig, mixed: MixedRig) -> 
     done = labrig("devices", "check", "--rig", mixed.path, "--json")
     checks = {check["check"]: check for check in done.json()}
     assert checks["drive insertion"]["status"] == checks["drive rotation"]["status"] == "PASS"
-    assert "EPOS4 Module 50/5, product 0x61500000" in checks["drive rotation"]["value"]
-    assert checks["units rotation"]["status"] == checks["encoder rotation"]["status"] == "PASS"
+    assert "EPOS4 Module 50/5, vendor id 0x00FB, product code 0x61500000" in checks["drive rotation"]["value"]
+    assert (
+        checks["velocity_unit rotation"]["status"] == checks["counts_per_turn rotation"]["status"] == "PASS"
+    )
     assert checks["guards rotation"]["status"] == "WARN"
     assert "motor current" in checks["guards rotation"]["value"]
     assert "limit of the current" not in checks["guards rotation"]["value"]
@@ -139,12 +142,12 @@ BAD_EDS = {
     "without homing": (eds_text(without=[0x6098]), "has no object 0x6098:00 (homing method)"),
     "without the dead-man": (eds_text(without=[0x1016]), "has no object 0x1016:01 (consumer heartbeat)"),
     "with a target that nobody may write": (
-        eds_text(without=[0x607A]) + "[607A]\nDataType=4\nAccessType=ro\n",
+        eds_text(without=[0x607A]) + "[607A]\nParameterName=target\nDataType=4\nAccessType=ro\n",
         "does not allow to write object 0x607A:00",
     ),
     "of an object that makes no sense": (
-        eds_text(without=[0x6040]) + "[6040]\nDataType=word\nAccessType=rw\n",
-        "object 0x6040:00 has DataType word",
+        eds_text(without=[0x6040]) + "[6040]\nParameterName=x\nDataType=word\nAccessType=rw\n",
+        "is not an EDS file: ValueError: invalid literal",
     ),
     "without the object that is named": (eds_text(without=[0x30B0]), "has no object 0x30B0:00"),
 }

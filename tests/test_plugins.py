@@ -15,7 +15,7 @@ from tests.installing import install_package
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Yield a folder of installed packages."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    install_package(tmp_path, "labrig", "[labrig.drives]\nepos2 = labrig.devices.epos2:DRIVE\n")
+    install_package(tmp_path, "labrig", "[labrig.drives]\nepos2 = labrig.devices.drives.epos2:DRIVE\n")
     yield tmp_path
     find_plugins.cache_clear()
 

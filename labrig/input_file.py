@@ -48,7 +48,7 @@ def open_file(path: Path) -> BufferedReader:
     try:
         _require_regular(path.stat(), path)
         # Whatever takes its place now must not be waited for.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except ValueError as error:  # a NUL in the name
         raise OSError(errno.EINVAL, "the name holds a NUL", str(path)) from error
     try:

@@ -1,7 +1,4 @@
-"""Calls of the operating system, a POSIX one; no other file of labrig makes them.
-
-Only Linux keeps accounts from claiming one name (such as that of a bus) at a time; elsewhere nothing is claimed.
-"""
+"""Calls of the operating system, which is Linux; no other file of labrig makes them."""
 
 import ctypes
 import fcntl
@@ -11,14 +8,11 @@ import platform
 import select
 import signal
 import socket
-import stat
 import struct
-import sys
 import termios
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
@@ -141,11 +135,6 @@ class Listener:
             self.path.unlink()
 
 
-def listen(path: Path) -> Listener:
-    """Return a listener. Raises `DiskError`."""
-    return Listener(path)
-
-
 def connect(path: Path) -> LineSocket | None:
     """Connect to a listener; return None if nobody listens."""
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -167,7 +156,7 @@ class _Address:
         self._folder: int | None = None
 
     def __enter__(self) -> str:
-        if len(os.fsencode(self._path)) < 100 or not sys.platform.startswith("linux"):
+        if len(os.fsencode(self._path)) < 100:
             return str(self._path)
         self._folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         return f"/proc/self/fd/{self._folder}/{self._path.name}"
@@ -208,25 +197,8 @@ def is_in_background(stream: TextIO) -> bool:
         return False
 
 
-@dataclass(frozen=True)
-class NameClaim:
-    """A name that this process has to itself on this computer, whatever the account; the kernel frees it in the end."""
-
-    end: socket.socket | None
-
-    def release(self) -> None:
-        """Give the name back."""
-        if self.end is not None:
-            self.end.close()
-
-
-def claim_name(name: str) -> NameClaim | None:
-    """Claim a name among all accounts of this computer; None if another process has it.
-
-    Outside Linux nothing is claimed: there are no sockets without a place in the file system.
-    """
-    if not sys.platform.startswith("linux"):
-        return NameClaim(None)
+def claim_name(name: str) -> socket.socket | None:
+    """Claim a name among all accounts of this computer until the socket is closed; None if another process has it."""
     end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         end.bind(_abstract_address(name))
@@ -234,13 +206,11 @@ def claim_name(name: str) -> NameClaim | None:
     except OSError:
         end.close()
         return None
-    return NameClaim(end)
+    return end
 
 
 def find_claimant(name: str) -> int | None:
     """Return which process has a name, 0 if that cannot be told; None if none has it."""
-    if not sys.platform.startswith("linux"):
-        return None
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as caller:
         caller.settimeout(0.0)
         try:
@@ -281,10 +251,7 @@ def sync_directory(path: Path) -> None:
 
 def reserve(descriptor: int, size_bytes: int) -> None:
     """Allocate disk space for a file. Raises `OSError` if the disk has no space left."""
-    if sys.platform == "darwin":
-        os.write(descriptor, bytes(size_bytes))
-    else:
-        os.posix_fallocate(descriptor, 0, size_bytes)
+    os.posix_fallocate(descriptor, 0, size_bytes)
 
 
 def control_device(descriptor: int, request: int, argument: bytes) -> bytes:
@@ -322,8 +289,7 @@ def end_with_parent() -> None:
     for number in INTERRUPT_SIGNALS[1:]:
         signal.signal(number, signal.SIG_DFL)
     # A killed parent ends none of its workers: they would wait for work forever.
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
+    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 
 
 def lower_priority() -> None:
@@ -333,37 +299,4 @@ def lower_priority() -> None:
 
 def count_usable_cores() -> int:
     """Return how many cores this process may use: `taskset`, a container or a batch system may allow fewer than all."""
-    if sys.platform.startswith("linux"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def make_private_folder(path: Path) -> None:
-    """Make a folder that only this account can enter; an existing folder must be such a one.
-
-    Raises
-    ------
-    DiskError
-        When it cannot be made, is a link or a file, belongs to another account, or is open to others.
-    """
-    try:
-        path.mkdir(mode=0o700, exist_ok=True)
-        found = path.lstat()
-    except OSError as error:
-        raise DiskError(f"cannot make {path}: {error.strerror}", "check its permissions") from error
-    if not stat.S_ISDIR(found.st_mode):
-        raise DiskError(f"{path} is a link, not a folder", "remove it")
-    if found.st_uid != os.getuid():
-        raise DiskError(
-            f"{path} belongs to account {found.st_uid}, not to {os.getuid()}", "have its owner remove it"
-        )
-    if found.st_mode & 0o077:
-        raise DiskError(
-            f"other accounts can use {path}: its mode is {stat.S_IMODE(found.st_mode):03o}, not 700",
-            f"chmod 700 {path}",
-        )
-
-
-def identify_user() -> str:
-    """Return the user of this process, as a part of a file name."""
-    return str(os.getuid())
+    return len(os.sched_getaffinity(0))

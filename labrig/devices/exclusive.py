@@ -47,7 +47,7 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[None]:
             claim = claim_name(bus)
             if claim is None:
                 raise _in_use(rig, _find_claimant(rig.can))
-            stack.callback(claim.release)
+            stack.callback(claim.close)
         yield
 
 

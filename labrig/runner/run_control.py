@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from labrig.errors import InputError, MachineError
 from labrig.input_file import parse_json
-from labrig.posix import LineSocket, connect, listen
+from labrig.posix import LineSocket, Listener, connect
 from labrig.record.layout import run_control, run_lock
 from labrig.record.lock import read_lock_owner
 from labrig.record.manifest import read_manifest
@@ -49,7 +49,7 @@ class RunControl:
     """
 
     def __init__(self, run: Path) -> None:
-        self._listener = listen(run_control(run))
+        self._listener = Listener(run_control(run))
         self._callers: list[LineSocket] = []
         self.asks_for_pause = self.asks_to_continue = False
 

@@ -6,10 +6,9 @@ new in every run and keeps no log.
 """
 
 import getpass
-import os
 import platform
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -18,8 +17,7 @@ from labrig.devices.axis import Axis
 from labrig.devices.worker import Do
 from labrig.errors import DiskError, LabrigError, MachineError
 from labrig.input_file import MAX_LOG_BYTES, read_file
-from labrig.posix import NO_LINKS
-from labrig.record.json_lines import decode_line, encode_line
+from labrig.record.json_lines import LineFile, decode_line, encode_line
 
 _ENDING = ".motions.jsonl"
 
@@ -103,11 +101,11 @@ class MotionLog:
 
 
 def _append_whole(path: Path, line: bytes) -> None:
-    """Append a line and force it to disk; a line torn by a power cut stays a line of its own."""
-    with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINKS, 0o666), "r+b", 0) as log:
-        torn = log.seek(0, os.SEEK_END) > 0 and os.pread(log.fileno(), 1, log.tell() - 1) != b"\n"
-        log.write(b"\n" + line if torn else line)
-        os.fsync(log.fileno())
+    """Append a line and force it to disk; a line torn by a power cut is cut off."""
+    log = LineFile.reopen(path) if path.exists() else LineFile.create(path)
+    with closing(log):
+        log.append(line)
+        log.sync()
 
 
 def _read_position(axis: Axis) -> float | None:

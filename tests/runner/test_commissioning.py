@@ -304,13 +304,11 @@ def test_a_motion_that_is_broken_off_is_noted_with_why(tmp_path: Path) -> None:
 
 
 def test_a_torn_line_of_the_log_spoils_no_other(tmp_path: Path) -> None:
-    """A line torn by a power cut stays a line of its own."""
-    (tmp_path / "state.json.motions.jsonl").write_bytes(b'{"kind":"sta')
+    """A line torn by a power cut is cut off, and the whole ones before it stay."""
+    (tmp_path / "state.json.motions.jsonl").write_bytes(b'{"kind":"end"}\n{"kind":"sta')
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
         jog(opened.rig, "linear", 1.0)
-    torn, *lines = (tmp_path / "state.json.motions.jsonl").read_bytes().splitlines()
-    assert torn == b'{"kind":"sta'
-    assert [decode_line(line)["kind"] for line in lines] == ["start", "end"]
+    assert [line["kind"] for line in _read_log(tmp_path)] == ["end", "start", "end"]
 
 
 def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:

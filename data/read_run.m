@@ -1,6 +1,6 @@
 % A run of labrig in MATLAB or Octave: where the axes went, and what was measured.
 %
-%   labrig export data/runs/NAME --mat --out NAME-tables
+%   labrig export data/runs/NAME --format matlab --out NAME-tables
 %
 % then, in MATLAB, with run.mat in the present folder:
 %

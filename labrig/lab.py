@@ -19,6 +19,7 @@ RUNS = Path("data/runs")
 SPECIMENS = Path("data/specimens")
 COMPARISONS = Path("data/comparisons")
 CAMPAIGNS = Path("data/campaigns")
+EXPORTS = Path("data/exports")
 PROTOCOL_SCHEMA = PROTOCOLS / "protocol.schema.json"
 CAMPAIGN_SCHEMA = PROTOCOLS / "campaign.schema.json"
 RIG_SCHEMA = CALIBRATION / "rig.schema.json"

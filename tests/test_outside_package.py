@@ -171,7 +171,7 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
     changed = ("--set", "analysis.threshold=60")
     (again,) = json.loads(installed.call("labrig", "reanalyze", run, *changed, "--json"))
     assert again["first_difference"]["path"] == "visits.0.u_px"
-    installed.call("labrig", "export", run, "--csv", "--out", "tables")
+    installed.call("labrig", "export", run, "--format", "csv", "--out", "tables")
     assert len((installed.folder / "tables" / "visits.csv").read_text(encoding="utf-8").splitlines()) == 5
 
 

@@ -1,6 +1,7 @@
-"""`labrig export`: write a run as tables for other programs, or copy its record."""
+"""`labrig export`: write a run as tables for other programs, draw it for a paper or a talk, or copy its record."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,33 +13,42 @@ from labrig.cli.options import RunUrlArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
 from labrig.errors import InputError, Problem, RecordError
+from labrig.lab import EXPORTS, find_in_lab
 
-_LATEX, _FIGURES, _FILM = "latex", "figures", "film"
-_FOR_PAPER = frozenset({_LATEX, _FIGURES, _FILM})
+
+class Format(StrEnum):
+    """What a run can be written as."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    MATLAB = "matlab"
+    RECORD = "record"
+    FIGURES = "figures"
+    FILM = "film"
+
+
+_TABLES = frozenset({Format.CSV, Format.PARQUET, Format.MATLAB})
 
 
 def export(
     run: RunUrlArgument,
-    out: Annotated[str, typer.Option(metavar="DIR", help="Folder to write to, or its URL.")],
-    csv: Annotated[bool, typer.Option("--csv", help="A CSV file for each table.")] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file for each table.")] = False,
-    mat: Annotated[bool, typer.Option("--mat", help="run.mat, which data/read_run.m reads.")] = False,
-    latex: Annotated[
-        bool,
+    formats: Annotated[
+        list[Format],
         typer.Option(
-            "--latex", help="Tables of the newest result, and a paragraph on methods with all settings."
+            "--format",
+            help="csv, parquet: a file for each table; matlab: run.mat, which data/read_run.m reads; record: the "
+            "record itself; figures: those of the page as SVG and PDF; film: each insertion as MP4. Repeatable.",
+            show_default=False,
         ),
-    ] = False,
-    figures: Annotated[
-        bool, typer.Option("--figures", help="The figures of the newest result's page, as SVG and PDF.")
-    ] = False,
-    film: Annotated[
-        bool,
+    ],
+    out: Annotated[
+        str | None,
         typer.Option(
-            "--film", help="A film of each insertion, with plan, estimate and target drawn in (MP4)."
+            metavar="DIR",
+            help="Folder to write to, or its URL. Default: data/exports/RUN.",
+            show_default=False,
         ),
-    ] = False,
-    record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
+    ] = None,
     private: Annotated[
         bool,
         typer.Option(
@@ -54,23 +64,33 @@ def export(
     from labrig.record.reader import fetch_folder
     from labrig.record.remote import output_folder, require_apart
 
-    formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
-    formats += [name for name, wanted in ((_LATEX, latex), (_FIGURES, figures), (_FILM, film)) if wanted]
-    _check_formats(formats, record=record, private=private)
+    chosen, is_copy = frozenset(formats), Format.RECORD in formats
+    _check_formats(chosen, private=private)
     source = fetch_folder(run)
-    write, damage = _prepare_copy(source) if record else _prepare_tables(source, formats, private=private)
-    require_apart(out, source, record=record)
-    if record and not force:
+    place = str(find_in_lab(EXPORTS) / source.name) if out is None else out
+    write, damage = _prepare_copy(source) if is_copy else _prepare(source, chosen, private=private)
+    require_apart(place, source, record=is_copy)
+    if is_copy and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
-    with output_folder(out, force=force) as folder:
+    with output_folder(place, force=force) as folder:
         write(folder)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if as_json:
-        print_json({"run": run, "out": out, "files": files, "ok": not damage})
+        print_json({"run": run, "out": place, "files": files, "ok": not damage})
     else:
-        for file in files if not record else [""]:
-            print_line(f"{out.rstrip('/')}/{file}")
+        for file in [""] if is_copy else files:
+            print_line(f"{place.rstrip('/')}/{file}")
     return 0 if report_damage(damage) is None else RecordError.exit_code
+
+
+def _check_formats(formats: Collection[Format], *, private: bool) -> None:
+    if Format.RECORD in formats and len(formats) > 1:
+        raise InputError("record goes alone: the folder it writes is a run", "export the tables elsewhere")
+    if Format.RECORD in formats and private:
+        raise InputError(
+            "record copies all of a run, and --private leaves something out",
+            "export tables: --format csv --private",
+        )
 
 
 def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
@@ -81,31 +101,31 @@ def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, 
     return partial(copy_record, source), check_run(source).damage
 
 
-def _prepare_tables(
-    source: Path, formats: list[str], *, private: bool
+def _prepare(
+    source: Path, formats: Collection[Format], *, private: bool
 ) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
-    """Return what writes the tables, and the damage of what they are made from."""
+    """Return what writes tables, figures and films, and the damage of what they are made from."""
     from labrig.record.reader import open_run
 
     opened = open_run(source)
     shown = opened.without_personal_data() if private else opened
-    tables = [name for name in formats if name not in _FOR_PAPER]
+    tables = [str(name) for name in formats if name in _TABLES]
     # Drawn and refused before anything is written.
-    write_for_paper = _prepare_for_paper(shown, formats) if len(tables) < len(formats) else None
+    draw = _prepare_drawings(shown, formats) if len(tables) < len(formats) else None
 
     def write(folder: Path) -> None:
         if tables:
             from labrig.report.export import write_tables
 
             write_tables(shown, tables, folder)
-        if write_for_paper is not None:
-            write_for_paper(folder)
+        if draw is not None:
+            draw(folder)
 
     return write, opened.damage
 
 
-def _prepare_for_paper(run: Any, formats: list[str]) -> Callable[[Path], None]:
-    """Return what writes LaTeX, figures and films of the newest result.
+def _prepare_drawings(run: Any, formats: Collection[Format]) -> Callable[[Path], None]:
+    """Return what writes figures and films of the newest result.
 
     Raises
     ------
@@ -115,42 +135,22 @@ def _prepare_for_paper(run: Any, formats: list[str]) -> Callable[[Path], None]:
     from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
     from labrig.report.figure_files import write_figures
     from labrig.report.film import write_film
-    from labrig.report.latex import write_latex
 
     experiment, result = find_run_experiment(run), load_run_result(run)
     if result is not None and run.private:
         result = result.without_personal_data()
-    drawn = {_FIGURES, _FILM} & set(formats)
-    page = experiment.page(run, load_run_protocol(run), result) if drawn else None
-    films = page.make_films() if page is not None and _FILM in formats else ()
-    if _FILM in formats and not films:
+    page = experiment.page(run, load_run_protocol(run), result)
+    films = page.make_films() if Format.FILM in formats else ()
+    if Format.FILM in formats and not films:
         raise InputError(
             f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"
         )
 
     def write(folder: Path) -> None:
-        if _LATEX in formats:
-            summary = None if result is None else experiment.summarise(result.document)
-            write_latex(folder, summary)
-        if page is not None and _FIGURES in formats:
+        if Format.FIGURES in formats:
             write_figures(folder, run, page)
         with show_working("drawing the films", shown=bool(films)):
             for film in films:
                 write_film(folder, run, film)
 
     return write
-
-
-def _check_formats(formats: list[str], *, record: bool, private: bool) -> None:
-    if not formats and not record:
-        raise InputError(
-            "nothing to write",
-            "name --csv, --parquet, --mat, --latex, --figures, --film or --record",
-        )
-    if record and formats:
-        raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
-    if record and private:
-        raise InputError(
-            "--record copies all of a run, and --private leaves something out",
-            "export tables: --csv --private",
-        )

@@ -214,13 +214,14 @@ def check(runs: RunsArgument, as_json: AsJson = False) -> int:
     def check_one(path: Path) -> Mapping[str, object]:
         from labrig.record.check import check_run
         from labrig.record.reader import fetch_folder
+        from labrig.record.remote import restore_url
 
         found = check_run(fetch_folder(path))
         if not as_json:
             _print_check(path, found)
         named = "; ".join(f"{problem.where}: {problem.message}" for problem in found.damage)
         return {
-            "run": str(path),
+            "run": restore_url(path),
             "ok": not found.damage,
             "reason": named or None,
             "protocol": found.experiment,

@@ -94,9 +94,9 @@ def require_apart(out: str, run: Path, *, record: bool) -> None:
     OutputExistsError
         When `out` is a run that would no longer be one.
     """
-    if is_url(out):
+    target = _find_local(out)
+    if target is None:
         return
-    target = Path(out).resolve()
     if target.is_relative_to(run.resolve()):
         raise InputError(f"{out} lies in {run}, the run that is exported", "name a folder outside of it")
     if all((target / name).exists() for name in (MANIFEST, PROTOCOL)):
@@ -107,6 +107,14 @@ def require_apart(out: str, run: Path, *, record: bool) -> None:
         ours, theirs = read_manifest(run), read_manifest(target)
         if any(ours.get(key) != theirs.get(key) for key in ("run", "started", "seed", "protocol")):
             raise OutputExistsError(f"{out} is another run than {run}", "name another folder")
+
+
+def _find_local(place: str) -> Path | None:
+    """Return the folder of this computer that a place is, also as file://; None where it is elsewhere."""
+    if not is_url(place):
+        return Path(place).resolve()
+    scheme, _, path = restore_url(place).partition("://")
+    return Path(path).resolve() if scheme in {"file", "local"} else None
 
 
 @contextmanager

@@ -9,7 +9,6 @@ from pathlib import Path
 from labrig import __version__
 from labrig.analysis.comparison import ComparedRuns
 from labrig.analysis.comparison_result import Comparison, Pair
-from labrig.analysis.summary import TextTable
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import escape_formula
@@ -18,13 +17,11 @@ from labrig.report.figure_files import write_figure
 from labrig.report.formatting import (
     UNKNOWN,
     format_time,
-    interval,
     join_words,
     number,
     signed,
     split_quantity,
 )
-from labrig.report.latex import make_latex_table
 from labrig.report.rendering import TEMPLATES, render
 from labrig.report.writing import REPORT_FILE
 from labrig.text import format_count
@@ -54,7 +51,7 @@ class SharedSource:
 
 
 def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) -> None:
-    """Write report.html, comparison.json, measurements.csv and .json, tables as .tex and figures as .svg and .pdf.
+    """Write report.html, comparison.json, measurements.csv and .json, and the figure as .svg and .pdf.
 
     Raises
     ------
@@ -73,8 +70,6 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
-    for name, table in _make_tables(content).items():
-        write_atomically(folder / f"{name}.tex", make_latex_table(table).encode())
     figure = draw_groups(content, compared.table, "groups")
     if figure is not None:
         write_figure(folder, figure)
@@ -90,22 +85,6 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     filters = _make_filters(content)
     page = render(TEMPLATES / "comparison.html.jinja", shown, filters)
     write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
-
-
-def _make_tables(content: Comparison) -> dict[str, TextTable]:
-    """Return groups and pairs as tables for a paper."""
-    groups = tuple(
-        (group.name, group.n, group.insertions, group.mean, group.sd, interval(group.ci95, 3))
-        for group in content.groups
-    )
-    pairs = tuple(
-        (pair.a, pair.b, pair.difference, interval(pair.ci95, 3), _format_p(pair.p)) for pair in content.pairs
-    )
-    counted = f"n ({content.unit_of_analysis}s)"
-    return {
-        "groups": TextTable(("group", counted, "insertions", "mean", "SD", "95 % interval"), groups),
-        "pairs": TextTable(("a", "b", "a - b", "95 % interval", "p"), pairs),
-    }
 
 
 def _make_title(content: Comparison) -> str:

@@ -31,7 +31,7 @@ _MAT_MOST_BYTES = 2**31
 
 
 def write_tables(run: Run, formats: Iterable[str], folder: Path) -> None:
-    """Write a run and its newest result into a folder, in each of the formats `csv`, `parquet` and `mat`.
+    """Write a run and its newest result into a folder, in each of the formats `csv`, `parquet` and `matlab`.
 
     Raises
     ------
@@ -72,7 +72,10 @@ def export_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
         When a column exceeds the 2 GB of that format.
     """
     content: dict[str, object] = {
-        name: {_make_mat_name(str(column)): _make_mat_column(table[column]) for column in table.columns}
+        name: {
+            field: _make_mat_column(table[column])
+            for field, column in zip(_name_mat_fields(table), table.columns, strict=True)
+        }
         for name, table in tables.items()
     }
     about = (
@@ -85,7 +88,7 @@ def export_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
     if largest >= _MAT_MOST_BYTES:
         raise InputError(
             f"a column of {run.path} has {largest / 1e9:.1f} GB; a MATLAB file holds 2 GB a column",
-            "take --parquet, which MATLAB reads with parquetread",
+            "take --format parquet, which MATLAB reads with parquetread",
         )
     buffer = io.BytesIO()
     target: Any = buffer  # the stubs know only paths
@@ -97,7 +100,7 @@ def export_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
 FORMATS: Mapping[str, Callable[[Run, Mapping[str, pd.DataFrame]], Files]] = {
     "csv": export_csv,
     "parquet": export_parquet,
-    "mat": export_mat,
+    "matlab": export_mat,
 }
 
 _MAT_HEADER = b"MATLAB 5.0 MAT-file, written by labrig".ljust(116)
@@ -109,10 +112,17 @@ def _encode_parquet(table: pd.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-def _make_mat_name(name: str) -> str:
-    """Return a valid name of a MATLAB field."""
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return (plain if plain[:1].isalpha() else f"x{plain}")[:_MAT_LONGEST_NAME]
+def _name_mat_fields(table: pd.DataFrame) -> list[str]:
+    """Return a valid name of a MATLAB field for each column, each once: long ones are cut, and then numbered."""
+    names: list[str] = []
+    for column in table.columns:
+        plain = re.sub(r"\W", "_", str(column), flags=re.ASCII)
+        name = (plain if plain[:1].isalpha() else f"x{plain}")[:_MAT_LONGEST_NAME]
+        if name in names:
+            end = f"_{len(names)}"
+            name = f"{name[: _MAT_LONGEST_NAME - len(end)]}{end}"
+        names.append(name)
+    return names
 
 
 def _make_mat_column(column: "pd.Series[Any]") -> np.ndarray[Any, Any]:

@@ -499,9 +499,9 @@ _SLOW = (
 
 
 _EXPORTS = (
-    ("export", "RUN", "--record", "--out", "out"),
-    ("export", "RUN", "--csv", "--out", "out"),
-    ("export", "RUN", "--parquet", "--mat", "--out", "out"),
+    ("export", "RUN", "--format", "record", "--out", "out"),
+    ("export", "RUN", "--format", "csv", "--out", "out"),
+    ("export", "RUN", "--format", "parquet", "--format", "matlab", "--out", "out"),
 )
 
 
@@ -570,7 +570,7 @@ runs tag runs/import --tag x --by me
 runs note runs/import text --by me --revise 1
 runs verdict runs/import bad --reason why
 runs diff runs/import runs/design
-export runs/import --csv --out out
+export runs/import --format csv --out out
 reanalyze runs/import --set analysis.x=1 --mask m.json
 devices home --rig RIG --axis linear --needle none --method 1 --current-ma 0 --yes
 devices jog --rig RIG --axis linear --distance 1 --speed 1 --current-ma 0 --yes

@@ -61,7 +61,7 @@ def main(runs: Path) -> None:
             ["runs", "annotate", closed, "--note", "cloudy"],
             ["reanalyze", closed],
             ["report", closed],
-            ["export", closed, "--csv", "--out", str(runs / "tables")],
+            ["export", closed, "--format", "csv", "--out", str(runs / "tables")],
         )
     ]
     print(json.dumps({"answers": answers, "unchanged": is_kept(before, contents(runs))}))  # noqa: T201 - the test reads it

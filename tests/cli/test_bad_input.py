@@ -86,7 +86,7 @@ def test_a_run_is_found_by_the_name_that_the_list_shows(
     ):
         done = labrig(*command, near)
         assert (done.exit_code, f"did you mean {sweep.run.name}?" in done.err) == (2, True), command
-    assert labrig("export", sweep.run.name, "--csv", "--out", tmp_path / "tables").exit_code == 0
+    assert labrig("export", sweep.run.name, "--format", "csv", "--out", tmp_path / "tables").exit_code == 0
     assert labrig("calibrate", "template", sweep.run.name, "--out", tmp_path / "tip.png").exit_code == 0
     assert len(labrig("runs", "--limit", 1, "--json").json()) == 1
     done = labrig("runs", "check", sweep.run.name, "--json")

@@ -20,8 +20,8 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "reanalyze": ("reanalyze", "RUN"),
     "report": ("report", "RUN"),
     "view": ("view", "RUN", "--no-open"),
-    "export csv": ("export", "RUN", "--csv", "--out", "TABLES"),
-    "export record": ("export", "RUN", "--record", "--out", "TABLES"),
+    "export csv": ("export", "RUN", "--format", "csv", "--out", "TABLES"),
+    "export record": ("export", "RUN", "--format", "record", "--out", "TABLES"),
     "annotate": ("runs", "annotate", "RUN", "--tag", "pilot", "--note", "cloudy"),
     "adopt": ("calibrate", "adopt", "RUN"),
     "from-run": ("design", "--from-run", "RUN"),
@@ -148,9 +148,9 @@ def test_a_damaged_record_is_copied_only_when_forced(labrig: Labrig, tmp_path: P
     """Without --force nothing is written; with it the copy is byte for byte the damaged record."""
     run, out = closed_run(tmp_path / "runs"), tmp_path / "out"
     flip_bit(run / "frames" / "000001.png")
-    refused = labrig("export", run, "--record", "--out", out)
+    refused = labrig("export", run, "--format", "record", "--out", out)
     assert (refused.exit_code, "--force copies it as it is" in refused.err, out.exists()) == (4, True, False)
-    forced = labrig("export", run, "--record", "--out", out, "--force", "--json")
+    forced = labrig("export", run, "--format", "record", "--out", out, "--force", "--json")
     assert (forced.exit_code, forced.json()["ok"]) == (4, False)
     assert contents(out) == contents(run)
 

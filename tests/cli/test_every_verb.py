@@ -18,10 +18,10 @@ from tests.record.runs import flip_bit
 from tests.runner.sessions import EXAMPLES as PROTOCOL_NAMES
 
 FORMATS = {
-    "--csv": "frames.csv",
-    "--parquet": "frames.parquet",
-    "--mat": "run.mat",
-    "--record": "manifest.json",
+    "csv": "frames.csv",
+    "parquet": "frames.parquet",
+    "matlab": "run.mat",
+    "record": "manifest.json",
 }
 
 
@@ -126,10 +126,10 @@ def test_a_run_is_shown(run: Path, labrig: Labrig) -> None:
 def test_a_run_is_exported(form: str, made: Made, tmp_path: Path, labrig: Labrig, is_sound: Sound) -> None:
     """Each format is complete; a copy of the record is sound."""
     out = tmp_path / "out"
-    done = labrig("export", made.run, form, "--out", out, "--json")
+    done = labrig("export", made.run, "--format", form, "--out", out, "--json")
     assert (done.exit_code, done.json()["ok"]) == (0, True)
     assert FORMATS[form] in done.json()["files"]
-    if form == "--record":
+    if form == "record":
         is_sound(out, "success")
 
 
@@ -142,7 +142,7 @@ def test_changed_pictures_are_named_and_not_used(
         pytest.skip("a design has no pictures")
     for picture in pictures:
         flip_bit(picture)
-    copy = ("export", run, "--record", "--out", tmp_path / "copy")
+    copy = ("export", run, "--format", "record", "--out", tmp_path / "copy")
     for words in (("reanalyze", run), ("view", run, "--no-open"), ("runs", "check", run), copy):
         done = labrig(*words)
         named = any(picture.name in done.out + done.err for picture in pictures)
@@ -217,8 +217,19 @@ def test_a_killed_run_is_read_by_every_command(
     for words in (
         ("report", killed),
         ("view", killed, "--no-open"),
-        ("export", killed, "--csv", "--parquet", "--mat", "--out", tmp_path / "out"),
-        ("export", killed, "--record", "--out", tmp_path / "copy"),
+        (
+            "export",
+            killed,
+            "--format",
+            "csv",
+            "--format",
+            "parquet",
+            "--format",
+            "matlab",
+            "--out",
+            tmp_path / "out",
+        ),
+        ("export", killed, "--format", "record", "--out", tmp_path / "copy"),
         ("runs", "check", tmp_path / "copy"),
         ("runs", "annotate", killed, "--tag", "killed", "--note", "cut short", "--verdict", "doubtful"),
         ("runs", "show", killed),

@@ -18,22 +18,22 @@ FIRST = ROOT / "tests" / "records" / "steerability"
 
 def test_all_formats_are_written_at_once(labrig: Labrig, tmp_path: Path) -> None:
     """The written files are named, and a second export is refused without --force."""
-    formats = ("--csv", "--parquet", "--mat")
+    formats = ("--format", "csv", "--format", "parquet", "--format", "matlab")
     document = labrig("export", FIRST, *formats, "--out", tmp_path / "out", "--json").json()
     names = set(document["files"])
     assert {"states.csv", "measurements.parquet", "run.mat", "manifest.json"} <= names
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
-    again = labrig("export", FIRST, "--csv", "--out", tmp_path / "out", "--json")
+    again = labrig("export", FIRST, "--format", "csv", "--out", tmp_path / "out", "--json")
     assert (again.exit_code, again.json()["error"]["type"]) == (2, "OutputExistsError")
-    assert labrig("export", FIRST, "--csv", "--out", tmp_path / "out", "--force").exit_code == 0
+    assert labrig("export", FIRST, "--format", "csv", "--out", tmp_path / "out", "--force").exit_code == 0
 
 
 def test_a_record_goes_to_an_object_store_and_comes_back(labrig: Labrig, tmp_path: Path) -> None:
     """A copy at a URL can be exported, compared with its original, and copied back whole."""
     store = "memory://shelf/one"
-    assert labrig("export", FIRST, "--record", "--out", store).exit_code == 0
-    assert labrig("export", store, "--csv", "--out", tmp_path / "tables").exit_code == 0
-    assert labrig("export", store, "--record", "--out", tmp_path / "back").exit_code == 0
+    assert labrig("export", FIRST, "--format", "record", "--out", store).exit_code == 0
+    assert labrig("export", store, "--format", "csv", "--out", tmp_path / "tables").exit_code == 0
+    assert labrig("export", store, "--format", "record", "--out", tmp_path / "back").exit_code == 0
     assert labrig("runs", "check", tmp_path / "back").exit_code == 0
     fsspec.filesystem("memory").rm("/shelf", recursive=True)
 
@@ -74,16 +74,20 @@ def test_a_live_run_writes_on_the_local_disk(labrig: Labrig) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "exit_code"),
-    [(["--csv"], 2), (["--out", "x"], 2), (["--record", "--csv", "--out", "x"], 2)],
+    [
+        (["--out", "x"], 2),
+        (["--format", "record", "--format", "csv", "--out", "x"], 2),
+        (["--format", "x"], 2),
+    ],
 )
 def test_what_makes_no_sense_is_refused(
     arguments: list[str], exit_code: int, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """An export without a place or a format, or of a record together with tables, exits with 2."""
+    """An export without a format, in an unknown one, or of a record together with tables, exits with 2."""
     assert labrig("export", FIRST, *arguments).exit_code == exit_code
 
 
-@pytest.mark.parametrize("form", ["--csv", "--record"])
+@pytest.mark.parametrize("form", ["csv", "record"])
 @pytest.mark.parametrize("out", ["", "/", "/tables", "/../run"])
 @pytest.mark.parametrize("scheme", ["", "file://"])
 def test_a_run_is_not_exported_into_itself(
@@ -95,33 +99,48 @@ def test_a_run_is_not_exported_into_itself(
     (tmp_path / "same").symlink_to(run)
     before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
     for place in (run, tmp_path / "same"):
-        done = labrig("export", run, form, "--out", f"{scheme}{place}{out}", "--force", "--json")
+        done = labrig("export", run, "--format", form, "--out", f"{scheme}{place}{out}", "--force", "--json")
         assert (done.exit_code, done.json()["error"]["type"]) == (2, "InputError")
     assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
 
 
 def test_an_export_replaces_no_other_run(labrig: Labrig, tmp_path: Path) -> None:
     """Tables never replace a run, nor a record another record, even with --force; a copy of the same run is renewed."""
-    assert labrig("export", FIRST, "--record", "--out", tmp_path / "copy").exit_code == 0
+    assert labrig("export", FIRST, "--format", "record", "--out", tmp_path / "copy").exit_code == 0
     other = closed_run(tmp_path)
     manifest = (other / "manifest.json").read_bytes()
-    tables = labrig("export", FIRST, "--csv", "--out", tmp_path / "copy", "--force", "--json")
+    tables = labrig("export", FIRST, "--format", "csv", "--out", tmp_path / "copy", "--force", "--json")
     assert (tables.exit_code, tables.json()["error"]["type"]) == (2, "OutputExistsError")
-    record = labrig("export", FIRST, "--record", "--out", other, "--force", "--json")
+    record = labrig("export", FIRST, "--format", "record", "--out", other, "--force", "--json")
     assert (record.exit_code, record.json()["error"]["type"]) == (2, "OutputExistsError")
     assert (other / "manifest.json").read_bytes() == manifest
-    again = ("export", FIRST, "--record", "--out", f"file://{tmp_path}/copy")
+    again = ("export", FIRST, "--format", "record", "--out", f"file://{tmp_path}/copy")
     assert labrig(*again).exit_code == 2
     assert labrig(*again, "--force").exit_code == 0
     assert labrig("runs", "check", tmp_path / "copy").exit_code == 0
+
+
+def test_an_export_has_a_folder_of_its_own(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without --out it is data/exports/RUN."""
+    monkeypatch.chdir(tmp_path)
+    done = labrig("export", FIRST, "--format", "csv", "--json")
+    assert (done.exit_code, done.json()["out"]) == (0, f"data/exports/{FIRST.name}")
+    assert (tmp_path / "data" / "exports" / FIRST.name / "states.csv").is_file()
 
 
 def test_tables_in_the_folder_of_runs_are_no_run(labrig: Labrig, tmp_path: Path) -> None:
     """In a folder with a run, its copy and its tables, only the first two are listed."""
     runs = tmp_path / "runs"
     shutil.copytree(FIRST, runs / "first")
-    assert labrig("export", runs / "first", "--csv", "--parquet", "--out", runs / "tables").exit_code == 0
-    assert labrig("export", runs / "first", "--record", "--out", runs / "copy").exit_code == 0
+    assert (
+        labrig(
+            "export", runs / "first", "--format", "csv", "--format", "parquet", "--out", runs / "tables"
+        ).exit_code
+        == 0
+    )
+    assert labrig("export", runs / "first", "--format", "record", "--out", runs / "copy").exit_code == 0
     shutil.copytree(runs / "copy", runs / ".copy-unfinished")
     for condition in ((), ("--where", "exit_status=success")):
         listed = labrig("runs", "--runs-dir", runs, *condition, "--json").json()
@@ -159,7 +178,7 @@ def test_private_tables_name_no_person_and_no_computer(
 ) -> None:
     """Private tables hold no personal data in any format; a private copy of a record is refused."""
     out = tmp_path / "tables"
-    formats = ("--csv", "--parquet", "--mat")
+    formats = ("--format", "csv", "--format", "parquet", "--format", "matlab")
     assert labrig("export", personal_run, *formats, "--out", out).exit_code == 0
     assert b"lab-pc-7" in (out / "manifest.json").read_bytes()
     assert b"chen-x" in (out / "notes.csv").read_bytes()
@@ -169,13 +188,15 @@ def test_private_tables_name_no_person_and_no_computer(
     mat = scipy.io.loadmat(out / "run.mat", simplify_cells=True)
     assert "lab-pc-7" not in mat["run"]["manifest_json"]
     assert pd.read_parquet(out / "notes.parquet")["by"].tolist() == [""]
-    done = labrig("export", personal_run, "--record", "--private", "--out", tmp_path / "copy", "--json")
+    done = labrig(
+        "export", personal_run, "--format", "record", "--private", "--out", tmp_path / "copy", "--json"
+    )
     assert (done.exit_code, done.json()["error"]["type"]) == (2, "InputError")
 
 
 def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:
     """A folder that is no run is named, and nothing is written for it."""
-    done = labrig("export", tmp_path, "--csv", "--out", tmp_path / "out")
+    done = labrig("export", tmp_path, "--format", "csv", "--out", tmp_path / "out")
     assert done.exit_code == 4
     assert list(tmp_path.iterdir()) == []
 
@@ -183,13 +204,13 @@ def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> Non
 def test_an_insertion_is_exported_as_a_film(labrig: Labrig, tmp_path: Path) -> None:
     """It has every picture of a step, in colour; a sweep has no film."""
     records = ROOT / "tests" / "records"
-    out = labrig("export", records / "insertion", "--film", "--out", tmp_path, "--force", "--json")
+    out = labrig("export", records / "insertion", "--format", "film", "--out", tmp_path, "--force", "--json")
     assert out.json()["files"] == ["insertion-1.mp4"]
     film = cv2.VideoCapture(str(tmp_path / "insertion-1.mp4"))
     read, first = film.read()
     assert read
     assert abs(first[..., 2].astype(int) - first[..., 0]).max() > 100
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) > 20
-    refused = labrig("export", records / "steerability", "--film", "--out", tmp_path / "none")
+    refused = labrig("export", records / "steerability", "--format", "film", "--out", tmp_path / "none")
     assert refused.exit_code == 2
     assert "film" in refused.err

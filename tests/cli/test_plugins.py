@@ -208,7 +208,7 @@ def test_a_record_is_read_without_the_packages_that_made_it(
         ("runs", "check", outside_run),
         ("runs", "annotate", outside_run, "--tag", "good"),
         ("view", outside_run, "--no-open"),
-        ("export", outside_run, "--csv", "--out", tmp_path / "tables"),
+        ("export", outside_run, "--format", "csv", "--out", tmp_path / "tables"),
     ):
         done = labrig(*command)
         assert done.exit_code == 0, done.err
@@ -236,7 +236,7 @@ def test_a_record_whose_device_alone_is_missing_is_read_but_not_computed(
         ("runs", "--runs-dir", tmp_path),
         ("runs", "check", outside_run),
         ("view", outside_run, "--no-open"),
-        ("export", outside_run, "--csv", "--out", tmp_path / "tables"),
+        ("export", outside_run, "--format", "csv", "--out", tmp_path / "tables"),
     ):
         done = labrig(*command)
         assert done.exit_code == 0, done.err

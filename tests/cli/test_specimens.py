@@ -68,7 +68,7 @@ def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Lab
     again = json.loads((run / "analysis" / "002" / "result.json").read_text(encoding="utf-8"))
     assert again["maps"] == [drawn]
     assert "A1,2,two,0,0," in (run / "analysis" / "002" / "tracks.csv").read_text(encoding="utf-8")
-    assert labrig("export", run, "--csv", "--out", bench / "tables").exit_code == 0
+    assert labrig("export", run, "--format", "csv", "--out", bench / "tables").exit_code == 0
     _resume_beside(run, labrig, place_mm)
 
 

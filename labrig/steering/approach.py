@@ -10,6 +10,7 @@ import numpy as np
 from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.clearance import path_distances
 from labrig.steering.problem import Surroundings
+from labrig.steering.score import ROUNDING, find_cheapest
 
 _LENGTHS = 32
 _ROLLS = 16
@@ -24,14 +25,14 @@ def find_nearest_approach(around: Surroundings) -> FloatArray | None:
     psi = _add_last_arc(_list_beginnings(around), around)
     if len(around.centres_mm):
         apart = path_distances(psi, around.problem.radius_mm, around.centres_mm)
-        psi = psi[np.all(apart >= around.keep_off_mm, axis=-1)]
+        psi = psi[np.all(apart >= around.keep_off_mm - ROUNDING, axis=-1)]
     if not len(psi):
         return None
     ends = path_frames(psi, around.problem.radius_mm).positions_mm[:, -1]
     weights = around.problem.weights
     cost = weights.target_error_per_mm * np.linalg.norm(ends - around.target_mm, axis=-1)
-    turned = (np.cos(psi[..., 1]) < 1.0 - 1e-12) & (psi[..., 0] > 0)
-    return _drop_empty_arcs(psi[np.argmin(cost + weights.turn * turned.sum(axis=-1))])
+    turned = (np.cos(psi[..., 1]) < 1.0 - 1e-12) & (psi[..., 0] > ROUNDING)
+    return _drop_empty_arcs(psi[find_cheapest(cost + weights.turn * turned.sum(axis=-1))])
 
 
 def _list_beginnings(around: Surroundings) -> FloatArray:
@@ -65,7 +66,7 @@ def _drop_empty_arcs(path: FloatArray) -> FloatArray:
     kept, roll = [], 0.0
     for angle, turn in path:
         roll += turn
-        if angle > 0:
+        if angle > ROUNDING:
             kept.append((angle, roll))
             roll = 0.0
     return np.array(kept).reshape(-1, 2)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, rotation_z
 
+_ROUNDING_MM = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class NearestPlaces:
@@ -78,7 +80,8 @@ def find_nearest_places(
     """Return the nearest place of each path (M, n, 2) to each point (K, 3); arguments as `arc_distances`."""
     of_arcs = _find_bending(psi, frames)
     apart = _measure_arcs(psi, radius_mm, centres_mm, frames, of_arcs)
-    arcs = apart.argmin(axis=-2)
+    # Where two arcs meet, both are equally near: the first counts.
+    arcs = (apart <= apart.min(axis=-2, keepdims=True) + _ROUNDING_MM).argmax(axis=-2)
     paths = np.arange(len(psi))[:, None]
     bending = of_arcs[paths, arcs]
     starts, ends = frames.positions_mm[paths, arcs], frames.positions_mm[paths, arcs + 1]

@@ -143,6 +143,6 @@ def _thin_family(family: FloatArray, most: int) -> FloatArray:
     """Return a family small enough to score: its shortest paths and an even selection of the others."""
     if len(family) <= most:
         return family
-    order = np.argsort(family[..., 0].sum(axis=1))
+    order = np.argsort(np.round(family[..., 0].sum(axis=1), 9), kind="stable")
     shortest, others = order[: most // 2], order[most // 2 :]
     return np.asarray(family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // most]))])

@@ -14,7 +14,13 @@ from labrig.steering.mending import mend_paths
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
-from labrig.steering.score import cost_path, find_worst_miss_and_gap, pick_best_feasible
+from labrig.steering.score import (
+    ROUNDING,
+    cost_path,
+    find_cheapest,
+    find_worst_miss_and_gap,
+    pick_best_feasible,
+)
 
 Effort = Literal["quick", "closer", "thorough"]
 """How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
@@ -131,7 +137,9 @@ def plan_in_rounds(
         psi = _choose_cheaper(found, mended, around)
         if plan is None and psi is not None and not _is_worth_making(psi, around):
             break
-        if psi is not None and (plan is None or cost_path(psi, around) < cost_path(plan.psi, around)):
+        if psi is not None and (
+            plan is None or cost_path(psi, around) < cost_path(plan.psi, around) - ROUNDING
+        ):
             plan = make_plan(psi, around)
         yield plan
     if plan is None and np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
@@ -160,7 +168,7 @@ def _choose_cheaper(
     """Return the path (n, 2) that costs less, the first if both cost the same; None counts as the most."""
     if path is None or other is None:
         return other if path is None else path
-    return other if cost_path(other, around) < cost_path(path, around) else path
+    return (path, other)[find_cheapest(np.array([cost_path(path, around), cost_path(other, around)]))]
 
 
 def _search_in_rounds(

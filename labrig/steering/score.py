@@ -9,8 +9,8 @@ from labrig.steering.problem import Surroundings
 from labrig.steering.room import find_least_rooms
 
 _RADIUS_ERROR = 0.01
-_ROUNDING = 1e-9
-_NO_ARC_RAD = 1e-9
+ROUNDING = 1e-9
+"""Costs, lengths [mm] and angles [rad] that differ by less differ by rounding."""
 _PIECES = 3
 
 
@@ -27,13 +27,21 @@ def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | No
     if len(around.centres_mm):
         apart = arc_distances(psi, around.problem.radius_mm, around.centres_mm, frames).min(axis=1)
         gaps = (apart - around.needle_and_obstacle_mm).min(axis=1)
-        clear = np.flatnonzero(np.all(apart >= around.keep_off_mm - _ROUNDING, axis=1))
+        clear = np.flatnonzero(np.all(apart >= around.keep_off_mm - ROUNDING, axis=1))
         psi, gaps = psi[clear], gaps[clear]
         frames = ArcFrames(frames.positions_mm[clear], frames.rotations[clear])
     if not len(psi):
         return None
-    cheapest = psi[np.argmin(_path_costs(psi, frames, gaps, around))]
-    return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > _NO_ARC_RAD).max(initial=-1) + 1])
+    cheapest = psi[find_cheapest(_path_costs(psi, frames, gaps, around))]
+    return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > ROUNDING).max(initial=-1) + 1])
+
+
+def find_cheapest(costs: FloatArray) -> int:
+    """Return the index of the least cost; the first, if others differ from it by rounding alone.
+
+    Mirrored paths cost the same, and which of them rounds to less is a matter of the processor.
+    """
+    return int(np.argmax(costs <= costs.min() + ROUNDING))
 
 
 def cost_path(psi: FloatArray, around: Surroundings) -> float:
@@ -52,13 +60,13 @@ def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) 
     errors = np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)
     # With a limit of 90 degrees or less, an arc whose ends point forwards points forwards everywhere.
     headings = frames.rotations[:, :, 2, 2].min(axis=-1)
-    good = (errors <= problem.tolerance_mm) & (headings >= np.cos(problem.max_heading_rad) - _ROUNDING)
+    good = (errors <= problem.tolerance_mm) & (headings >= np.cos(problem.max_heading_rad) - ROUNDING)
     if problem.axis is not None:
         axis = np.asarray(problem.axis) @ np.asarray(problem.start)[:3, :3]
         off = frames.rotations[:, 1:, :, 2] @ axis
-        good &= off.min(axis=-1) >= np.cos(problem.max_off_axis_rad) - _ROUNDING
+        good &= off.min(axis=-1) >= np.cos(problem.max_off_axis_rad) - ROUNDING
     good &= np.all((psi[..., 0] >= 0) & (psi[..., 0] <= np.pi), axis=-1)
-    good &= problem.radius_mm * psi[..., 0].sum(axis=-1) <= problem.max_length_mm + _ROUNDING
+    good &= problem.radius_mm * psi[..., 0].sum(axis=-1) <= problem.max_length_mm + ROUNDING
     return np.flatnonzero(good)
 
 
@@ -71,7 +79,7 @@ def _path_costs(psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around:
         for other_mm in others_mm
     ]
     cost = weights.length_per_mm * radius_mm * psi[..., 0].sum(axis=-1)
-    cost += weights.turn * (psi[..., 0] > _NO_ARC_RAD).sum(axis=-1)
+    cost += weights.turn * (psi[..., 0] > ROUNDING).sum(axis=-1)
     cost += weights.target_error_per_mm * np.linalg.norm(tips - around.target_mm, axis=-1)
     cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1).max(axis=0)
     cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
@@ -101,7 +109,7 @@ def _miss_after_cavity(psi: FloatArray, around: Surroundings) -> FloatArray:
     misses = np.where(
         left > 0.0, radius_mm - np.hypot(beside - radius_mm, left), np.where(ahead > 0.0, beside, 0.0)
     )
-    lengths = pieces[..., 0] / np.maximum(pieces[..., 0].sum(axis=-1, keepdims=True), _NO_ARC_RAD)
+    lengths = pieces[..., 0] / np.maximum(pieces[..., 0].sum(axis=-1, keepdims=True), ROUNDING)
     return np.asarray((np.maximum(misses[:, 1:], 0.0) * lengths).sum(axis=-1))
 
 

@@ -14,14 +14,15 @@ from functools import cached_property
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from labrig.vision.picture import Picture
 
 FloatArray = NDArray[np.float64]
-_Pixels = NDArray[np.float32]
 
-# A step that moves no pixel of the template by more than this ends the search [px]; largest number of steps.
-_SETTLED_PX, _STEPS = 0.03, 10
+# A step that moves no pixel of the template by more than this ends the search [px]: a hundredth of the error of a tip.
+# A search that needs more than this number of steps does not converge.
+_SETTLED_PX, _STEPS = 0.001, 40
 _BLUR_PX = 1.0
 # Weight of a scale other than 1, in squared slopes of the template: if a small template shows the needle's edges badly,
 # scale and shift along the needle look alike.
@@ -29,8 +30,8 @@ _SCALE_WEIGHT = 0.1
 # Outside this range of scales the fit has found something else.
 _SCALES = (0.7, 1.4)
 # Tukey's constant, for 95 % efficiency with normal noise. The assumed noise falls from step to step, from the residual
-# of a fit half a pixel off to little more than a camera's noise [grey levels].
-_TUKEY, _FIRST_NOISE, _CALMER, _LEAST_NOISE = 4.685, 10.0, 0.6, 4.0
+# of a fit half a pixel off to little more than a camera's noise [grey levels], the last.
+_TUKEY, _NOISES = 4.685, (10.0, 6.0, 4.0)
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,10 @@ class Similarity:
         turn = _rotation(self.turn_rad, self.scale)
         u, v = np.asarray(self.lands_px) - turn @ pivot_px
         return np.array(((turn[0, 0], turn[0, 1], u), (turn[1, 0], turn[1, 1], v)))
+
+    def apply(self, offsets_px: FloatArray) -> FloatArray:
+        """Return pixels (N, 2) of the picture of offsets from the pivot."""
+        return np.asarray(offsets_px @ _rotation(self.turn_rad, self.scale).T + self.lands_px)
 
     def step_back(self, step: FloatArray) -> "Similarity":
         """Return this map after the inverse of a small step: shift (2), turn and growth, in the template's pixels."""
@@ -77,27 +82,34 @@ class FitTemplate:
     robust: bool
 
     @cached_property
-    def _columns(self) -> _Pixels:
+    def _offsets_px(self) -> FloatArray:
+        """The used pixels from the pivot (N, 2), columns right and down."""
+        v, u = np.nonzero(self.used)
+        return np.asarray(np.column_stack((u, v)) - self.pivot_px)
+
+    @cached_property
+    def _columns(self) -> FloatArray:
         """The regressors (N, 6): steepest descents of shift, turn and growth, the template, a constant."""
         smooth = _blur(self.picture)
-        across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
-        down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
-        v, u = np.indices(smooth.shape)
-        right, below = u - self.pivot_px[0], v - self.pivot_px[1]
-        columns = (
-            across,
-            down,
-            across * below - down * right,
-            across * right + down * below,
-            smooth,
-            np.ones_like(smooth),
+        across, down = (
+            cv2.Sobel(smooth, cv2.CV_64F, right, 1 - right, scale=0.125)[self.used] for right in (1, 0)
         )
-        return np.stack([column[self.used] for column in columns], axis=1).astype(np.float32)
+        right, below = self._offsets_px.T
+        return np.column_stack(
+            (
+                across,
+                down,
+                across * below - down * right,
+                across * right + down * below,
+                smooth[self.used],
+                np.ones_like(across),
+            )
+        )
 
     @cached_property
     def _normal(self) -> FloatArray:
         """The normal matrix (6, 6) with full weight for every pixel."""
-        return (self._columns.T @ self._columns).astype(np.float64)
+        return np.asarray(self._columns.T @ self._columns)
 
     @cached_property
     def _scale_weight(self) -> float:
@@ -114,7 +126,7 @@ class FitTemplate:
         return np.diag((0.0, 0.0, 0.0, self._scale_weight, 0.0, 0.0))
 
     def fit(self, picture: Picture, start: Similarity) -> Similarity | None:
-        """Return the best place near a start; None if the fit diverges or leaves the picture.
+        """Return the best place near a start; None if the fit does not converge or leaves the picture.
 
         Parameters
         ----------
@@ -134,31 +146,29 @@ class FitTemplate:
             place = place.step_back(step)
             if not _SCALES[0] < place.scale < _SCALES[1]:
                 return None
-            if math.hypot(step[0], step[1]) + reach * math.hypot(step[2], step[3]) < _SETTLED_PX:
-                break
-        return place
+            moved_px = math.hypot(step[0], step[1]) + reach * math.hypot(step[2], step[3])
+            if moved_px < _SETTLED_PX and number >= len(_NOISES):
+                return place
+        return None
 
     def score(self, picture: Picture, place: Similarity) -> float:
         """Return the correlation of the template with a picture at a place."""
         seen = self._sample(_blur(picture), place)
         if seen is None:
             return 0.0
-        gain, _ = self._brightness((seen @ self._columns[:, 4:]).astype(np.float64))
+        gain, _ = self._brightness(seen @ self._columns[:, 4:])
         return self._correlation(seen, gain)
 
-    def _step(self, seen: _Pixels, scale: float, number: int) -> FloatArray | None:
+    def _step(self, seen: FloatArray, scale: float, number: int) -> FloatArray | None:
         """Return the step (4,) that moves the template closer to the picture; None if the picture does not show it."""
-        right = (seen @ self._columns).astype(np.float64)
+        right = seen @ self._columns
         gain, offset = self._brightness(right[4:])
         if gain <= 0.0:
             return None
         normal = self._normal
         if self.robust:
             weighted = self._columns * self._weights(seen, gain, offset, number)[:, None]
-            normal, right = (
-                (weighted.T @ self._columns).astype(np.float64),
-                (seen @ weighted).astype(np.float64),
-            )
+            normal, right = weighted.T @ self._columns, seen @ weighted
         right[3] += self._scale_weight * gain * math.log(scale)
         found = np.linalg.solve(normal + self._pull, right)
         return found[:4] / found[4] if found[4] > 0.0 else None
@@ -169,30 +179,29 @@ class FitTemplate:
         gain = float(pixels * right[0] - total * right[1]) / (pixels * squares - total**2)
         return gain, (float(right[1]) - gain * total) / pixels
 
-    def _correlation(self, seen: _Pixels, gain: float) -> float:
+    def _correlation(self, seen: FloatArray, gain: float) -> float:
         """Return the correlation with the template from the regression's slope `gain`."""
         pixels, total = self._normal[5, 5], self._normal[4, 5]
         spread = self._normal[4, 4] - total**2 / pixels
         seen_spread = float(seen.var()) * pixels
         return gain * math.sqrt(spread / seen_spread) if seen_spread > 0.0 else 0.0
 
-    def _weights(self, seen: _Pixels, gain: float, offset: float, number: int) -> _Pixels:
+    def _weights(self, seen: FloatArray, gain: float, offset: float, number: int) -> FloatArray:
         """Return the weight (N,) of each pixel from its distance to the template's grey level."""
         off = seen - (gain * self._columns[:, 4] + offset)
-        noise = max(_FIRST_NOISE * _CALMER**number, _LEAST_NOISE)
-        return np.asarray(np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0)), np.float32)
+        noise = _NOISES[min(number, len(_NOISES) - 1)]
+        return np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0))
 
-    def _sample(self, smooth: _Pixels, place: Similarity) -> _Pixels | None:
-        """Return the grey levels (N,) under the template; None if its pivot is outside the picture."""
-        rows, columns = self.picture.shape
+    def _sample(self, smooth: FloatArray, place: Similarity) -> FloatArray | None:
+        """Return the grey levels (N,) under the template; None if its pivot is outside the picture.
+
+        OpenCV's own warp rounds places to a thirty-second of a pixel, so that a fit cannot converge more closely.
+        """
         u, v = place.lands_px
         if not (0 <= u < smooth.shape[1] and 0 <= v < smooth.shape[0]):
             return None
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        seen = cv2.warpAffine(
-            smooth, place.warp(self.pivot_px), (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
-        )
-        return np.asarray(seen, np.float32)[self.used]
+        columns, rows = place.apply(self._offsets_px).T
+        return np.asarray(map_coordinates(smooth, (rows, columns), order=1, mode="nearest"))
 
 
 def _rotation(turn_rad: float, scale: float) -> FloatArray:
@@ -200,5 +209,5 @@ def _rotation(turn_rad: float, scale: float) -> FloatArray:
     return np.array([[c, s], [-s, c]])
 
 
-def _blur(picture: Picture) -> _Pixels:
-    return np.asarray(cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _BLUR_PX), np.float32)
+def _blur(picture: Picture) -> FloatArray:
+    return np.asarray(cv2.GaussianBlur(picture.astype(np.float64), (0, 0), _BLUR_PX))

@@ -124,6 +124,15 @@ def test_a_plan_moves_with_its_frame(seed: int) -> None:
 
 
 @pytest.mark.processors
+@pytest.mark.parametrize("method", ["best", "paper"])
+@pytest.mark.parametrize("ahead_mm", [30.0, 60.0, 85.0, 90.0, 100.0])
+def test_of_two_mirrored_paths_the_same_is_always_taken(method: PlanMethod, ahead_mm: float) -> None:
+    """A target straight ahead has paths that cost the same; rounding does not choose between them."""
+    plans = [plan_path(PlanProblem((0.0, y_mm, ahead_mm), planar=True), method) for y_mm in (1e-13, -1e-13)]
+    np.testing.assert_allclose(plans[0].psi, plans[1].psi, atol=1e-9)
+
+
+@pytest.mark.processors
 def test_a_mirrored_problem_has_the_mirrored_plan() -> None:
     """With y reversed, the first roll is the other one and the angles are the same."""
     plan = plan_path(PlanProblem(TARGET, OBSTACLES, planar=True))

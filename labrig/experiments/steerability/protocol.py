@@ -22,6 +22,10 @@ from labrig.protocol.sections import (
 from labrig.protocol.specimen_file import TracksBySpecimen
 
 
+# A picture nearer to the end than this share of the way between two pictures would be the final one again.
+_AT_END = 0.01
+
+
 class Insertion(Model):
     """How the needle goes in and comes out."""
 
@@ -37,10 +41,9 @@ class Insertion(Model):
     )
 
     def list_stops_mm(self) -> list[float]:
-        """Return the inserted lengths at which a picture is taken on the way [mm]."""
-        return [
-            self.frame_every_mm * number for number in range(1, ceil(self.length_mm / self.frame_every_mm))
-        ]
+        """Return the inserted lengths at which a picture is taken on the way [mm]; the end has its own picture."""
+        parts = ceil(self.length_mm / self.frame_every_mm - _AT_END)
+        return [self.frame_every_mm * number for number in range(1, parts)]
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a picture spacing longer than the insertion."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import can
+import pytest
 
 from labrig.devices.operator import (
     ConfirmAxesAtZero,
@@ -14,6 +15,7 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from tests.runner.sessions import Watched, bench, sweep
 
 
@@ -210,3 +212,13 @@ def test_progress_only_goes_forward(tmp_path: Path) -> None:
     with bench(tmp_path, protocol) as rig:
         rig.conduct(protocol)
         assert rig.told.done == sorted(rig.told.done)
+
+
+@pytest.mark.parametrize(
+    ("length_mm", "pictures"), [(40.0, 7), (40.002, 7), (39.998, 7), (41.0, 8), (39.0, 7), (5.0, 0)]
+)
+def test_a_picture_on_the_way_is_not_taken_at_the_end(length_mm: float, pictures: int) -> None:
+    """A length that is told, or rounded, to some micrometres more has no second picture of its end."""
+    protocol = sweep(f"insertion.length_mm={length_mm}", "insertion.frame_every_mm=5")
+    assert isinstance(protocol, SteerabilityProtocol)
+    assert len(protocol.insertion.list_stops_mm()) == pictures

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.devices.check import check_calibration
+from labrig.devices.check_result import CheckStatus
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.replayed.rig import ReplayedRig, load_recorded_rig
 from labrig.devices.replayed.tape import SessionPart, Tape, TapeDiffersError, TapeEndsError, list_sessions
@@ -21,6 +23,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.agreement import Agreement, Deviation, Verdict
 from labrig.record.events import Event, Move, OperatorQuestion, Pause
 from labrig.record.json_lines import as_recorded
+from labrig.record.layout import COPY_HINT
 from labrig.record.reader import Run
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.dialogue import Dialogue
@@ -104,12 +107,22 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
         )
     found = Replay()
     description = load_recorded_rig(run) if experiment.moves_rig else None
+    if description is not None:
+        _require_calibration(description)
     for number, part in enumerate(list_sessions(run)):
         resumed = run.until(part.t0_s) if number else None
         _replay_session(_Replayed(run, experiment, protocol, description, resumed), part, progress, found)
         if found.stopped:
             break
     return found
+
+
+def _require_calibration(rig: RigDescription) -> None:
+    """Refuse a calibration that is not of the pictures; a rig without one calibrates, or measures in pixels."""
+    named = {name.removesuffix(".json") for name in rig.calibration_paths()}
+    for result in check_calibration(rig):
+        if result.status is CheckStatus.FAIL and result.check.removeprefix("calibration ") in named:
+            raise InputError(f"the record's {result.check}: {result.value}", COPY_HINT)
 
 
 def replay_work(run: Run, experiment: Experiment) -> float:

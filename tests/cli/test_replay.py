@@ -1,13 +1,15 @@
 """`labrig replay`."""
 
+import json
 import shutil
 from collections.abc import Callable
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from labrig.record.json_lines import decode_line, encode_line
+from labrig.record.json_lines import checksum, decode_line, encode_document, encode_line
 from tests.cli.conftest import ROOT, Labrig, SweepRun
 from tests.cli.cut_runs import open_again
 
@@ -77,6 +79,66 @@ def test_a_number_within_its_tolerance_is_equivalent(
     document = done.json()
     assert (done.exit_code, document["verdict"]) == (code, verdict)
     assert document["largest"]["roll_zero_sheath.tip_mm.*"] == pytest.approx(off_mm, abs=1e-3 * off_mm + 1e-7)
+
+
+def _read_manifest(run: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    del document["crc32"]
+    return document
+
+
+def _write_manifest(run: Path, document: dict[str, Any]) -> None:
+    (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
+
+
+def _make_newer(run: Path) -> None:
+    _write_manifest(run, _read_manifest(run) | {"schema_version": 2})
+
+
+def _lose_pictures(run: Path) -> None:
+    shutil.rmtree(run / "frames")
+
+
+def _forget_an_answer(run: Path) -> None:
+    def forget(line: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in line.items() if key != "confirmed"}
+
+    edit_events(run, forget)
+
+
+def _enlarge_calibration(run: Path) -> None:
+    path, manifest = run / "calibration" / "intrinsics.json", _read_manifest(run)
+    lens = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(lens | {"image_size": [704, 448]}), encoding="utf-8")
+    manifest["hashes"]["calibration"]["intrinsics.json"] = sha256(path.read_bytes()).hexdigest()
+    _write_manifest(run, manifest)
+
+
+@pytest.mark.parametrize(
+    ("command", "spoil", "reason"),
+    [
+        ("replay", _make_newer, "schema version 2"),
+        ("replay", _lose_pictures, "frames"),
+        ("replay", _forget_an_answer, "confirmed"),
+        ("replay", _enlarge_calibration, "704x448"),
+        ("reanalyze", _make_newer, "schema version 2"),
+        ("reanalyze", _lose_pictures, "frames"),
+        ("reanalyze", _enlarge_calibration, "intrinsics"),
+    ],
+)
+def test_a_record_that_cannot_be_used_says_why(
+    tmp_path: Path, labrig: Labrig, command: str, spoil: Callable[[Path], None], reason: str
+) -> None:
+    """A newer format, lost pictures, a lost answer and a calibration of other pictures; nothing is written."""
+    run = Path(shutil.copytree(ROOT / "tests" / "records" / "roll-zero", tmp_path / "roll-zero"))
+    (run / "SHA256SUMS").unlink()
+    open_again(run)
+    spoil(run)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    done = labrig(command, run, "--json")
+    assert done.exit_code in {2, 4}, done.out
+    assert reason in done.out
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 def test_a_damaged_run_is_not_replayed(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from labrig.protocol.sections import (
 )
 from labrig.protocol.specimen_file import TracksBySpecimen
 
-
 # A picture nearer to the end than this share of the way between two pictures would be the final one again.
 _AT_END = 0.01
 

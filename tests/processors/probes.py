@@ -8,7 +8,7 @@ import math
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -200,12 +200,12 @@ PROBES: tuple[Callable[[], Iterator[Case]], ...] = (
 )
 
 
-def main() -> None:
-    """Write the kernels of this process, and all cases."""
-    cases = [asdict(case) for probe in PROBES for case in probe()]
+def write_cases(path: Path, probes: Iterable[Callable[[], Iterator[Case]]]) -> None:
+    """Write the kernels of this process, and all cases of some probes."""
+    cases = [asdict(case) for probe in probes for case in probe()]
     found = {"processor": dict(describe_kernels()), "cases": cases}
-    Path(sys.argv[1]).write_text(json.dumps(found), encoding="utf-8")
+    path.write_text(json.dumps(found), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    write_cases(Path(sys.argv[1]), PROBES)

@@ -68,6 +68,7 @@ from labrig.experiments.insertion.settings import (
 from labrig.experiments.shared.holes import list_tracks
 from labrig.experiments.shared.specimen_result import map_specimens
 from labrig.protocol.specimen_file import TracksBySpecimen
+from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
 from labrig.steering.out_of_plane import budget_out_of_plane
@@ -271,9 +272,17 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         mean_nis=_average([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
         plans=tuple(_describe_plan(event) for event in events.plans),
-        as_recorded=[step.estimate_mm for step in steps] == events.estimates_mm,
+        as_recorded=_agree(steps, events.estimates_mm),
         commands=tuple(commands),
         **markers.describe(),
+    )
+
+
+def _agree(steps: Sequence[InsertionStep], recorded: Sequence[Point]) -> bool:
+    """Return whether every estimate is the recorded one, as closely as two processors agree."""
+    return len(steps) == len(recorded) and all(
+        math.dist(step.estimate_mm, before) <= SHARE_OF_SD * step.position_sd_mm
+        for step, before in zip(steps, recorded, strict=True)
     )
 
 

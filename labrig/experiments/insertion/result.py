@@ -172,8 +172,8 @@ class InsertionTrial(Model):
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
-    the live run to the last digit, as it is with its settings and its code. `target_mm` and `obstacles` are where
-    they were at the start. `marker_ids` are the markers that the target and each obstacle are
+    the live run within a tenth of its standard deviation, as it is with its settings. `target_mm` and
+    `obstacles` are where they were at the start. `marker_ids` are the markers that the target and each obstacle are
     bound to, the target's first, `marker_steps` what these showed, and `markers` how far they moved. Errors and
     clearances are from where they were then.
     """

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from labrig.vision.zhang import calibrate_intrinsics
 
 from labrig.campaign.tasks import CampaignTasks, compute_task
 from labrig.steering.planner import plan_path
 from labrig.steering.problem import PlanMethod, PlanProblem, Surroundings
 from labrig.steering.score import cost_path
+from labrig.vision import calibrate_intrinsics
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.tip import TIP_SIGMA_PX, locate_tip
 from tests.benchmarks.planning_problems import draw_planar_problem, draw_spatial_problems, draw_tunnel

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from labrig.record.json_lines import checksum, decode_line, encode_document, encode_line
+from labrig.record.json_lines import decode_line, encode_line
+from labrig.record.manifest import encode_manifest, encode_sums, read_sums
 from tests.cli.conftest import ROOT, Labrig, SweepRun
 from tests.cli.cut_runs import open_again
 
@@ -81,18 +82,9 @@ def test_a_number_within_its_tolerance_is_equivalent(
     assert document["largest"]["roll_zero_sheath.tip_mm.*"] == pytest.approx(off_mm, abs=1e-3 * off_mm + 1e-7)
 
 
-def _read_manifest(run: Path) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
-    del document["crc32"]
-    return document
-
-
-def _write_manifest(run: Path, document: dict[str, Any]) -> None:
-    (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
-
-
 def _make_newer(run: Path) -> None:
-    _write_manifest(run, _read_manifest(run) | {"schema_version": 2})
+    manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    (run / "manifest.json").write_bytes(encode_manifest(manifest | {"schema_version": 2}))
 
 
 def _lose_pictures(run: Path) -> None:
@@ -107,11 +99,11 @@ def _forget_an_answer(run: Path) -> None:
 
 
 def _enlarge_calibration(run: Path) -> None:
-    path, manifest = run / "calibration" / "intrinsics.json", _read_manifest(run)
+    path = run / "calibration" / "intrinsics.json"
     lens = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps(lens | {"image_size": [704, 448]}), encoding="utf-8")
-    manifest["hashes"]["calibration"]["intrinsics.json"] = sha256(path.read_bytes()).hexdigest()
-    _write_manifest(run, manifest)
+    sums = {**read_sums(run)[0], "calibration/intrinsics.json": sha256(path.read_bytes()).hexdigest()}
+    (run / "SHA256SUMS").write_bytes(encode_sums(sums))
 
 
 @pytest.mark.parametrize(
@@ -131,7 +123,6 @@ def test_a_record_that_cannot_be_used_says_why(
 ) -> None:
     """A newer format, lost pictures, a lost answer and a calibration of other pictures; nothing is written."""
     run = Path(shutil.copytree(ROOT / "tests" / "records" / "roll-zero", tmp_path / "roll-zero"))
-    (run / "SHA256SUMS").unlink()
     open_again(run)
     spoil(run)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}

@@ -16,7 +16,7 @@ from labrig.devices.axis import Axis
 from labrig.devices.axis_description import AXES
 from labrig.devices.drives.drive import Identity, raise_together, try_all
 from labrig.devices.needle_state import NeedleState
-from labrig.devices.operator import ConfirmFaultReset
+from labrig.devices.operator import ConfirmFaultReset, ConfirmUnguarded
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import DriveError, DriveFaultError, MachineError
 
@@ -64,7 +64,7 @@ def prepare_drives(
     description: RigDescription,
     opening: Opening,
     needle: NeedleState,
-    confirms: Callable[[ConfirmFaultReset], bool],
+    confirms: Callable[[ConfirmFaultReset | ConfirmUnguarded], bool],
 ) -> dict[str, Identity]:
     """Verify and configure every drive, and return what each is, by its axis.
 
@@ -79,7 +79,7 @@ def prepare_drives(
     needle : NeedleState
         The state of the rig: references, and current limits that a labrig that was killed has left.
     confirms : callable
-        Tells whether the operator confirms the reset of a fault.
+        Tells whether the operator confirms the reset of a fault, or a drive that may move on when labrig ends.
 
     Raises
     ------
@@ -103,8 +103,17 @@ def prepare_drives(
     def find_faults(axis: Axis) -> None:
         faults.update((axis, fault) for fault in axis.drive.faults()[:1])
 
+    def guard(axis: Axis) -> None:
+        doubt = identities[axis.name].unguarded
+        if doubt and not confirms(ConfirmUnguarded(axis.drive.name, doubt)):
+            raise DriveError(
+                f"{axis.drive.name}: {doubt}; the operator did not confirm its use",
+                "find out in its manual how it stops when the heartbeat of the computer ends, or use another drive",
+            )
+
     faults: dict[Axis, DriveFaultError] = {}
     raise_together([*try_all(axes, identify), *_find_shared_cob_ids(axes)])
+    raise_together(try_all(axes, guard))
     raise_together(
         [*try_all(axes, find_faults), *_reset_faults(faults, description, opening, needle, confirms)]
     )
@@ -118,7 +127,7 @@ def _reset_faults(
     description: RigDescription,
     opening: Opening,
     needle: NeedleState,
-    confirms: Callable[[ConfirmFaultReset], bool],
+    confirms: Callable[[ConfirmFaultReset | ConfirmUnguarded], bool],
 ) -> list[MachineError]:
     """Reset the faults that may be reset, one question for each cause; return an error for each that stays."""
     stay: list[MachineError] = []

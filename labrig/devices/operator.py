@@ -303,6 +303,18 @@ class ConfirmFaultReset(OperatorRequest):
 
 
 @dataclass(frozen=True)
+class ConfirmUnguarded(OperatorRequest):
+    """Confirm the use of a drive of which nobody knows whether it stops when labrig ends."""
+
+    sentence = (
+        "The {drive}: {doubt}. Confirm that it was seen to stop by itself, without a needle, and may be used."
+    )
+
+    drive: str
+    doubt: str
+
+
+@dataclass(frozen=True)
 class ConfirmStance(OperatorRequest):
     """Confirm where the needle stands, where the drives have lost it."""
 

@@ -111,7 +111,7 @@ def test_the_rig_is_checked_with_both_kinds(labrig: Labrig, mixed: MixedRig) -> 
     for words in (
         "heartbeat stops (0x6007)",
         "lower limit in the drive (0x607D:01)",
-        "limit switches (0x60FD)",
+        "limit switches (0x60FD:00)",
     ):
         assert words in warned
 

@@ -1,6 +1,6 @@
 """What makes the drives stop when labrig ends, verified at opening; and a bus that nobody else commands."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
 import can
@@ -14,12 +14,13 @@ from labrig.devices.drives.drive import Drive
 from labrig.devices.drives.model import STOP_OPTIONS
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import DriveState
+from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.errors import DriveError, SecondMasterError
 from tests.devices.bench_rig import PATIENT, bench_description, bench_rig
 from tests.devices.cia402.eds_text import eds_text, entry
 from tests.devices.cia402.sections import HEARTBEAT, drive_on_a_bus, section_of
-from tests.devices.rigs import OneDrive, OpenedRig, one_drive, opened_rig, simulated_rig
+from tests.devices.rigs import OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
 from tests.devices.served import served_drives
 
 BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
@@ -93,6 +94,20 @@ def test_a_drive_without_a_reaction_to_silence_says_so() -> None:
         one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
         assert "it may move on when labrig falls silent" in one.driver.identify().unguarded
         assert one.driver.identify().unguarded == ""
+
+
+@pytest.mark.parametrize("yes", [True, False])
+def test_a_rig_with_a_drive_that_may_move_on_opens_on_confirmation(*, yes: bool) -> None:
+    """The person is asked once for that drive; without a yes nothing is configured."""
+    with opened_rig(person=(person := Person(yes))) as opened:
+        opened.rig.operator = opened.rig._person = person
+        opened.drives["rotation"].abort_next(0x06020000, co.ABORT_CONNECTION.index)
+        with (
+            nullcontext() if yes else pytest.raises(DriveError, match="the operator did not confirm its use")
+        ):
+            opened.rig.connect()
+        assert [type(request) for request in person.asked] == [ConfirmUnguarded]
+        assert opened.drives["insertion"].is_powered() is yes
 
 
 def test_process_data_that_labrig_does_not_use_is_switched_off() -> None:

@@ -46,13 +46,11 @@ from labrig.devices.drives.node import (
     NMT_RESET_COMMUNICATION,
     NMT_START,
     NMT_STOPPED,
-    OBEYED_IDS,
-    SENT_IDS,
     DriveNode,
 )
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.reports import REPORT_PDO, DriveReports
-from labrig.devices.drives.sdo import CHECK_POWER, NO_OBJECT
+from labrig.devices.drives.sdo import CHECK_POWER
 from labrig.devices.drives.states import (
     CHANGE_IMMEDIATELY,
     ENABLE,
@@ -73,7 +71,7 @@ from labrig.devices.drives.states import (
 )
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.input_channel import InputValue
-from labrig.errors import DriveError, DriveFaultError, DriveRefusedError
+from labrig.errors import DriveError, DriveFaultError
 
 POLL_S = 0.005
 ANSWER_TIME_S = 1.0
@@ -84,9 +82,6 @@ LONGEST_STILL_TIME_S = 0.4
 
 _RESET_TIME_S = 0.05
 """Time that a drive gets to reset a fault."""
-
-_NO_ACTION = 0
-"""Value of 0x6007 with which a drive moves on when the computer falls silent."""
 
 
 def still_time_s(slowest_counts_per_s: float | None) -> float:
@@ -123,7 +118,6 @@ class Cia402Drive(DriveNode):
         self._offset_counts = 0
         self._target: int | None = None
         self._settings: dict[Place, int] = {}
-        self._dead_man: dict[str, int | None] = {}
         self._heartbeat: HeartbeatDescription | None = None
         self._own_limit: dict[Place, int] = {}
         self._written: tuple[Place, ...] = ()
@@ -187,7 +181,10 @@ class Cia402Drive(DriveNode):
         self._settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
         written = self.adjust(self._settings)
         self._reports.switch_on()
-        self._written = (*written, *self._make_stop_by_itself(heartbeat))
+        self._written = (
+            *written,
+            *self.make_stop_by_itself(heartbeat, (REPORT_PDO, *self._reports.pdos.switched_on)),
+        )
         self._fingerprint = found
         self.adjust(dict(zip(self.model.fingerprint, found, strict=True)))
 
@@ -214,9 +211,9 @@ class Cia402Drive(DriveNode):
             "counts_per_unit": self.scale.counts_per_unit,
             "speed_units_per_speed": self.scale.speed_units_per_speed,
             "speed_unit": self.section.speed_unit,
-            "drive_settings": {str(place): value for place, value in self._settings.items()} | self._dead_man,
+            "drive_settings": {str(place): value for place, value in self._settings.items()} | self.dead_man,
             "settings_written": [str(place) for place in self._written],
-            "dead_man": dict(self._dead_man),
+            "dead_man": dict(self.dead_man),
             "retries": self.sdo.retries + self._reports.pdos.missed,
             "strays": self.sdo.strays + self._reports.pdos.strays,
         }
@@ -226,48 +223,6 @@ class Cia402Drive(DriveNode):
         self.go_to(TargetState.POWER_OFF)
         self._silence_s = math.inf
         self.adjust({**self._own_limit, co.CONSUMER_HEARTBEAT: 0, co.PRODUCER_HEARTBEAT: 0})
-
-    # Stopping by itself
-
-    def _make_stop_by_itself(self, heartbeat: HeartbeatDescription) -> Iterator[Place]:
-        """Make the drive stop when the computer's heartbeat does, and obey nobody else; yield what was written.
-
-        Raises
-        ------
-        DriveError
-            When it does not keep one of the settings, among them an option that means "no action".
-        """
-        used = {co.TRANSMIT_PDO_COB_IDS[pdo] for pdo in (REPORT_PDO, *self._reports.pdos.switched_on)}
-        pdos = (*self.pdos(OBEYED_IDS), *self.pdos(SENT_IDS))
-        unused = [place for place in pdos if place not in used and self.model.takes(place)]
-        settings = {
-            **self.consume(heartbeat),
-            **{place: value for place, value in self.model.stop_options.items() if self.model.has(place)},
-            **{place: self.upload(place) | co.PDO_INVALID for place in unused},
-        }
-        self._dead_man = {}
-        for place, value in settings.items():
-            self._clock.sleep(0.0)  # lets a heartbeat that is due be sent
-            self._dead_man[str(place)] = value
-            try:
-                if self.ensure(place, value):
-                    yield place
-            except DriveError as error:
-                if not isinstance(error, DriveRefusedError) or error.code != NO_OBJECT:
-                    raise self._unsafe(place, error) from error
-                self._dead_man[str(place)] = None
-
-    def _unsafe(self, place: Place, error: DriveError) -> DriveError:
-        """Return the error of a drive that does not take what makes it stop by itself."""
-        if place == co.ABORT_CONNECTION and self.upload(place) == _NO_ACTION:
-            return error.reword(
-                f"{self.name} takes no action when the computer falls silent ({place} = {_NO_ACTION}): {error.message}",
-                f"set {place} in {self.model.tool} and save it; nothing else stops this drive if labrig ends",
-            )
-        return error.reword(
-            f"{error.message}; its dead-man cannot be relied upon",
-            f"set {place} in {self.model.tool} and save it",
-        )
 
     # States
 
@@ -479,7 +434,7 @@ class Cia402Drive(DriveNode):
         """Home, and hold at home in profile position mode; the caller lets time pass at each turn."""
         self._offset_counts, self._target, self._has_homed = 0, None, False
         due_s = self._clock.now_s() + homing.timeout_s
-        settings = self._list_homing_settings(homing)
+        settings = self.model.list_homing_settings(self.section, homing, self.name)
         self._set_mode(co.HOMING)
         self.adjust(settings)
         self.download(co.CONTROLWORD, ENABLE)
@@ -502,33 +457,6 @@ class Cia402Drive(DriveNode):
             yield
         self.settle(ANSWER_TIME_S)
         self._hold_at_home(homing)
-
-    def _list_homing_settings(self, homing: Homing) -> dict[Place, int]:
-        """Return the settings that a homing needs."""
-        model, scale, method = self.model, self.scale, homing.method
-        if (homing.offset and model.home_offset is None) or (homing.position and model.home_position is None):
-            raise DriveError(
-                f"{self.name} has no home position but zero and no distance off a switch, as far as labrig knows",
-                "name the object of the home position in objects.home_position of this axis",
-            )
-        settings = {
-            co.HOMING_METHOD: model.home_here if method == HOMING_HERE else method,
-            co.HOME_OFFSET: 0,
-        }
-        if model.home_offset is not None:
-            away = -self.section.homing_directions.get(method, 0)
-            settings[model.home_offset] = away * round(homing.offset * scale.counts_per_unit)
-        if model.home_position is not None:
-            settings[model.home_position] = scale.to_counts(homing.position)
-        if method != HOMING_HERE:
-            units = scale.to_speed_units(homing.speed)
-            settings[co.HOMING_SPEED_SWITCH] = units
-            settings[co.HOMING_SPEED_INDEX] = max(1, units // 10)
-            settings[co.HOMING_ACCELERATION] = scale.to_acceleration_units(self.section.acceleration)
-        threshold_ma = self.section.homing_current_ma(method)
-        if model.homing_current is not None and threshold_ma is not None:
-            settings[model.homing_current] = threshold_ma
-        return {place: value for place, value in settings.items() if model.has(place)}
 
     def _hold_at_home(self, homing: Homing) -> None:
         """Hold, after checking the counter: even a fresh bit can be wrong, and makers differ in the sign of a home."""

@@ -8,11 +8,12 @@ from canopen.objectdictionary import ODVariable
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Identity
+from labrig.devices.drives.drive import Homing, Identity
 from labrig.devices.drives.eds import Eds
 from labrig.devices.drives.errors import Emergency
 from labrig.devices.drives.objects import Place
-from labrig.errors import InputError
+from labrig.devices.homing import HOMING_HERE
+from labrig.errors import DriveError, InputError
 
 STOP_OPTIONS = {
     co.ABORT_CONNECTION: 1,  # a fault
@@ -169,6 +170,33 @@ class Model:
             **self.settings,
         }
         return {place: value for place, value in wanted.items() if self.takes(place)}
+
+    def list_homing_settings(self, section: AxisDescription, homing: Homing, name: str) -> dict[Place, int]:
+        """Return the settings that a homing of the drive of this name needs. Raises `DriveError` if it lacks one."""
+        scale, method = section.scale(), homing.method
+        if (homing.offset and self.home_offset is None) or (homing.position and self.home_position is None):
+            raise DriveError(
+                f"{name} has no home position but zero and no distance off a switch, as far as labrig knows",
+                "name the object of the home position in objects.home_position of this axis",
+            )
+        settings = {
+            co.HOMING_METHOD: self.home_here if method == HOMING_HERE else method,
+            co.HOME_OFFSET: 0,
+        }
+        if self.home_offset is not None:
+            away = -section.homing_directions.get(method, 0)
+            settings[self.home_offset] = away * round(homing.offset * scale.counts_per_unit)
+        if self.home_position is not None:
+            settings[self.home_position] = scale.to_counts(homing.position)
+        if method != HOMING_HERE:
+            units = scale.to_speed_units(homing.speed)
+            settings[co.HOMING_SPEED_SWITCH] = units
+            settings[co.HOMING_SPEED_INDEX] = max(1, units // 10)
+            settings[co.HOMING_ACCELERATION] = scale.to_acceleration_units(section.acceleration)
+        threshold_ma = section.homing_current_ma(method)
+        if self.homing_current is not None and threshold_ma is not None:
+            settings[self.homing_current] = threshold_ma
+        return {place: value for place, value in settings.items() if self.has(place)}
 
 
 class Cia402Section(AxisDescription):

@@ -12,7 +12,7 @@ What is decided here
 
 import math
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -46,6 +46,9 @@ NMT_STOPPED, NMT_OPERATIONAL = 0x04, 0x05
 _CLASHING_ANSWERS = 3
 """Unexpected answers while a drive is identified that show two nodes; a single one may be a repeated frame."""
 
+_NO_ACTION = 0
+"""Value of 0x6007 with which a drive moves on when the computer falls silent."""
+
 _EMERGENCY = struct.Struct("<HB")
 SENT_IDS, OBEYED_IDS = range(0x1800, 0x1A00), range(0x1400, 0x1600)
 """Indices of transmit and of receive PDOs."""
@@ -60,6 +63,8 @@ class DriveNode:
     ----------
     model : Model
         What is known of the product.
+    dead_man : mapping of str to int or None
+        What makes the drive stop by itself, as it was read back; None for an object that it does not have.
     """
 
     def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
@@ -80,6 +85,7 @@ class DriveNode:
         self._link = link
         self._fingerprint: tuple[int, ...] = ()
         self._emergency: tuple[int, int] | None = None
+        self.dead_man: dict[str, int | None] = {}
         self._heard_s, self._silence_s = 0.0, math.inf
         self._nmt_state: int | None = None
         link.network.subscribe(0x700 + self.node_id, self._on_heartbeat)
@@ -237,6 +243,48 @@ class DriveNode:
                 raise
             self.send_nmt(NMT_PRE_OPERATIONAL)
             return act()
+
+    # Stopping by itself
+
+    def make_stop_by_itself(self, heartbeat: HeartbeatDescription, reports: Iterable[int]) -> Iterator[Place]:
+        """Make the drive stop when the computer's heartbeat does, and obey nobody else; yield what was written.
+
+        Raises
+        ------
+        DriveError
+            When it does not keep one of the settings, among them an option that means "no action".
+        """
+        used = {co.TRANSMIT_PDO_COB_IDS[pdo] for pdo in reports}
+        pdos = (*self.pdos(OBEYED_IDS), *self.pdos(SENT_IDS))
+        unused = [place for place in pdos if place not in used and self.model.takes(place)]
+        settings = {
+            **self.consume(heartbeat),
+            **{place: value for place, value in self.model.stop_options.items() if self.model.has(place)},
+            **{place: self.upload(place) | co.PDO_INVALID for place in unused},
+        }
+        self.dead_man = {}
+        for place, value in settings.items():
+            self._clock.sleep(0.0)  # lets a heartbeat that is due be sent
+            self.dead_man[str(place)] = value
+            try:
+                if self.ensure(place, value):
+                    yield place
+            except DriveError as error:
+                if not isinstance(error, DriveRefusedError) or error.code != NO_OBJECT:
+                    raise self._unsafe(place, error) from error
+                self.dead_man[str(place)] = None
+
+    def _unsafe(self, place: Place, error: DriveError) -> DriveError:
+        """Return the error of a drive that does not take what makes it stop by itself."""
+        if place == co.ABORT_CONNECTION and self.upload(place) == _NO_ACTION:
+            return error.reword(
+                f"{self.name} takes no action when the computer falls silent ({place} = {_NO_ACTION}): {error.message}",
+                f"set {place} in {self.model.tool} and save it; nothing else stops this drive if labrig ends",
+            )
+        return error.reword(
+            f"{error.message}; its dead-man cannot be relied upon",
+            f"set {place} in {self.model.tool} and save it",
+        )
 
     # What the drive says by itself
 

@@ -17,15 +17,29 @@ app = typer.Typer(no_args_is_help=True)
 
 
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
-def check(rig: RigOption = None, as_json: AsJson = False) -> int:
+def check(
+    rig: RigOption = None,
+    move: Annotated[
+        bool,
+        typer.Option(
+            "--move",
+            help="Move each axis a little too, and see that it stops by itself when labrig falls silent.",
+        ),
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
     """Exit with 1 when a check failed."""
     from labrig.cli.plugin_faults import find_plugin_faults
     from labrig.devices.check import check_rig
     from labrig.devices.check_result import CheckResult, CheckStatus
+    from labrig.devices.dead_man import try_dead_man
     from labrig.devices.rig_file import load_rig
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
-    results = check_rig(load_rig(find_rig_file(rig)))
+    description = load_rig(find_rig_file(rig))
+    results = check_rig(description)
+    if move:
+        results += try_dead_man(description, lambda what: typer.confirm(f"{what}. Go on?", err=True))
     results += [
         CheckResult("plugin", CheckStatus.WARN, fault.message, fault.hint)
         for fault in find_plugin_faults(DRIVES, CAMERAS, EXPERIMENTS)

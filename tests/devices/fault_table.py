@@ -303,7 +303,7 @@ TOLD_WITHIN_S = 1.0
 
 REFUSED_AT_CONNECT = {
     "node-id clash": "two nodes answer as node",
-    "wrong encoder resolution": "encoder pulses a turn, the rig file says 500",
+    "wrong encoder resolution": "encoder_pulses_per_turn 1000 (0x2210:01), the rig file says 500",
     "wrong vendor": "is not an EPOS2 that labrig knows: vendor 0x",
     "unknown hardware": "is not an EPOS2 that labrig knows: hardware version 0x6552",
     "fingerprint mismatch": "configuration fingerprint",

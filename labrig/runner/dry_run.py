@@ -30,8 +30,8 @@ from labrig.simulation.description import (
     NeedleDescription,
     SheathDescription,
     WorldDescription,
+    stream,
 )
-from labrig.simulation.seeds import stream
 from labrig.simulation.world import World
 from labrig.vision.plane import PlaneMap
 

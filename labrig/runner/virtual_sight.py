@@ -24,8 +24,7 @@ from labrig.protocol.sections import Sheath
 from labrig.runner.sight import SeenRadius, TakenPicture
 from labrig.runner.virtual_rig import VirtualPhotograph
 from labrig.simulation.description import LensDescription
-from labrig.simulation.lens import plane_to_pixels
-from labrig.simulation.parallax import see_points
+from labrig.simulation.lens import plane_to_pixels, see_points
 from labrig.simulation.world import Glance, World
 from labrig.steering.tip import TipState
 from labrig.steering.tip_search import TipSearched

@@ -15,10 +15,10 @@ What is decided here
   is the path disturbed: the curvature wanders, the tip turns by itself, in cavities it goes straight, the tip lags
   behind the insertion, and layers have other radii. Its obstacles may lie beside where the protocol says, and its
   target may move; printed markers move with the target, and obstacles stay.
-- The bevel follows the rotation axis with play (`torsion`): as far as friction along the needle can wind it up. The
+- The bevel follows the rotation axis with play (`track`): as far as friction along the needle can wind it up. The
   wind-up stays while the needle advances without turning, and while it waits.
 - The path is computed in space: at a roll other than 0 and pi, or behind a sheath that leans, it leaves the plane. The
-  picture shows it where its rays meet the plane, and as wide as its distance makes it (`parallax`). The same holds for
+  picture shows it where its rays meet the plane, and as wide as its distance makes it (`lens`). The same holds for
   its cut, the sheath and obstacles.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map

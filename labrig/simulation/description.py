@@ -1,9 +1,11 @@
-"""The simulated world: the `world:` section of a rig file."""
+"""The simulated world: the `world:` section of a rig file, and the streams of its random draws."""
 
+import hashlib
 from collections.abc import Iterable
 from itertools import pairwise
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
 from labrig.protocol.model import (
@@ -300,3 +302,18 @@ class WorldDescription(Model):
         if self.needle.diameter_mm >= self.sheath.diameter_mm:
             message = f"{self.needle.diameter_mm:g} mm; must be below sheath.diameter_mm"
             yield Conflict("needle.diameter_mm", f"{message}, {self.sheath.diameter_mm:g} mm")
+
+
+def stream(seed: int, *purpose: str | int | None) -> np.random.Generator:
+    """Return the generator for one purpose.
+
+    Parameters
+    ----------
+    seed : int
+        The protocol's seed.
+    purpose : str, int or None
+        Names and indexes, e.g. ("hole", specimen, hole, needle). Equal arguments give equal streams,
+        other arguments unrelated streams.
+    """
+    text = repr((seed, *purpose))
+    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big"))

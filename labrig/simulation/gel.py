@@ -17,11 +17,10 @@ from labrig.simulation.description import (
     GelDescription,
     LayerDescription,
     WorldDescription,
+    stream,
 )
 from labrig.simulation.lens import Field32, Floats
-from labrig.simulation.seeds import stream
-from labrig.simulation.track import Track
-from labrig.simulation.unevenness import Unevenness, draw_unevenness, no_unevenness
+from labrig.simulation.track import Track, Unevenness, draw_unevenness, no_unevenness
 
 LAST_POSITION_MM = 240.0  # holes lie between 0 and here
 _LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # the part that is visible from some hole

@@ -9,14 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from labrig.errors import InputError
-from labrig.simulation.calibration_targets import (
-    Chessboard,
-    choose_board_pose,
-    draw_board,
-    draw_graph_paper,
-    draw_light,
+from labrig.simulation.description import PrintedMarkerDescription, WorldDescription, stream
+from labrig.simulation.draw import (
+    Backdrop,
+    PathSpan,
+    Sensor,
+    blur,
+    draw_backdrop,
+    draw_gel,
+    draw_marker,
+    draw_with_needle,
+    print_marker,
 )
-from labrig.simulation.description import PrintedMarkerDescription, WorldDescription
 from labrig.simulation.gel import (
     LAST_POSITION_MM,
     Ball,
@@ -27,13 +31,14 @@ from labrig.simulation.gel import (
     make_hole,
 )
 from labrig.simulation.lens import Field32, Floats, plane_to_pixels, steering_plane_pose, unproject
-from labrig.simulation.marker import draw_marker, print_marker
-from labrig.simulation.scene import Backdrop, draw_backdrop, draw_gel, draw_with_needle
-from labrig.simulation.seeds import stream
-from labrig.simulation.sensor import Sensor, blur
-from labrig.simulation.strokes import PathSpan
-from labrig.simulation.torsion import follow_with_play
-from labrig.simulation.track import Bending, PathNode, Track
+from labrig.simulation.targets import (
+    Chessboard,
+    choose_board_pose,
+    draw_board,
+    draw_graph_paper,
+    draw_light,
+)
+from labrig.simulation.track import Bending, PathNode, Track, follow_with_play
 
 SHEATH_MM = 5.0
 """Length of the sheath's end whose direction is seen."""

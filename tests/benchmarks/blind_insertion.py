@@ -29,7 +29,7 @@ from labrig.runner.sight import TakenPicture
 from labrig.runner.trials import Trial
 from labrig.runner.virtual_rig import EventList, VirtualRig
 from labrig.runner.virtual_sight import WorldSight
-from labrig.simulation.parallax import see_points
+from labrig.simulation.lens import see_points
 from labrig.simulation.world import Glance
 from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.parameters import SteeringPolicy

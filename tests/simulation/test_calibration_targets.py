@@ -5,9 +5,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from labrig.simulation.calibration_targets import Chessboard, choose_board_pose
+from labrig.simulation.description import stream
 from labrig.simulation.lens import plane_to_pixels, project
-from labrig.simulation.seeds import stream
+from labrig.simulation.targets import Chessboard, choose_board_pose
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET
 

@@ -5,8 +5,7 @@ import pytest
 
 from labrig.errors import InputError
 from labrig.simulation.description import PrintedMarkerDescription, SlideDescription, WorldDescription
-from labrig.simulation.lens import plane_to_pixels
-from labrig.simulation.parallax import see_points
+from labrig.simulation.lens import plane_to_pixels, see_points
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, insert
 

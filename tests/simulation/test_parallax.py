@@ -11,8 +11,7 @@ import pytest
 
 from labrig.simulation.description import LensDescription, WorldDescription
 from labrig.simulation.gel import Ball
-from labrig.simulation.lens import plane_to_pixels
-from labrig.simulation.parallax import see_path, see_points
+from labrig.simulation.lens import plane_to_pixels, see_path, see_points
 from labrig.simulation.track import Bending, Track
 from labrig.simulation.world import World
 

@@ -10,8 +10,7 @@ import pytest
 from labrig.simulation.description import DisturbancesDescription, WorldDescription
 from labrig.simulation.gel import Ball
 from labrig.simulation.lens import plane_to_pixels
-from labrig.simulation.track import Bending, Track
-from labrig.simulation.unevenness import NODE_MM, Unevenness, draw_unevenness, no_unevenness
+from labrig.simulation.track import NODE_MM, Bending, Track, Unevenness, draw_unevenness, no_unevenness
 from labrig.simulation.world import World
 
 BENDING = Bending(28.0, 3.0, 1.5)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.simulation.description import WorldDescription
-from labrig.simulation.torsion import follow_with_play
+from labrig.simulation.track import follow_with_play
 from labrig.simulation.world import World
 
 LENGTH_MM = 30.0

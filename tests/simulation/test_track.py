@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from labrig.simulation.track import Bending, Track
-from labrig.simulation.unevenness import NODE_MM
+from labrig.simulation.track import NODE_MM, Bending, Track
 
 RADIUS_MM = 28.0
 CLOSING_MM = 3.0

@@ -14,7 +14,7 @@ from labrig.experiments.hinge_design.study import covers_tube
 from labrig.needle.design_search import design_by_equations
 from labrig.needle.equations import EQUATION_3, radius_mm
 from labrig.needle.tube import TABLE_1, Tube
-from labrig.simulation.seeds import stream
+from labrig.simulation.description import stream
 
 REACH_DEPTH_MM = 20.0
 """Depth at which the reach is stated."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from labrig.simulation.description import LensDescription, LightDescription
+from labrig.simulation.draw import coverage
 from labrig.simulation.lens import Field32, Floats, Pose, pixel_plane, pixel_rays, project, rotation_about
-from labrig.simulation.strokes import coverage
 
 _PAPER_WHITE = 1.15  # over clear gel
 _PAPER_TURN_DEG = 0.2

@@ -1,0 +1,576 @@
+"""The picture as the lens sees it, layer by layer: light, clouds, bubbles, older cuts, sheath, needle, markers, noise.
+
+Strokes are drawn on the pixels near a path (`Band`) with their coordinates along it, sharp, and blurred as the lens
+does. Markers are squares of black and white bits on a white card, over all of it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from labrig.errors import InputError
+from labrig.simulation.description import (
+    LensDescription,
+    LightDescription,
+    NeedleDescription,
+    PrintedMarkerDescription,
+    WorldDescription,
+    stream,
+)
+from labrig.simulation.gel import Ball, Bubble, GelBlock, Hole
+from labrig.simulation.lens import (
+    Field32,
+    Floats,
+    camera_place_mm,
+    pixel_plane,
+    plane_to_pixels,
+    see_path,
+    see_points,
+    steering_plane_pose,
+    unproject,
+)
+from labrig.simulation.track import NODE_MM
+
+BLUR_REACH_PX = 4
+_BANK_RIM_PX = 256
+
+
+def blur(sharp: Field32, blur_px: float) -> Field32:
+    """Return the picture as the lens draws it: Gaussian, cut off at `BLUR_REACH_PX`."""
+    if blur_px == 0:
+        return sharp
+    side = 2 * BLUR_REACH_PX + 1
+    return np.asarray(cv2.GaussianBlur(sharp, (side, side), blur_px, borderType=cv2.BORDER_REFLECT_101))
+
+
+class Sensor:
+    """Photon and read-out noise from a bank that is drawn once; each picture takes another piece, mirrored at random.
+
+    At the reference level half of the variance is read-out noise; the other half grows with the light.
+    """
+
+    def __init__(self, seed: int, size_px: tuple[int, int], noise_sd: float, level: float) -> None:
+        width, height = size_px
+        bank = (height + _BANK_RIM_PX, width + _BANK_RIM_PX)
+        self._bank = stream(seed, "noise bank").standard_normal(bank, dtype=np.float32)
+        self._size_px = size_px
+        self._noise_sd = noise_sd
+        self._level = level
+
+    def expose(self, light: Field32, random: np.random.Generator) -> npt.NDArray[np.uint8]:
+        """Return the picture (H, W) uint8 of the light (H, W) in grey levels."""
+        width, height = self._size_px
+        row, column = random.integers(0, _BANK_RIM_PX, 2)
+        piece = self._bank[row : row + height, column : column + width]
+        noise = cv2.flip(piece, int(random.integers(-1, 2)))
+        variance = 0.5 * self._noise_sd**2
+        deviation = cv2.addWeighted(light, variance / self._level, light, 0.0, variance)
+        # In place: fresh memory of this size costs more than the arithmetic.
+        cv2.sqrt(deviation, deviation)
+        cv2.multiply(noise, deviation, noise)
+        return np.asarray(cv2.add(light, noise, dtype=cv2.CV_8U), np.uint8)
+
+
+Indexes = npt.NDArray[np.intp]
+Pixels = tuple[Indexes, Indexes]
+
+HALO_MM = 1.6  # how far from its centre line a stroke may change the picture
+_CHAMFER_RIM_PX = 8  # a path that leaves the picture still has its nearest node on the canvas
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of the picture: rows and columns, both half open."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """The index of the region in a picture."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the region has no pixel."""
+        return self.bottom <= self.top or self.right <= self.left
+
+
+def find_region(pixels: Floats, margin_px: float, lens: LensDescription) -> Region:
+    """Return the part of the picture within a margin of pixels (N, 2)."""
+    left, top = np.floor(pixels.min(axis=0) - margin_px).astype(int).tolist()
+    right, bottom = (np.ceil(pixels.max(axis=0) + margin_px).astype(int) + 1).tolist()
+    return Region(max(0, top), min(lens.height_px, bottom), max(0, left), min(lens.width_px, right))
+
+
+@dataclass(frozen=True)
+class Band:
+    """The pixels near a centre line.
+
+    region : the rectangle around them; inside : their rows and columns (N,) in it; lateral_mm (N,) : distance to
+    the line at the line's own distance from the camera, positive on its +y side; arc_mm (N,) : arc length at the foot;
+    heading_rad (N,) : heading there as it is seen.
+    """
+
+    region: Region
+    inside: Pixels
+    lateral_mm: Field32
+    arc_mm: Field32
+    heading_rad: Field32
+
+
+def find_band(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band | None:
+    """Return the pixels within `HALO_MM` of a path, or None if the path is out of view.
+
+    Parameters
+    ----------
+    table : (N, 8) array
+        Columns arc, y, z, heading, curvature, x, lean, bend, spaced `NODE_MM` in arc, as from `Track.table`.
+    lens : LensDescription
+        The camera.
+    margin_px : int
+        Rim of the region beyond the band.
+    """
+    plane = pixel_plane(lens)
+    seen = see_path(table, lens)
+    pixels = plane_to_pixels(seen.table[:, 1:3], lens)
+    halo_px = HALO_MM / plane.mm_per_px
+    region = find_region(pixels, halo_px + margin_px, lens)
+    if region.is_empty:
+        return None
+    nearest, inside = _find_nearest_nodes(pixels - (region.left, region.top), region, halo_px)
+    if nearest.size == 0:
+        return None
+    y, z = plane.y_mm[region.slices][inside], plane.z_mm[region.slices][inside]
+    lateral, arc, heading = _find_feet(seen.table.astype(np.float32), nearest, y, z)
+    scale = np.asarray(seen.scale[nearest], np.float32)
+    return Band(region, inside, np.divide(lateral, scale, dtype=np.float32), arc, heading)
+
+
+def _find_nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Indexes, Pixels]:
+    """Return each pixel near the path, and for each a node at most a few nodes from the nearest."""
+    height, width = region.bottom - region.top, region.right - region.left
+    pad = int(halo_px) + _CHAMFER_RIM_PX
+    canvas = np.full((height + 2 * pad, width + 2 * pad), 255, np.uint8)
+    places = np.rint(pixels).astype(int) + pad
+    seen = ((places >= 0) & (places < (canvas.shape[1], canvas.shape[0]))).all(axis=1)
+    nodes, places = np.flatnonzero(seen), places[seen]
+    canvas[places[:, 1], places[:, 0]] = 0
+    distance, labels = cv2.distanceTransformWithLabels(canvas, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    node_of_label = np.zeros(len(nodes) + 1, np.intp)
+    node_of_label[labels[places[:, 1], places[:, 0]]] = nodes
+    core = (slice(pad, pad + height), slice(pad, pad + width))
+    rows, columns = np.nonzero(distance[core] < halo_px)
+    return node_of_label[labels[core][rows, columns]], (rows, columns)
+
+
+def _find_feet(table: Field32, nearest: Indexes, y: Field32, z: Field32) -> tuple[Field32, Field32, Field32]:
+    """Return lateral distance, arc length and heading at each point's foot.
+
+    The foot is on the osculating circle of the nearest node; a first round finds that node.
+    """
+    arcs, ys, zs, headings, curvatures = table.T
+    sines, cosines = np.sin(headings), np.cos(headings)
+    for _ in range(2):
+        dy, dz = y - ys[nearest], z - zs[nearest]
+        along = dy * sines[nearest] + dz * cosines[nearest]
+        across = dy * cosines[nearest] - dz * sines[nearest]
+        curvature = curvatures[nearest]
+        bent = 1 - curvature * across
+        foot_arc = arcs[nearest] + along / bent
+        foot_heading = headings[nearest] + curvature * along / bent
+        lateral = (2 * across - curvature * (along**2 + across**2)) / (
+            1 + np.sqrt(bent**2 + (curvature * along) ** 2)
+        )
+        steps = np.rint(along / bent / np.float32(NODE_MM)).astype(np.intp)
+        nearest = np.clip(nearest + steps, 0, len(table) - 1)
+    return lateral, foot_arc, foot_heading
+
+
+_SHEATH_SEEN_MM = 60.0  # more of the sheath than any picture shows
+_LAMP_HEIGHT = 1.2  # height of the lamp over its distance aside
+
+
+@dataclass(frozen=True)
+class PathSpan:
+    """A part of a path between two arc lengths, with the bevel's roll at its front."""
+
+    from_mm: float
+    to_mm: float
+    roll_rad: float = 0.0
+
+
+def coverage(inside_mm: Field32, mm_per_px: float) -> Field32:
+    """Return the covered share of a pixel whose centre lies `inside_mm` within an edge."""
+    share = inside_mm / np.float32(mm_per_px) + np.float32(0.5)
+    return np.asarray(np.clip(share, 0, 1), np.float32)
+
+
+def draw_cut(patch: Field32, band: Band, span: PathSpan, width_mm: float, patchiness: Field32) -> None:
+    """Darken the gel along a cut, faintly and in patches.
+
+    Parameters
+    ----------
+    patch : (H, W) array
+        The region of the band; changed in place.
+    band : Band
+        Pixels near the cut.
+    span : PathSpan
+        Of the cut.
+    width_mm : float
+        Width of the cut.
+    patchiness : (K,) array
+        Contrast at steps of 1 mm from arc length 0.
+    """
+    ends = np.clip((band.arc_mm - span.from_mm) / 0.3, 0, 1)
+    ends = ends * np.clip((span.to_mm - band.arc_mm) / 0.3, 0, 1)
+    contrast = np.interp(band.arc_mm, np.arange(len(patchiness)), patchiness).astype(np.float32)
+    inside_mm = np.float32(0.5 * width_mm) - np.abs(band.lateral_mm)
+    walls = np.exp(-((inside_mm / 0.12) ** 2))
+    patch[band.inside] *= 1 - contrast * ends * (0.7 * coverage(inside_mm, 0.08) + 0.5 * walls)
+
+
+def draw_shadow(patch: Field32, band: Band, span: PathSpan, light: LightDescription) -> None:
+    """Darken the gel softly beside the needle, on the side away from the lamp."""
+    side = np.sin(math.radians(light.azimuth_deg) - band.heading_rad)
+    ends = np.clip((band.arc_mm - span.from_mm) / 0.4, 0, 1)
+    ends *= np.clip((span.to_mm + 0.4 - band.arc_mm) / 0.4, 0, 1)
+    away = (band.lateral_mm + 0.35 * side) / 0.75
+    patch[band.inside] *= 1 - 0.10 * ends * np.exp(-(away**2))
+
+
+def draw_needle(patch: Field32, band: Band, span: PathSpan, world: WorldDescription) -> None:
+    """Draw the needle: dark steel, an off-centre glint, ticks at the hinges, a bevelled tip."""
+    radius = 0.5 * world.needle.diameter_mm
+    mm_per_px = pixel_plane(world.lens).mm_per_px
+    across = np.clip(band.lateral_mm / radius, -1, 1)
+    place, strength = _find_glint(band.heading_rad, world.light)
+    ticks = _draw_hinge_ticks(span.to_mm - band.arc_mm, world.needle.link_mm)
+    glint = world.light.glint * strength * np.exp(-(((across - place) / 0.17) ** 2)) * (1 - 0.75 * ticks)
+    body = world.light.level * (0.17 + 0.15 * np.sqrt(1 - across**2)) * (1 - 0.35 * ticks)
+    end_mm = np.float32(span.to_mm) - _bevel_cut_mm(across, span.roll_rad, world.needle)
+    share = coverage(np.float32(radius) - np.abs(band.lateral_mm), mm_per_px)
+    share *= coverage(end_mm - band.arc_mm, mm_per_px)
+    share *= coverage(band.arc_mm - np.float32(span.from_mm), mm_per_px)
+    patch[band.inside] += share * (body + glint - patch[band.inside])
+
+
+def _find_glint(heading_rad: Field32, light: LightDescription) -> tuple[Field32, Field32]:
+    """Return where on a cylinder (-1 to 1, positive on its +y side) the lamp's glint lies, and its strength.
+
+    Seen along the axis, the glint lies where the normal bisects the angle between lamp and camera. It fades as that
+    direction leans along the axis.
+    """
+    aside = math.radians(light.azimuth_deg) - heading_rad
+    height = math.hypot(1.0, _LAMP_HEIGHT) + _LAMP_HEIGHT
+    along, across = np.cos(aside), np.sin(aside)
+    return across / np.sqrt(across**2 + np.float32(height**2)), 1 - np.float32(0.5) * along**2
+
+
+def _draw_hinge_ticks(from_tip_mm: Field32, link_mm: float) -> Field32:
+    """Return 1 at each laser cut and 0 between: a cut per link, behind the tip's own link."""
+    off = np.abs((from_tip_mm + 0.5 * link_mm) % link_mm - 0.5 * link_mm)
+    ticks = np.where(from_tip_mm > 0.5 * link_mm, np.exp(-((off / 0.09) ** 2)), 0)
+    return ticks.astype(np.float32)
+
+
+def _bevel_cut_mm(across: Field32, roll_rad: float, needle: NeedleDescription) -> Field32:
+    """Return the distance from the needle's foremost point back to its bevel, by lateral place (-1 to 1).
+
+    The point leads on the side to which the needle bends: towards -y at roll 0. The outline is the farthest
+    point of the face over the depth of the cylinder.
+    """
+    length_mm = needle.diameter_mm / math.tan(math.radians(needle.bevel_deg))
+    lead = -math.cos(roll_rad) * across + abs(math.sin(roll_rad)) * np.sqrt(1 - across**2)
+    return np.asarray(0.5 * length_mm * (1 - lead), np.float32)
+
+
+def draw_sheath(picture: Field32, hole: Hole, beyond_origin_mm: float, world: WorldDescription) -> None:
+    """Draw the sheath from the picture's edge to its tip: brushed steel, lighter than the needle."""
+    plane = pixel_plane(world.lens)
+    x_mm, y_mm, z_mm = hole.sheath_point_mm(beyond_origin_mm)
+    end = np.array([(0.0, y_mm, z_mm, hole.heading_rad, 0.0, x_mm, hole.lean_rad, 0.0)])
+    seen = see_path(end, world.lens)
+    _, *tip, heading_rad, _ = seen.table[0].tolist()
+    along_axis = (math.sin(heading_rad), math.cos(heading_rad))
+    axis = np.array(tip) - np.linspace(0, _SHEATH_SEEN_MM, 13)[:, None] * along_axis
+    diameter_mm = world.sheath.diameter_mm * float(seen.scale[0])
+    margin_px = (diameter_mm + HALO_MM) / plane.mm_per_px
+    region = find_region(plane_to_pixels(axis, world.lens), margin_px, world.lens)
+    if region.is_empty:
+        return
+    dy, dz = plane.y_mm[region.slices] - np.float32(tip[0]), plane.z_mm[region.slices] - np.float32(tip[1])
+    lateral = np.asarray(dy * along_axis[1] - dz * along_axis[0], np.float32)
+    behind = np.asarray(-dy * along_axis[0] - dz * along_axis[1], np.float32)
+    inside = np.float32(0.5 * diameter_mm) - np.abs(lateral)
+    share = coverage(inside, plane.mm_per_px) * coverage(behind, plane.mm_per_px)
+    patch = picture[region.slices]
+    patch *= 1 - 0.12 * np.exp(-((np.minimum(inside, 0) / 0.5) ** 2)) * (behind > 0)
+    steel = _draw_sheath_steel(lateral / np.float32(0.5 * diameter_mm), heading_rad, world.light)
+    patch += share * (steel - patch)
+
+
+def _draw_sheath_steel(across: Field32, heading_rad: float, light: LightDescription) -> Field32:
+    inner = np.clip(across, -1, 1)
+    place, strength = _find_glint(np.array([heading_rad], np.float32), light)
+    brushed = 0.28 + 0.30 * np.sqrt(1 - inner**2) + 0.02 * np.sin(23 * inner)
+    glow = 0.45 * light.glint * strength * np.exp(-(((inner - place) / 0.28) ** 2))
+    return np.asarray(light.level * brushed + glow, np.float32)
+
+
+def draw_bubble(picture: Field32, bubble: Bubble, shift_mm: float, world: WorldDescription) -> None:
+    """Draw a bubble: a dark refracting rim, a clear middle, a bright spot towards the lamp."""
+    plane = pixel_plane(world.lens)
+    centre = (bubble.lateral_mm + shift_mm, bubble.z_mm)
+    middle = plane_to_pixels(np.array([centre]), world.lens)
+    region = find_region(middle, 1.6 * bubble.radius_mm / plane.mm_per_px + 2, world.lens)
+    if region.is_empty:
+        return
+    dy = (plane.y_mm[region.slices] - np.float32(centre[0])) / bubble.radius_mm
+    dz = (plane.z_mm[region.slices] - np.float32(centre[1])) / bubble.radius_mm
+    out = np.sqrt(dy**2 + dz**2)
+    azimuth = math.radians(world.light.azimuth_deg)
+    lit = dy * math.sin(azimuth) + dz * math.cos(azimuth)
+    rim = np.exp(-(((out - 0.86) / 0.16) ** 2)) * (1 - 0.35 * lit)
+    spot = np.exp(-(((lit - 0.45) / 0.18) ** 2) - ((out - 0.45) / 0.2) ** 2)
+    picture[region.slices] *= 1 - 0.45 * rim + 0.30 * spot + 0.05 * np.exp(-(((out - 1.15) / 0.1) ** 2))
+
+
+def draw_ball(picture: Field32, ball: Ball, world: WorldDescription) -> None:
+    """Draw an obstacle of tinted, translucent gel: darker with its thickness, and with a faint rim."""
+    plane = pixel_plane(world.lens)
+    centre, scale = see_points(np.array([ball.centre_mm]), world.lens)
+    (y_mm, z_mm), radius_mm = centre[0], ball.radius_mm * float(scale[0])
+    middle = plane_to_pixels(centre, world.lens)
+    region = find_region(middle, 1.2 * radius_mm / plane.mm_per_px + 2, world.lens)
+    if region.is_empty:
+        return
+    dy = plane.y_mm[region.slices] - np.float32(y_mm)
+    dz = plane.z_mm[region.slices] - np.float32(z_mm)
+    out = np.sqrt(dy**2 + dz**2) / np.float32(radius_mm)
+    inside = np.sqrt(np.clip(1 - out**2, 0, 1))
+    rim = np.exp(-(((out - 0.98) * np.float32(radius_mm) / 0.25) ** 2))
+    picture[region.slices] *= 1 - 0.28 * inside - 0.06 * rim
+
+
+_CUT_WIDTH_MM = 0.4  # of the slit that a withdrawn needle leaves
+_AIR = 1.06  # the light table is a little brighter where no gel lies on it
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """A scene without the needle (H, W): sharp, and as the lens blurs it."""
+
+    sharp: Field32
+    soft: Field32
+
+
+def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: Field32) -> Field32:
+    """Return the gel at the present hole, sharp, without that hole's own cuts."""
+    shift_mm = present.position_mm
+    sharp = _draw_clear_gel(world, specimen, shift_mm, white)
+    for ball in specimen.obstacles:
+        draw_ball(sharp, ball, world)
+    for bubble in specimen.look.bubbles:
+        draw_bubble(sharp, bubble, shift_mm, world)
+    for hole in specimen.holes.values():
+        if hole is not present:
+            draw_channel(sharp, hole, shift_mm - hole.position_mm, world)
+            _draw_old_cut(sharp, hole, shift_mm - hole.position_mm, world)
+    return sharp
+
+
+def _draw_clear_gel(world: WorldDescription, specimen: GelBlock, shift_mm: float, white: Field32) -> Field32:
+    """Return light table, gel, and the dark line of the gel's surface through which the sheath enters."""
+    plane = pixel_plane(world.lens)
+    depth = plane.z_mm + np.float32(world.sheath_tip_at_origin_linear_mm)
+    inside = np.clip(depth / np.float32(plane.mm_per_px) + np.float32(0.5), 0, 1)
+    clouds = specimen.clouds_at(plane.y_mm - np.float32(shift_mm), plane.z_mm)
+    sharp = white * (_AIR + inside * (1 - _AIR + clouds))
+    sharp *= 1 - 0.30 * np.exp(-((depth / 0.22) ** 2)) - 0.10 * np.exp(-(((depth - 0.5) / 0.6) ** 2))
+    return np.asarray(sharp, np.float32)
+
+
+def _draw_old_cut(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
+    """Draw the slit that the needle has left at another hole."""
+    if hole.track is None:
+        return
+    table = hole.track.table()
+    table[:, 1] += shift_mm
+    band = find_band(table, world.lens)
+    if band is not None:
+        span = PathSpan(0.0, hole.track.length_mm)
+        draw_cut(sharp[band.region.slices], band, span, _CUT_WIDTH_MM, hole.patchiness)
+
+
+def draw_channel(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
+    """Draw the channel that the sheath has left: as wide as the sheath, and fainter than the needle's slit."""
+    if hole.sheath_reach_mm <= 0:
+        return
+    entry = hole.sheath_point_mm(-world.sheath_tip_at_origin_linear_mm)
+    table = _make_straight_table(entry, hole, hole.sheath_reach_mm)
+    table[:, 1] += shift_mm
+    band = find_band(table, world.lens)
+    if band is not None:
+        span = PathSpan(0.0, hole.sheath_reach_mm)
+        draw_cut(sharp[band.region.slices], band, span, world.sheath.diameter_mm, 0.5 * hole.patchiness)
+
+
+def _make_straight_table(start_mm: tuple[float, float, float], hole: Hole, length_mm: float) -> Floats:
+    """Return a straight path along the sheath of a hole as a table of nodes."""
+    arc = np.arange(0.0, length_mm, NODE_MM)
+    in_plane = arc * math.cos(hole.lean_rad)
+    y = start_mm[1] + in_plane * math.sin(hole.heading_rad)
+    z = start_mm[2] + in_plane * math.cos(hole.heading_rad)
+    x = start_mm[0] + arc * math.sin(hole.lean_rad)
+    straight = np.zeros_like(arc)
+    heading, lean = np.full_like(arc, hole.heading_rad), np.full_like(arc, hole.lean_rad)
+    return np.stack([arc, y, z, heading, straight, x, lean, straight], axis=1)
+
+
+def draw_backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm: float) -> Backdrop:
+    """Return a scene with the present hole's channel and the sheath in it."""
+    sharp = scene.copy()
+    draw_channel(sharp, hole, 0.0, world)
+    draw_sheath(sharp, hole, linear_mm - world.sheath_tip_at_origin_linear_mm, world)
+    return Backdrop(sharp, blur(sharp, world.blur_px))
+
+
+def draw_with_needle(world: WorldDescription, behind: Backdrop, hole: Hole, span: PathSpan) -> Field32:
+    """Return the blurred picture (H, W) with the needle, and with the slit from which it has been withdrawn.
+
+    `span` is the part of the hole's track, possibly empty, that the needle fills beyond the sheath.
+    """
+    light = behind.soft.copy()
+    if hole.track is None:
+        return light
+    band = find_band(hole.track.table(span.from_mm), world.lens, margin_px=2 * BLUR_REACH_PX + 2)
+    if band is None:
+        return light
+    patch = behind.sharp[band.region.slices].copy()
+    if hole.track.length_mm > span.to_mm:
+        left = PathSpan(max(0.0, span.from_mm), hole.track.length_mm)
+        draw_cut(patch, band, left, _CUT_WIDTH_MM, hole.patchiness)
+    if span.to_mm > span.from_mm:
+        draw_shadow(patch, band, span, world.light)
+        draw_needle(patch, band, span, world)
+    _paste(light, blur(patch, world.blur_px), band.region)
+    return light
+
+
+def _paste(light: Field32, patch: Field32, region: Region) -> None:
+    """Put a blurred patch back without the rim whose blur lacks neighbours; the picture's edge has no such rim."""
+    height, width = light.shape
+    top = region.top + (BLUR_REACH_PX if region.top > 0 else 0)
+    left = region.left + (BLUR_REACH_PX if region.left > 0 else 0)
+    bottom = region.bottom - (BLUR_REACH_PX if region.bottom < height else 0)
+    right = region.right - (BLUR_REACH_PX if region.right < width else 0)
+    core = (slice(top - region.top, bottom - region.top), slice(left - region.left, right - region.left))
+    light[top:bottom, left:right] = patch[core]
+
+
+_INK, _CARD = 0.12, 1.05  # brightness over that of clear gel
+_SAMPLES = 4  # along each side of a pixel
+_RIM_PX = 6  # of the part of the picture around a card, for the lens's blur
+
+
+@dataclass(frozen=True)
+class PrintedMarker:
+    """A marker: its brightness over that of clear gel in each cell, its rim included, and how large a cell is."""
+
+    marker: PrintedMarkerDescription
+    cells: Field32
+    cell_mm: float
+
+    @property
+    def half_mm(self) -> float:
+        """Half the side of the card."""
+        return len(self.cells) * self.cell_mm / 2
+
+
+def print_marker(marker: PrintedMarkerDescription) -> PrintedMarker:
+    """Return a marker as it is printed.
+
+    Raises
+    ------
+    InputError
+        For an id that the dictionary does not have.
+    """
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, marker.dictionary))
+    if marker.marker_id >= len(dictionary.bytesList):
+        raise InputError(
+            f"the world's marker {marker.marker_id} is not in {marker.dictionary}, whose markers are 0 to "
+            f"{len(dictionary.bytesList) - 1}",
+            "correct markers: under world: in the rig file",
+        )
+    across = dictionary.markerSize + 2
+    bits = cv2.aruco.generateImageMarker(dictionary, marker.marker_id, across)
+    cells = np.where(np.pad(bits, 1, constant_values=255) > 0, _CARD, _INK).astype(np.float32)
+    return PrintedMarker(marker, cells, marker.side_mm / across)
+
+
+def draw_marker(
+    light: Field32,
+    world: WorldDescription,
+    printed: PrintedMarker,
+    moved_mm: tuple[float, float],
+    white: Field32,
+) -> None:
+    """Draw a marker that has moved by (y, z) over a blurred picture; `white` is the brightness of clear gel (H, W)."""
+    window = _frame(printed, moved_mm, world.lens)
+    if window is None:
+        return
+    along, up = _unwarp(window, printed.marker, moved_mm, world.lens)
+    count = len(printed.cells)
+    column = np.floor((along + printed.half_mm) / printed.cell_mm).astype(int)
+    row = np.floor((printed.half_mm - up) / printed.cell_mm).astype(int)
+    inside = (column >= 0) & (column < count) & (row >= 0) & (row < count)
+    value = printed.cells[np.clip(row, 0, count - 1), np.clip(column, 0, count - 1)]
+    total = np.where(inside, value, 0.0).mean(axis=(1, 3), dtype=np.float32)
+    cover = inside.mean(axis=(1, 3), dtype=np.float32)
+    shown = blur(white[window] * total, world.blur_px)
+    light[window] = light[window] * (1 - blur(cover, world.blur_px)) + shown
+
+
+def _frame(
+    printed: PrintedMarker, moved_mm: tuple[float, float], lens: LensDescription
+) -> tuple[slice, slice] | None:
+    """Return the rows and columns of the picture around the card; None if it is out of view."""
+    marker = printed.marker
+    y, z = (place + moved for place, moved in zip(marker.position_mm, moved_mm, strict=True))
+    reach_mm = math.sqrt(2) * printed.half_mm
+    corners = np.array([(marker.x_mm, y + a * reach_mm, z + b * reach_mm) for a in (-1, 1) for b in (-1, 1)])
+    px = plane_to_pixels(see_points(corners, lens)[0], lens)
+    left, top = (max(0, math.floor(edge) - _RIM_PX) for edge in px.min(axis=0))
+    right = min(lens.width_px, math.ceil(px[:, 0].max()) + _RIM_PX + 1)
+    bottom = min(lens.height_px, math.ceil(px[:, 1].max()) + _RIM_PX + 1)
+    return (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None
+
+
+def _unwarp(
+    window: tuple[slice, slice],
+    marker: PrintedMarkerDescription,
+    moved_mm: tuple[float, float],
+    lens: LensDescription,
+) -> tuple[Floats, Floats]:
+    """Return where on the card the samples of each pixel lie, along and up from its middle, (H, S, W, S) [mm]."""
+    offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    v = (np.arange(window[0].start, window[0].stop)[:, None] + offsets).ravel()
+    u = (np.arange(window[1].start, window[1].stop)[:, None] + offsets).ravel()
+    grid_u, grid_v = np.meshgrid(u, v)
+    rays = unproject(np.column_stack((grid_u.ravel(), grid_v.ravel())), lens)
+    seen_y, seen_z = steering_plane_pose(lens).intersect(rays)
+    camera_x, foot_y, foot_z = camera_place_mm(lens)
+    scale = (camera_x - marker.x_mm) / camera_x
+    y = foot_y + (seen_y - foot_y) * scale - marker.position_mm[0] - moved_mm[0]
+    z = foot_z + (seen_z - foot_z) * scale - marker.position_mm[1] - moved_mm[1]
+    turn = math.radians(marker.turn_deg)
+    shape = (len(v) // _SAMPLES, _SAMPLES, len(u) // _SAMPLES, _SAMPLES)
+    along = z * math.cos(turn) + y * math.sin(turn)
+    up = y * math.cos(turn) - z * math.sin(turn)
+    return along.reshape(shape), up.reshape(shape)

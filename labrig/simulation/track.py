@@ -7,10 +7,10 @@ frame, of second order, is left out. The hinges need arc length to close: over t
 curvature grows linearly. From then on only their play matters: after half a turn of the bevel the curvature swings over
 in `backlash_mm`.
 
-What disturbs a path (uneven gel, a wandering tip, cavities) is drawn once for it, on its fixed grid of nodes, so that a
-path does not depend on how often it was extended. The bevel follows its base, which the drive turns, with play: friction
-along the needle holds it until the base has wound it up, however long one waits (Reed, Okamura and Cowan 2009, IEEE
-Trans. Biomed. Eng. 56(12)).
+What disturbs a path (uneven gel, a wandering tip, cavities) is drawn once for it, on its fixed grid of nodes, so that
+a path does not depend on how often it was extended. The bevel follows its base, which the drive turns, with play:
+friction along the needle holds it until the base has wound it up, however long one waits (Reed, Okamura and Cowan
+2009, IEEE Trans. Biomed. Eng. 56(12)).
 """
 
 import math

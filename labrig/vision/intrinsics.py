@@ -153,7 +153,7 @@ class Intrinsics:
 
     def with_parameters(self, values: Sequence[float]) -> "Intrinsics":
         """Return the lens with other values of its parameters, in the order of `PARAMETERS`."""
-        fx, fy, cx, cy, k1, k2, p1, p2, k3 = map(float, values[: len(PARAMETERS)])
+        fx, fy, cx, cy, k1, k2, p1, p2, k3 = map(float, values)
         return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
 
     def parameters(self) -> tuple[float, ...]:

@@ -1,6 +1,6 @@
 """The needle's tip in a picture, by a template turned to its heading; to a tenth of a pixel.
 
-Normalised cross-correlation finds the place; a fit of place, heading and scale refines it (`tip_fit`). An upright
+Normalised cross-correlation finds the place; a fit of place and heading refines it (`tip_fit`). An upright
 template is 2.4 px off if the heading differs by 10 degrees, so the template is turned first. A bevel that was turned
 over by half a turn appears mirrored, and its template is mirrored too.
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from labrig.errors import InputError, PictureError
 from labrig.vision.picture import Picture
 from labrig.vision.rounding import round_down
-from labrig.vision.tip_fit import Similarity
+from labrig.vision.tip_fit import Placement
 from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, remove_glints, require_grey, wrap_angle
 
 FloatArray = NDArray[np.float64]
@@ -204,8 +204,8 @@ class _TurnedTemplate:
         # A square keeps its size; a quarter turn exchanges the sides of an oblong.
         size = np.array([width * c + height * s, width * s + height * c]) / ((c + s) * times_smaller)
         columns, rows = (int(n) for n in np.maximum(1, np.rint(size)))
-        forth = Similarity(_find_middle(columns, rows), self.turn_rad, 1.0 / times_smaller).warp(
-            _find_middle(width, height)
+        forth = Placement(_find_middle(columns, rows), self.turn_rad).warp(
+            _find_middle(width, height), 1.0 / times_smaller
         )
         picture = source if times_smaller == 1 else cv2.blur(source, (times_smaller, times_smaller))
         turned = cv2.warpAffine(
@@ -218,7 +218,7 @@ class _TurnedTemplate:
 class _RefinedMatch:
     """The refined place of the template, and its correlation there."""
 
-    place: Similarity
+    place: Placement
     score: float
 
 
@@ -365,11 +365,11 @@ def _average_windows(values: NDArray[np.float32], columns: int, rows: int) -> ND
 
 
 def _refine(region: _Region, place: _Match) -> _RefinedMatch | None:
-    """Refine pixel, heading and scale of a place together; None if the fit diverges."""
+    """Refine pixel and heading of a place together; None if the fit diverges."""
     template = place.view.template
     part = region.within(place.tip_px, 0.75 * float(np.hypot(*template.picture.shape)) + 3.0)
     left, top = part.corner_px
-    start = Similarity((place.tip_px[0] - left, place.tip_px[1] - top), place.view.turn_rad)
+    start = Placement((place.tip_px[0] - left, place.tip_px[1] - top), place.view.turn_rad)
     plain = part.remove_glints(float(min(template.picture.shape))).picture
     rough = template.coarse_fit.fit(plain, start)
     close = None if rough is None else template.close_fit.fit(part.picture, rough)

@@ -47,6 +47,7 @@ from tests.benchmarks import (
     tip,
     torsion,
     virtual,
+    wandering,
     warp,
     world_agrees,
 )
@@ -58,6 +59,7 @@ TABLES: dict[str, Callable[[], None]] = {
     "real-insertions": real_insertions.print_table,
     "coverage": coverage.print_table,
     "depth": depth.print_table,
+    "wandering": wandering.print_table,
     "curvature": curvature.print_table,
     "shaft-scenes": shaft_scenes.print_table,
     "surface": surface.print_table,

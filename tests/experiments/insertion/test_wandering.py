@@ -1,0 +1,11 @@
+"""An insertion whose needle wanders out of the plane, where the protocol says that it does not."""
+
+from tests.benchmarks.wandering import TOLERANCE_MM, insert_wandering
+
+
+def test_a_needle_that_wanders_more_than_told_is_no_false_success() -> None:
+    """Of eight whole insertions that wander six times as much as told, none that ends beyond says success."""
+    ends = [insert_wandering(0.3, seed) for seed in range(741_000, 741_008)]
+    beyond = [status for status, error_mm in ends if error_mm is not None and error_mm > TOLERANCE_MM]
+    assert len(beyond) >= 2
+    assert "success" not in beyond

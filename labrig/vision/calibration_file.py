@@ -41,13 +41,12 @@ class _Section(BaseModel):
 class _VariationPart(_Section):
     homography: tuple[_Row, _Row, _Row]
     lens: tuple[float, ...] | None
-    group: VariationGroup | None = None
+    group: VariationGroup
     gel: Gel | None = None
 
     def variation(self) -> Variation:
-        """Return the variation; files without groups have those of lens and plane alone."""
-        by_content: VariationGroup = "plane" if self.lens is None else "lens"
-        return Variation(np.array(self.homography), self.lens, self.group or by_content, self.gel)
+        """Return the variation."""
+        return Variation(np.array(self.homography), self.lens, self.group, self.gel)
 
 
 class _PlaneDocument(_Section):

@@ -11,7 +11,8 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 
-from labrig.experiments.insertion.virtual import simulate
+from labrig.experiments.registry import find_experiment
+from labrig.runner.dry_run import simulate
 from tests.benchmarks.table import print_rows
 from tests.benchmarks.virtual_runs import read_policy, read_simulated_rig
 
@@ -27,7 +28,9 @@ def insert_wandering(wanders_deg: float, seed: int) -> tuple[str, float | None]:
     assert rig.world is not None
     disturbances = rig.world.disturbances.model_copy(update={"out_of_plane_deg_per_root_mm": wanders_deg})
     world = rig.world.model_copy(update={"disturbances": disturbances})
-    outcome = simulate(read_policy("default"), rig.model_copy(update={"world": world}), seed)
+    outcome = simulate(
+        find_experiment("insertion"), read_policy("default"), rig.model_copy(update={"world": world}), seed
+    )
     error_mm = outcome.values["true_target_error_mm"]
     return str(outcome.exit_status), None if error_mm is None else float(error_mm)
 

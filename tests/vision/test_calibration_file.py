@@ -106,17 +106,6 @@ def test_a_plane_comes_back_to_the_last_digit(plane_file):
     assert back.to_mm([(5.0, 6.0)]) == pytest.approx(PLANE.to_mm([(5.0, 6.0)]), abs=0.0)
 
 
-def test_variations_of_an_earlier_version_are_those_of_lens_and_plane(plane_file):
-    """A file from before the groups is read: a variation with a lens belongs to the lens, any other to the plane."""
-    document = json.loads(plane_file.read_text())
-    for variation in document["variations"]:
-        del variation["group"]
-    plane_file.write_text(json.dumps(document))
-    back = load_plane(plane_file, LENS)
-    assert [variation.group for variation in back.variations] == ["plane", "lens", "plane"]
-    assert (len(back.variants("lens")), len(back.variants("surface")), len(back.variants())) == (1, 0, 3)
-
-
 def test_a_gel_of_an_earlier_version_is_the_same_gel(plane_file):
     """A file that names index, depth and paper alone maps to the last digit as before; its deviations are unknown."""
     change_members(plane_file, gel={"index": 1.35, "depth_mm": 10.0, "paper": "surface"})

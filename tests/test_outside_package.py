@@ -146,20 +146,21 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
         name: (installed.folder / "lab" / f"{name}.schema.json").read_text()
         for name in ("protocols/protocol", "calibration/rig")
     }
-    assert "RepeatabilityProtocol" in json.loads(schemas["protocols/protocol"])["$defs"]
+    assert "Protocol" in json.loads(schemas["protocols/protocol"])["$defs"]
     rig = json.loads(schemas["calibration/rig"])["$defs"]
     assert {"StepperAxis", "Epos2Axis", "MarkerDescription"} <= set(rig)
 
     protocol = ("repeatability.yaml", "--rig", "rig.yaml")
     assert json.loads(installed.call("labrig", "check", *protocol, "--json"))["ok"]
     ran = json.loads(installed.call("labrig", "run", *protocol, "--runs-dir", "runs", "--json"))
-    assert (ran["exit_status"], ran["result"]["accepted"], len(ran["result"]["visits"])) == (
+    result = ran["result"]
+    assert (ran["exit_status"], result["conclusion"]["came_back"], len(result["rows"])) == (
         "success",
         True,
         4,
     )
     page = (installed.folder / ran["report"]).read_text(encoding="utf-8")
-    assert "The marker came back" in page
+    assert "4 of 4 pictures measured" in page
     assert "Motor current" in page
     assert page.count("<figcaption") == 4 + 1  # a picture of each visit, and the motor currents
 
@@ -170,9 +171,9 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
     assert replayed["verdict"] == "identical"
     changed = ("--set", "analysis.threshold=60")
     (again,) = json.loads(installed.call("labrig", "reanalyze", run, *changed, "--json"))
-    assert again["first_difference"]["path"] == "visits.0.u_px"
+    assert again["first_difference"]["path"] == "rows.0.u_px"
     installed.call("labrig", "export", run, "--format", "csv", "--out", "tables")
-    assert len((installed.folder / "tables" / "visits.csv").read_text(encoding="utf-8").splitlines()) == 5
+    assert len((installed.folder / "tables" / "rows.csv").read_text(encoding="utf-8").splitlines()) == 5
 
 
 def test_its_drive_and_its_camera_pass_the_tests_of_every_driver(installed: Installed) -> None:

@@ -31,7 +31,7 @@ INSIDE = {
 """Contract -> the rooms that are not on its list."""
 DOCUMENTED = {
     "analysis": {"load_runs"},
-    "experiments": {"ExperimentDeclaration"},
+    "experiments": {"Experiment"},
     "record": {"open_run"},
     "report": {"run_tables"},
     "steering": {"estimate_tip_poses", "plan_path"},

@@ -1,5 +1,6 @@
 """The interface between the analysis engine and an experiment."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
@@ -7,6 +8,7 @@ from typing import Any, TypeAlias, cast
 from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings, Result, Stamp
+from labrig.errors import LabrigError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.vision.mask import Mask
 
@@ -37,33 +39,37 @@ Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings]
 """(run, protocol, request) -> findings."""
 
 
-@dataclass(frozen=True)
-class MeasuredExperiment:
+class MeasuredExperiment(ABC):
     """What the engine needs to know of an experiment; its parts are imported on first use.
 
-    Attributes
-    ----------
-    name : str
-        The value of `experiment:` in a protocol file.
-    reanalysis_keys : tuple of str
-        Sections of the protocol that a reanalysis may change.
-    part : callable
-        Returns a part that the experiment declares, by its name.
+    `name` is the value of `experiment:` in a protocol file, and `reanalysis_keys` are the sections of the protocol that
+    a reanalysis may change.
     """
 
     name: str
     reanalysis_keys: tuple[str, ...]
-    part: Callable[[str], Any]
+
+    @abstractmethod
+    def find_part(self, name: str) -> Any:
+        """Return a part; None if it has none."""
+
+    @abstractmethod
+    def part(self, name: str) -> Any:
+        """Return a part, or its default. Raises `InputError` when it has none."""
+
+    @abstractmethod
+    def blame(self, error: Exception) -> LabrigError:
+        """Return an error that its parts have raised, with file and line."""
 
     @property
     def protocol_model(self) -> type[ExperimentProtocol]:
         """The model of its protocol."""
-        return cast("type[ExperimentProtocol]", self.part("protocol"))
+        return cast("type[ExperimentProtocol]", self.part("Protocol"))
 
     @property
     def result_model(self) -> type[Result]:
         """The model of its result."""
-        return cast("type[Result]", self.part("result"))
+        return cast("type[Result]", self.part("RunResult"))
 
     @property
     def analyze(self) -> Analyze:

@@ -56,13 +56,13 @@ def _find_withdrawal(run: Path) -> str:
 def can_resume(experiment: str | None) -> bool:
     """Return whether an interrupted run of an experiment can be continued; the experiment must be installed."""
     found: Any = _find_installed(experiment)
-    return found is not None and found.declaration.resume is not None
+    return found is not None and found.moves_rig
 
 
 def _find_installed(experiment: str | None) -> Any:
-    from labrig.experiments.declared import find_declared
+    from labrig.experiments.declared import find_experiment
 
     try:
-        return None if experiment is None else find_declared(experiment)
+        return None if experiment is None else find_experiment(experiment)
     except InputError:
         return None

@@ -26,9 +26,9 @@ def find_plugin_faults(*groups: str) -> Iterator[InputError]:
 def _finder(group: str) -> Callable[[str], object]:
     """Return what finds a plugin of a group and verifies that it is of the right type."""
     if group == EXPERIMENTS:
-        from labrig.experiments.declared import find_declared
+        from labrig.experiments.declared import find_experiment
 
-        return find_declared
+        return find_experiment
     if group == CAMERAS:
         from labrig.devices.camera import find_camera_kind
 

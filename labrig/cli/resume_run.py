@@ -148,7 +148,7 @@ def _suggest_alternative(run: Run, experiment: Experiment) -> str:
     """Return what to do about a run that cannot be continued."""
     if run.manifest.get("rig") is None:
         return "import the folder again"
-    if is_simulated(run.manifest) or not experiment.puts_needle_in_tissue or not read_needle_path(run):
+    if is_simulated(run.manifest) or not experiment.moves_rig or not read_needle_path(run):
         return "run its protocol again"
     return (
         "if its needle is still in tissue, take it out along its path: "

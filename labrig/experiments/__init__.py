@@ -1,13 +1,10 @@
 """experiments: a folder for each experiment, and the registry that finds them.
 
-An experiment's `__init__.py` is a declaration: its name, its title, and the place of each of its parts. The parts are
-`protocol.py` (its model), `procedure.py` (what it does on a rig), `events.py` (what it writes), `analysis.py` (run ->
-result), `result.py` (the result's model and tables) and `page.py` with its template. `tracks.py`, where there is one,
-says which tracks a run leaves in blocks of gel that have a file. `view.py` adds to the rerun view
-of a run that was measured (`view`) and of one that is being made (`follow`). `virtual.py`, where there is one, computes
-a run without pictures (`simulate`), thousands of which make a campaign. The registry reads declarations from the
-entry-point group `labrig.experiments`, labrig's own and those of other packages alike, and imports a part when it is
-first used: neither a list of runs nor an analysis loads a procedure or a bus.
+An experiment is an `Experiment` (`labrig.runner.experiment`), labrig's own and those of other packages alike, which an
+entry point of the group `labrig.experiments` names. Its parts are found by their names: in one module, or, where that
+grows, in a folder of `protocol.py` (its model), `procedure.py` (what it does on a rig), `events.py` (what it writes),
+`analysis.py` (run -> result), `result.py`, `page.py` with its template, `view.py` (additions to the rerun view) and
+`virtual.py` (what a campaign is told of a virtual run). A part is imported when it is first used.
 
 What computes never reaches what moves: `analysis`, `page`, `result`, `events` and `protocol` import neither `runner`
 nor `devices` nor a procedure. No experiment imports another; what two share stands in `shared/` or in a room below.
@@ -20,6 +17,6 @@ nor `devices` nor a procedure. No experiment imports another; what two share sta
 - `imported_pictures`: pictures that were taken elsewhere, made into a run by `labrig import`
 """
 
-from labrig.experiments.declaration import ExperimentDeclaration
+from labrig.runner.experiment import Experiment
 
-__all__ = ["ExperimentDeclaration"]
+__all__ = ["Experiment"]

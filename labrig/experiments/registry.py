@@ -1,9 +1,7 @@
 """Finds experiments by name, and the protocol, result and view of a run by its experiment."""
 
-from functools import cache
-
 from labrig.analysis.result import AnyResult, load_result
-from labrig.experiments.declared import PROTOCOL_MODELS, find_declared
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.plugins import EXPERIMENTS, require_installed
 from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
@@ -11,25 +9,14 @@ from labrig.record.reader import Run
 from labrig.report.view import View
 from labrig.runner.experiment import Experiment
 
-
-@cache
-def find_experiment(name: str) -> Experiment:
-    """Return the experiment of this name. Raises as `find_declared`."""
-    declared = find_declared(name)
-    declaration = declared.declaration
-    return Experiment(
-        name=name,
-        reanalysis_keys=declaration.reanalysis_keys,
-        part=declared.part,
-        plugin=declared.plugin,
-        title=declaration.title,
-        moves_rig=declaration.procedure is not None,
-        puts_needle_in_tissue=declaration.puts_needle_in_tissue,
-        maps_tracks=declaration.tracks is not None,
-        can_simulate=declaration.simulate is not None or declaration.values is not None,
-        counts=declaration.counts,
-        require_parts=declared.require_parts,
-    )
+__all__ = [
+    "find_experiment",
+    "find_run_experiment",
+    "follow_run",
+    "load_run_protocol",
+    "load_run_result",
+    "make_run_view",
+]
 
 
 def find_run_experiment(run: Run) -> Experiment:

@@ -26,6 +26,7 @@ even of kinds without a model.
 """
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -73,6 +74,13 @@ class Event(Line):
     """An event: its `kind`, and the fields that its model adds."""
 
     kind: ClassVar[str]
+    """By default the name of the class: `BevelTurned` is `bevel_turned`."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_settings: object) -> None:
+        """Name the kind after the class, unless the class or one above it does."""
+        if not hasattr(cls, "kind"):
+            cls.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def line_fields(self) -> dict[str, object]:
         """Return the fields of the line behind `kind` and `t_s`."""
@@ -291,6 +299,12 @@ class ConditionMet(Event):
 
 class PictureRole(StrEnum):
     """What a picture was taken for; an experiment derives its own roles."""
+
+
+class PlainRole(PictureRole):
+    """A picture of an experiment that takes all of them for one purpose."""
+
+    PICTURE = "picture"
 
 
 class TruthLine(Line):

@@ -1,22 +1,31 @@
 """The interface of experiments to the rest of labrig."""
 
-from collections.abc import Callable, Mapping, Sequence
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from difflib import get_close_matches
+from functools import cache, partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, cast
 
 from labrig.analysis.experiment import MeasuredExperiment
-from labrig.analysis.outcome import TaskOutcome
-from labrig.analysis.result import AnyResult
-from labrig.analysis.summary import Summary
-from labrig.errors import Problem
-from labrig.plugins import Plugin
+from labrig.errors import InputError, LabrigError, PluginError, Problem
+from labrig.plugins import EXPERIMENTS, INTERFACE, Plugin, find_plugin
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.specimen_file import TracksBySpecimen
-from labrig.record.events import Event
-from labrig.record.reader import Run
-from labrig.report.page import Page
-from labrig.report.view import View
-from labrig.runner.session import Session
+
+if TYPE_CHECKING:  # an analysis imports its experiment's package, and must load nothing that moves or draws
+    from labrig.analysis.outcome import TaskOutcome
+    from labrig.analysis.result import AnyResult
+    from labrig.analysis.summary import Summary
+    from labrig.protocol.specimen_file import TracksBySpecimen
+    from labrig.record.events import Event
+    from labrig.record.reader import Run
+    from labrig.report.page import Page
+    from labrig.report.view import View
+    from labrig.runner.session import Session
 
 
 @dataclass(frozen=True)
@@ -60,42 +69,129 @@ class RunPlan:
         return float(self.moves + self.pictures + self.operator_steps)
 
 
+PLACES: Mapping[str, tuple[str, ...]] = {
+    "Protocol": ("protocol",),
+    "run": ("procedure",),
+    "measure": ("analysis",),
+    "UNITS": ("analysis",),
+    "conclude": ("analysis",),
+    "analyze": ("analysis", "study"),
+    "RunResult": ("result",),
+    "summarise": ("summary", "result", "page"),
+    "make_page": ("page",),
+    "make_view": ("view",),
+    "follow": ("view",),
+    "list_tracks": ("analysis",),
+    "find_problems": ("protocol", "plan"),
+    "simulate": ("virtual",),
+    "tell_values": ("virtual",),
+}
+"""Part of an experiment -> the modules of its package in which it may stand; a small one is a single module."""
+
+
 @dataclass(frozen=True)
 class Experiment(MeasuredExperiment):
-    """An experiment as the registry returns it, to be run, resumed, replayed or shown.
+    """An experiment, as its entry point names it; its parts are found by their names, see `PLACES`.
+
+    At the least it has a `Protocol` and `run(protocol, session)`, and `measure(picture, protocol) -> row` with the
+    `UNITS` of its columns, or `analyze(run, protocol, request) -> Findings` with a `RunResult`. What it lacks of the
+    others is the default: the table of rows is its result, its page and its summary.
 
     Attributes
     ----------
-    plugin : Plugin
-        The package that it comes from.
+    name : str
+        The value of `experiment:` in a protocol file; also the name of the entry point.
+    module : str
+        The module, or package, that holds its parts: `__name__` where the entry point names it.
     title : str
         Its name in a report.
-    moves_rig : bool
-        Whether it has a procedure; a design has none.
-    puts_needle_in_tissue : bool
-        Whether a needle may be in tissue when a run of it ends early.
-    maps_tracks : bool
-        Whether it says which tracks a run left in specimens with a file.
-    can_simulate : bool
-        Whether a run of it can be computed without pictures.
+    reanalysis_keys : tuple of str
+        Sections of the protocol that a reanalysis may change.
     counts : str
         What the progress of its analysis counts: pictures, hinges.
-    require_parts : callable
-        Raises `PluginError` if a declared part does not exist.
+    interface : int
+        The version of the interface that it was written for.
     """
 
-    plugin: Plugin
-    title: str
-    moves_rig: bool
-    puts_needle_in_tissue: bool
-    maps_tracks: bool
-    can_simulate: bool
-    counts: str
-    require_parts: Callable[[], None]
+    name: str
+    module: str
+    title: str = ""
+    reanalysis_keys: tuple[str, ...] = ("analysis",)
+    counts: str = "pictures"
+    interface: int = INTERFACE
+
+    @property
+    def plugin(self) -> Plugin:
+        """The package that it comes from."""
+        return find_plugin(EXPERIMENTS, self.name)
+
+    @property
+    def moves_rig(self) -> bool:
+        """Whether it has a procedure; one that only computes says with `find_problems` why it cannot be run."""
+        return self.find_part("run") is not None or self.find_part("find_problems") is None
+
+    @property
+    def maps_tracks(self) -> bool:
+        """Whether it says which tracks a run left in specimens with a file."""
+        return self.find_part("list_tracks") is not None
+
+    @property
+    def can_simulate(self) -> bool:
+        """Whether a run of it can be computed without pictures."""
+        return self.find_part("simulate") is not None or self.find_part("tell_values") is not None
+
+    def find_part(self, name: str) -> Any:
+        """Return a part; None if it has none. Raises `PluginError` when its module cannot be imported."""
+        try:
+            return _find_part(self.module, name)
+        except Exception as error:
+            raise self.blame(error) from error
+
+    def part(self, name: str) -> Any:
+        """Return a part, or its default. Raises `InputError` when it has none."""
+        found = self.find_part(name)
+        if found is None and name in _DEFAULTS:
+            module, attribute = _DEFAULTS[name]
+            found = getattr(import_module(module), attribute)
+            return partial(found, self) if name in _OF_EXPERIMENT else found
+        if found is None:
+            raise InputError(f"the experiment {self.name} has no {name}", "it cannot do this")
+        return found
+
+    def blame(self, error: Exception) -> PluginError:
+        """Return an error that its parts have raised, with file and line."""
+        frames = traceback.extract_tb(error.__traceback__)
+        root = (_find_spec(self.module.partition(".")[0]) or "").removesuffix("__init__.py")
+        own = [frame for frame in frames if root and frame.filename.startswith(root)] or list(frames)
+        where = f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
+        return PluginError(
+            f"{self.plugin}: {type(error).__name__}: {error}{where}",
+            f"mend it, or ask who wrote {self.plugin.package}",
+        )
+
+    def require_parts(self) -> None:
+        """Refuse an experiment that lacks a part that it needs, before anything moves. Raises `PluginError`."""
+        model = self.find_part("Protocol")
+        if not (isinstance(model, type) and issubclass(model, ExperimentProtocol)):
+            raise self._name_missing("Protocol, a subclass of ExperimentProtocol", "Protocol")
+        if self.find_part("run") is None and self.find_part("find_problems") is None:
+            raise self._name_missing("run(protocol, session)", "run")
+        if self.find_part("analyze") is None and self.find_part("measure") is None:
+            raise self._name_missing(
+                "measure(picture, protocol) or analyze(run, protocol, request)", "measure"
+            )
+
+    def _name_missing(self, what: str, name: str) -> PluginError:
+        """Return that a part is missing, with what was probably meant."""
+        near = get_close_matches(name, dir(import_module(self.module)), 1)
+        return PluginError(
+            f"{self.plugin}: {self.module} has no {what}",
+            f"did you mean {name} where it says {near[0]}?" if near else "see labrig manual add-experiment",
+        )
 
     def find_problems(self, protocol: ExperimentProtocol) -> tuple[Problem, ...]:
         """Return why a protocol that moves no rig cannot be run."""
-        return tuple(self.part("problems")(protocol))
+        return tuple(self.part("find_problems")(protocol))
 
     def run(self, protocol: ExperimentProtocol, session: Session) -> None:
         """Carry out the procedure.
@@ -105,7 +201,17 @@ class Experiment(MeasuredExperiment):
         AnswerIsNoError, SafetyStopError, InterruptedRunError, MachineError
             When it ends early; the caller stops the axes and closes the record.
         """
-        self.part("procedure")(protocol, session)
+        procedure = self.part("run")
+        try:
+            procedure(protocol, session)
+        except LabrigError:
+            raise
+        except Exception as error:
+            if self.plugin.package == "labrig" or type(error).__module__.startswith("labrig."):
+                raise
+            blamed = self.blame(error)
+            blamed.hint = f"{blamed.hint}; the record is {session.recorder.path}"
+            raise blamed from error
 
     def simulate(self, protocol: ExperimentProtocol, seed: int) -> TaskOutcome:
         """Return what comes of one virtual run of a protocol that moves no rig."""
@@ -115,22 +221,55 @@ class Experiment(MeasuredExperiment):
         self, events: Sequence[Event], truths: Sequence[Mapping[str, Any]]
     ) -> Mapping[str, float | int | bool | str | None]:
         """Return the quantities of a virtual run of the procedure. Raises `InputError` if it has none."""
-        return cast("Mapping[str, Any]", self.part("values")(events, truths))
+        return cast("Mapping[str, Any]", self.part("tell_values")(events, truths))
 
     def list_tracks(
         self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None
     ) -> TracksBySpecimen:
         """Return the tracks that a run left in specimens with a file."""
-        return cast("TracksBySpecimen", self.part("tracks")(run, protocol, result))
+        return cast("TracksBySpecimen", self.part("list_tracks")(run, protocol, result))
 
     def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
         """Return the page of a run; without a result, the facts of its protocol."""
-        return cast("Page", self.part("page")(run, protocol, result))
+        return cast("Page", self.part("make_page")(run, protocol, result))
 
     def view(self, run: Run, result: AnyResult | None) -> View:
         """Return the additions to the rerun view of a run; without a result, what its record shows by itself."""
-        return cast("View", self.part("follow")(run) if result is None else self.part("view")(run, result))
+        return cast(
+            "View", self.part("follow")(run) if result is None else self.part("make_view")(run, result)
+        )
 
     def summarise(self, result: Mapping[str, Any]) -> Summary:
         """Return the terminal summary of a result."""
-        return cast("Summary", self.part("summary")(result))
+        return cast("Summary", self.part("summarise")(result))
+
+
+@cache
+def _find_part(module: str, name: str) -> Any:
+    """Return a part of the experiment in a module or package; None without it."""
+    home = import_module(module)
+    for place in PLACES[name] if hasattr(home, "__path__") else ():
+        if find_spec(f"{module}.{place}") is not None:
+            found = getattr(import_module(f"{module}.{place}"), name, None)
+            if found is not None:
+                return found
+    return getattr(home, name, None)
+
+
+def _find_spec(package: str) -> str | None:
+    spec = find_spec(package)
+    return None if spec is None else spec.origin
+
+
+_DEFAULTS: Mapping[str, tuple[str, str]] = {
+    "analyze": ("labrig.analysis.row_table", "analyze_rows"),
+    "RunResult": ("labrig.analysis.row_table", "RowTable"),
+    "summarise": ("labrig.analysis.row_table", "summarise"),
+    "make_page": ("labrig.report.row_page", "make_page"),
+    "make_view": ("labrig.report.view", "show_record_alone"),
+    "follow": ("labrig.report.view", "follow_record_alone"),
+}
+"""Part -> module and name of what stands in its place."""
+
+_OF_EXPERIMENT = ("analyze",)
+"""Defaults that ask the experiment for its other parts."""

@@ -43,6 +43,7 @@ from labrig.record.events import (
     OperatorQuestion,
     Pause,
     PictureRole,
+    PlainRole,
     Repeat,
     Skip,
     TrialStart,
@@ -478,7 +479,7 @@ class Session:
             self.dialogue.note_answer(request, confirmed=answer.confirmed)
         return answer
 
-    def take_picture(self, role: PictureRole, trial: int | None = None) -> TakenPicture:
+    def take_picture(self, role: PictureRole = PlainRole.PICTURE, trial: int | None = None) -> TakenPicture:
         """Take a picture, record it with the axis positions at its exposure, and return it."""
         self._begin_trial()
         trial = self.dialogue.trial if trial is None else trial

@@ -121,3 +121,6 @@ class CameraCalibrationProtocol(ExperimentProtocol):
     plane: GraphPaper = Field(
         description="The graph paper in the steering plane, and the frame that it fixes."
     )
+
+
+Protocol = CameraCalibrationProtocol

@@ -57,3 +57,6 @@ def summarise(document: Mapping[str, Any]) -> Summary:
             **{f"plane: {name}": plane.get(name) for name in _PLANE},
         },
     )
+
+
+RunResult = CalibrationResult

@@ -12,7 +12,7 @@ from labrig.needle.tube import Tube
 Check = tuple[str, Callable[[], object]]
 
 
-def find_design_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
+def find_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
     """Return the first problem of the equations or of the contour's limits, at its key; empty for a valid design."""
     for key, check in _list_checks(protocol):
         try:

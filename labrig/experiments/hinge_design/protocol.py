@@ -53,3 +53,6 @@ class DesignProtocol(ExperimentProtocol):
     def criterion(self) -> Criterion:
         """The radius."""
         return Criterion("radius_mm")
+
+
+Protocol = DesignProtocol

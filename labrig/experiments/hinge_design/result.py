@@ -79,3 +79,6 @@ class DesignResult(Result):
     measured: Annotated[dict[str, Any], require_part(_MeasuredNeedle)] | None
     search: Annotated[dict[str, Any], require_part(_Search)]
     cells: tuple[GridPoint, ...]
+
+
+RunResult = DesignResult

@@ -8,7 +8,7 @@ import math
 
 from labrig.analysis.outcome import TaskOutcome
 from labrig.errors import FileFormatError, InputError
-from labrig.experiments.hinge_design.plan import find_design_problems
+from labrig.experiments.hinge_design.plan import find_problems
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.study import covers_tube
 from labrig.needle.design_search import design_by_equations
@@ -33,7 +33,7 @@ def simulate(protocol: DesignProtocol, seed: int) -> TaskOutcome:
     InputError
         For a tube that equation (3) was not fitted to.
     """
-    if problems := find_design_problems(protocol):
+    if problems := find_problems(protocol):
         raise FileFormatError(problems)
     tube = Tube(**protocol.tube.model_dump())
     if not covers_tube(tube):

@@ -65,3 +65,6 @@ def find_problems(_protocol: ImportProtocol) -> tuple[Problem, ...]:
             "use labrig import, then labrig reanalyze",
         ),
     )
+
+
+Protocol = ImportProtocol

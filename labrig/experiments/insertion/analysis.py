@@ -65,7 +65,7 @@ from labrig.experiments.insertion.settings import (
     restore_settings,
     with_observation_sd,
 )
-from labrig.experiments.shared.holes import list_tracks
+from labrig.experiments.shared.holes import list_tracks as list_hole_tracks
 from labrig.experiments.shared.specimen_result import map_specimens
 from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.agreement import SHARE_OF_SD
@@ -200,7 +200,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
         maps=map_specimens(
             protocol.gels,
-            list_insertion_tracks(run, protocol),
+            list_tracks(run, protocol),
             protocol.sheath.diameter_mm,
             protocol.specimen.width_mm,
             protocol.needle.needle_id,
@@ -209,9 +209,9 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
     return Findings(result)
 
 
-def list_insertion_tracks(run: Run, protocol: InsertionProtocol, _result: object = None) -> TracksBySpecimen:
+def list_tracks(run: Run, protocol: InsertionProtocol, _result: object = None) -> TracksBySpecimen:
     """Return the tracks that a run left in a block with a specimen file, in order of time."""
-    return list_tracks(run, protocol.gels, protocol.sheath.diameter_mm, {})
+    return list_hole_tracks(run, protocol.gels, protocol.sheath.diameter_mm, {})
 
 
 def _read_trials(run: Run) -> list[_Events]:

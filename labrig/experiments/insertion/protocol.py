@@ -406,3 +406,6 @@ class InsertionProtocol(JudgedProtocol):
                 "no target and no obstacle is bound to a marker",
                 "give it a marker_id, or leave this out",
             )
+
+
+Protocol = InsertionProtocol

@@ -314,3 +314,6 @@ class InsertionResult(Result):
         }
         insertions = {"insertions": Rows(InsertionRow, [InsertionRow.of(trial) for trial in self.insertions])}
         return insertions | make_origin_table(self.origins) | make_track_table(self.maps) | steps | markers
+
+
+RunResult = InsertionResult

@@ -46,3 +46,6 @@ class RollZeroProtocol(MovingProtocol):
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a sheath that is too narrow for the needle."""
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+
+
+Protocol = RollZeroProtocol

@@ -84,3 +84,6 @@ def describe_torsion(fit: Mapping[str, float]) -> str:
         f"its bevel stays behind the rotation axis by {lag} degrees on either side, and {per_mm} degrees for each mm "
         f"in the gel, SD {sd} degrees"
     )
+
+
+RunResult = RollZeroResult

@@ -5,7 +5,7 @@ from labrig.analysis.result import AnalysisResult, Findings
 from labrig.experiments.shared.curvature import CurvatureOrder, measure_curvature
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.experiments.shared.grouping import find_final_pictures
-from labrig.experiments.shared.holes import list_tracks
+from labrig.experiments.shared.holes import list_tracks as list_hole_tracks
 from labrig.experiments.shared.specimen_result import map_specimens
 from labrig.experiments.steerability.events import SweepRole
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
@@ -26,7 +26,7 @@ def analyze(run: Run, protocol: SteerabilityProtocol, request: AnalysisRequest) 
     return Findings(content.model_copy(update={"maps": maps}), save)
 
 
-def list_sweep_tracks(
+def list_tracks(
     run: Run, protocol: SteerabilityProtocol, result: AnalysisResult[CurvatureResult] | None
 ) -> TracksBySpecimen:
     """Return the tracks that a run left in blocks with a specimen file, in order of time."""
@@ -43,7 +43,7 @@ def trace_sweep(
         for trial, final in finals.items()
         if final.accepted and final.radius_mm is not None
     }
-    return list_tracks(run, protocol.gels, protocol.sheath.diameter_mm, radii_mm)
+    return list_hole_tracks(run, protocol.gels, protocol.sheath.diameter_mm, radii_mm)
 
 
 def make_order(protocol: SteerabilityProtocol) -> CurvatureOrder:

@@ -190,3 +190,6 @@ class SteerabilityProtocol(JudgedProtocol):
             f"must be at most insertion.length_mm, {length_mm:g}"
         )
         return Conflict("analysis.min_window_mm", message, "insert further, or fit a shorter window")
+
+
+Protocol = SteerabilityProtocol

@@ -1,0 +1,187 @@
+"""The result of an experiment that measures picture by picture: a table with a row a picture.
+
+`measure(picture, protocol)` of the experiment returns the row, `UNITS` name the units of its columns, and
+`conclude(protocol, rows)`, where there is one, says what follows from all of them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, create_model
+
+from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
+from labrig.analysis.result import Findings, Result, Rows
+from labrig.analysis.summary import Summary, TextTable
+from labrig.errors import LabrigError, MeasurementRefusedError, PictureError, RecordError
+from labrig.protocol.model import Model
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.events import FrameLine, TrialStart, TrialStop
+from labrig.record.reader import Run
+from labrig.text import number
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+
+Value = float | int | bool | str | None
+Row = Mapping[str, Value]
+
+_OF_THE_PICTURE = ("trial", "frame", "role", "insertion_mm", "rotation_rad", "linear_mm")
+_MOST_SHOWN = 40
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPicture:
+    """A recorded picture of a trial.
+
+    Attributes
+    ----------
+    image : array (H, W) or (H, W, 3) of uint8
+    trial, frame : int
+        Its trial, and its number in the record.
+    role : str
+        What it was taken for.
+    insertion_mm, rotation_rad, linear_mm : float
+        Where the axes stood.
+    """
+
+    image: Picture
+    trial: int
+    frame: int
+    role: str
+    insertion_mm: float
+    rotation_rad: float
+    linear_mm: float
+    run: Run
+
+    @cached_property
+    def plane(self) -> PlaneMap:
+        """The map from pixels to mm that the run began with. Raises `InputError` without one."""
+        return load_plane_map(self.run)
+
+    def to_mm(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Return where pixels (N, 2) are in the steering plane, (N, 2) as (y, z) [mm]."""
+        return self.plane.to_mm(pixels)
+
+
+class RowTable(Result):
+    """The rows of a run: trial, picture, where the axes stood, what was measured, and why nothing was (`reason`).
+
+    `conclusion` is what the experiment says of all rows.
+    """
+
+    kind: Literal["rows"] = "rows"
+    rows: tuple[dict[str, Value], ...]
+    conclusion: dict[str, Value] = Field(default_factory=dict)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns, those of the picture first."""
+        return tuple(dict.fromkeys(name for row in self.rows for name in row))
+
+    @property
+    def tables(self) -> Mapping[str, Rows]:
+        """The rows as a table."""
+        fields: dict[str, Any] = dict.fromkeys(self.columns, (Value, None))
+        model = create_model("MeasuredRow", __base__=Model, **fields)
+        return {"rows": Rows(model, [model(**row) for row in self.rows])} if self.rows else {}
+
+
+def analyze_rows(
+    experiment: MeasuredExperiment, run: Run, protocol: ExperimentProtocol, request: AnalysisRequest
+) -> Findings:
+    """Measure each picture of each trial that is to be evaluated, by the experiment's `measure`.
+
+    Raises
+    ------
+    RecordError
+        When lines of the run are damaged.
+    PluginError
+        When the experiment's own code fails.
+    """
+    measure, units = experiment.part("measure"), experiment.find_part("UNITS") or {}
+    made = {
+        trial.start.trial
+        for trial in run.read_trials(TrialStart, TrialStop)
+        if trial.exit_status == "success" and not trial.left_out
+    }
+    lines = [line for line in run.frame_lines if line.trial in made and not line.drawn]
+    rows = []
+    for done, line in enumerate(lines, start=1):
+        rows.append(_measure(experiment, run, line, lambda picture: measure(picture, protocol), units))
+        if request.progress is not None:
+            request.progress(done, len(lines))
+    conclude = experiment.find_part("conclude")
+    conclusion: Row = {}
+    if conclude is not None:
+        conclusion = _call(experiment, lambda: conclude(protocol, rows))
+    settings = getattr(protocol, "analysis", None)
+    fields = request.stamp.fields({} if settings is None else settings.model_dump())
+    return Findings(RowTable(**fields, rows=tuple(rows), conclusion=dict(conclusion)))
+
+
+def _measure(
+    experiment: MeasuredExperiment,
+    run: Run,
+    line: FrameLine,
+    measure: Callable[[MeasuredPicture], Row],
+    units: Mapping[str, str],
+) -> dict[str, Value]:
+    """Return the row of a picture; what was measured is named with its unit."""
+    place = {name: getattr(line, name) for name in _OF_THE_PICTURE}
+    try:
+        picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)
+        found = _call(experiment, lambda: measure(picture))
+    except (MeasurementRefusedError, PictureError, RecordError) as error:
+        return {**place, **{_name(name, units): None for name in units}, "reason": error.message}
+    return {
+        **place,
+        **{_name(name, units): _to_plain(value) for name, value in found.items()},
+        "reason": None,
+    }
+
+
+def _name(column: str, units: Mapping[str, str]) -> str:
+    unit = units.get(column, "")
+    return f"{column}_{unit}" if unit else column
+
+
+def _to_plain(value: Any) -> Value:
+    """Return a number of NumPy as one of Python."""
+    plain: Value = value.item() if isinstance(value, np.generic) else value
+    return plain
+
+
+def _call(experiment: MeasuredExperiment, call: Callable[[], Any]) -> Any:
+    """Call what a package has written, and blame it for what it raises."""
+    try:
+        return call()
+    except LabrigError:
+        raise
+    except Exception as error:
+        raise experiment.blame(error) from error
+
+
+def summarise(document: Mapping[str, Any]) -> Summary:
+    """Return the rows as a table, and what the experiment says of them."""
+    rows: Sequence[Mapping[str, Any]] = document["rows"]
+    hidden = {"role", "insertion_mm", "rotation_rad", "linear_mm"}
+    heads = tuple(name for name in (dict.fromkeys(key for row in rows for key in row)) if name not in hidden)
+    shown = [tuple(_tell(row.get(name)) for name in heads) for row in rows[:_MOST_SHOWN]]
+    told = [f"{name}  {_tell(value)}" for name, value in document["conclusion"].items()]
+    more = [f"and {len(rows) - _MOST_SHOWN} more rows"] if len(rows) > _MOST_SHOWN else []
+    table = (TextTable(heads, tuple(shown)),) if rows else ("nothing was measured",)
+    values = {
+        f"trial {row['trial']}, frame {row['frame']}: {name}": row.get(name)
+        for row in rows
+        for name in heads
+        if name not in {"trial", "frame"}
+    }
+    return Summary((*table, *more, *told), {**values, **document["conclusion"]})
+
+
+def _tell(value: Any) -> Any:
+    return number(value) if isinstance(value, float) else "-" if value is None else value

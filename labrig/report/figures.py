@@ -59,6 +59,10 @@ _PAPER_MARK: dict[str, Any] = {
 NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
+_FEW = 4
+"""Insertions; the interval of the mean of fewer is many times as wide as they scatter."""
+
+
 @dataclass(frozen=True)
 class GelSeries:
     """One needle in one gel in figure 8; paths are (N, 2), columns (y, z), from the sheath's tip."""
@@ -122,6 +126,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         _draw_gel(axes, place, gel)
     axes.set_xticks(range(len(series)), [gel.label for gel in series])
     axes.set_xlim(-0.6, len(series) - 0.4)
+    axes.set_ylim(*_find_range(series, design))
     axes.set_xlabel("gelatin, powder to water by mass")
     axes.set_ylabel("radius of curvature (mm)")
     axes.grid(visible=True, axis="y")
@@ -137,6 +142,28 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         color=DESIGN,
     )
     _explain_marks(axes, series)
+
+
+def _find_range(series: Sequence[GelSeries], design: Design) -> tuple[float, float]:
+    """Return the range of radii that is drawn [mm].
+
+    It holds every radius, mean and standard deviation. An interval of two or three insertions may leave it: drawn
+    whole, it would squeeze all else to a point.
+    """
+    shown = [design.radius_mm]
+    for gel in series:
+        shown += gel.radii_mm
+        for mean_mm, sd_mm in (
+            (gel.mean_mm, gel.sd_mm),
+            gel.paper_mm or (None, None),
+            (gel.drawn_mean_mm, None),
+        ):
+            if mean_mm is not None:
+                shown += [mean_mm - (sd_mm or 0.0), mean_mm + (sd_mm or 0.0)]
+        if gel.ci95_mm is not None and len(gel.radii_mm) >= _FEW:
+            shown += gel.ci95_mm
+    margin = 0.25 * (max(shown) - min(shown)) + 0.1
+    return min(shown) - 1.6 * margin, max(shown) + margin
 
 
 def _draw_gel(axes: Axes, place: int, gel: GelSeries) -> None:

@@ -203,7 +203,9 @@ def test_provenance_names_code_settings_and_hashes(page: WrittenPage) -> None:
 
 def test_provenance_is_folded_below_its_essentials(page: WrittenPage) -> None:
     """Code, result and calibration are always in view; settings, hashes and devices are folded."""
-    essentials, details = page.html.split("<h2>Provenance</h2>")[1].split('<details class="everything">')
+    essentials, details = page.html.split("<summary>Provenance</summary>")[1].split(
+        '<details class="everything">'
+    )
     words = _words(essentials)
     for shown in ("recorded with labrig", "measured with labrig", "analysis/001", "scale at the origin"):
         assert shown in words

@@ -109,25 +109,6 @@ def make_move_profile(t_s: float, position: float, velocity: float, target: floa
     )
 
 
-def make_run_profile(t_s: float, position: float, velocity: float, speed: float, limits: Limits) -> Profile:
-    """Return the profile that changes to a velocity, `speed` with its sign, and keeps it for ever.
-
-    It ends at infinity; its last segment starts when the velocity is reached.
-    """
-    if speed == 0.0:
-        return make_brake_profile(t_s, position, velocity, limits.deceleration)
-    if velocity * speed < 0:
-        first = make_brake_profile(t_s, position, velocity, limits.deceleration)
-        rest = make_run_profile(first.end_s, first.end_position, 0.0, speed, limits)
-        return Profile(first.segments + rest.segments, rest.end_s, rest.end_position)
-    faster = abs(speed) >= abs(velocity)
-    rate = math.copysign(limits.acceleration if faster else limits.deceleration, speed - velocity)
-    ramp = Segment(t_s, (speed - velocity) / rate, position, velocity, rate)
-    start_s = t_s + ramp.duration_s
-    cruise = Segment(start_s, math.inf, ramp.end[0], speed, 0.0)
-    return Profile((ramp, cruise), math.inf, math.copysign(math.inf, speed))
-
-
 def _plan_phases(distance: float, velocity: float, limits: Limits) -> list[tuple[float, float]]:
     """Return (duration, acceleration) of speeding up (or down to the limit), cruising and braking."""
     up, down = limits.acceleration, limits.deceleration

@@ -10,7 +10,6 @@ from labrig.devices.trapezoid import (
     make_brake_profile,
     make_move_profile,
     make_rest_profile,
-    make_run_profile,
 )
 
 _HALVINGS = 40
@@ -134,11 +133,6 @@ class MotorShaft:
         """Start a profile to a target."""
         position, velocity = self.profile.at(t_s)
         self.profile = make_move_profile(t_s, position, velocity, target, limits)
-
-    def run(self, t_s: float, speed: float, limits: Limits) -> None:
-        """Start a profile to a velocity."""
-        position, velocity = self.profile.at(t_s)
-        self.profile = make_run_profile(t_s, position, velocity, speed, limits)
 
     def brake(self, t_s: float, deceleration: float) -> None:
         """Come to rest."""

@@ -1,4 +1,4 @@
-"""Whole insertions whose needle wanders out of the plane more than the protocol says: none is a false success.
+"""Whole insertions whose needle wanders out of the plane more than the protocol says: how many are false successes.
 
 `python -m tests.benchmarks wandering`; the number of insertions in each row is `LABRIG_BENCHMARK_WORLDS`, 20 unless
 set. They are virtual runs of protocols/insertion.yaml. A run judges itself by its last picture, which tells the

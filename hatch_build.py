@@ -17,7 +17,8 @@ class ManualHook(BuildHookInterface):
         """Build it by Sphinx, in which a warning, such as a link that leads nowhere, is an error."""
         if version == "editable":
             return
-        site = Path(tempfile.mkdtemp()) / "site"
+        self._folder = tempfile.TemporaryDirectory()  # gone with this hook, after the wheel is packed
+        site = Path(self._folder.name) / "site"
         source = str(Path(self.root) / "labrig" / "manual")
         if build_main(["-q", "-W", "-b", "html", "-d", str(site.with_name("read")), source, str(site)]):
             raise RuntimeError("Sphinx could not build the manual")

@@ -11,15 +11,6 @@ from labrig.cli.output import AsJson
 
 def campaign(
     file: CampaignArgument,
-    rig: Annotated[
-        Path | None,
-        typer.Option(
-            "--rig",
-            metavar="FILE",
-            help="Simulated rig. Default: the campaign's own, else as for labrig run.",
-            show_default=False,
-        ),
-    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -47,4 +38,4 @@ def campaign(
     require_one_pool(workers, cluster)
     from labrig.cli.campaign_run import CampaignOrder, carry_out
 
-    return carry_out(CampaignOrder(file, tuple(settings or ()), rig, workers, cluster, out), as_json=as_json)
+    return carry_out(CampaignOrder(file, tuple(settings or ()), workers, cluster, out), as_json=as_json)

@@ -21,11 +21,10 @@ from labrig.text import format_count, interval, number
 
 @dataclass(frozen=True)
 class CampaignOrder:
-    """What was typed: file, overrides, rig, processes or cluster, and the folder; None: not given."""
+    """What was typed: file, overrides, processes or cluster, and the folder; None: not given."""
 
     file: Path
     settings: tuple[str, ...]
-    rig: Path | None
     workers: int | None
     cluster: str | None
     out: Path | None
@@ -40,7 +39,7 @@ def carry_out(order: CampaignOrder, *, as_json: bool) -> int:
         When it cannot begin or go on; what is done stays done.
     """
     with show_working("reading the arms"):
-        loaded = load_campaign_files(order.file, find_rig_file, settings=order.settings, rig=order.rig)
+        loaded = load_campaign_files(order.file, find_rig_file, settings=order.settings)
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if order.out is None else order.out
     with open_store(loaded, folder) as store:
         try:

@@ -19,7 +19,6 @@ def plan(
         Path | None,
         typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.", show_default=False),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing figure.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
@@ -28,7 +27,7 @@ def plan(
     from labrig.steering.planner import plan_path
 
     if figure is not None:
-        _check_figure(figure, force)
+        _check_figure(figure)
     asked = load_scenario(scenario)
     problem = make_problem(asked)
     clock = SystemClock()
@@ -43,11 +42,11 @@ def plan(
     return 0 if found.found else 1
 
 
-def _check_figure(figure: Path, force: bool) -> None:
+def _check_figure(figure: Path) -> None:
     """Refuse a figure that cannot be written, before anything is planned."""
     if figure.suffix.lower() not in {".svg", ".png"}:
         raise InputError(f"{figure.name} is neither .svg nor .png", "name the figure plan.svg, for example")
-    require_writable(figure, force, "name another file, or replace it with --force")
+    require_writable(figure, force=False, hint="name another file")
 
 
 def _print(document: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.options import RunsDirOption, find_runs_dir
+from labrig.cli.options import find_runs_dir
 from labrig.cli.output import AsJson, print_line, print_table, say, show
 
 
@@ -20,7 +20,6 @@ def specimens(
         str | None,
         typer.Argument(metavar="[NAME]", help="Show this one.", autocompletion=_complete_name),
     ] = None,
-    runs_dir: RunsDirOption = None,
     as_json: AsJson = False,
 ) -> None:
     """List the specimens of data/specimens; of one, its file and the tracks that real and simulated runs left in it."""
@@ -31,7 +30,7 @@ def specimens(
     from labrig.protocol.specimen_file import load_specimen
 
     specimen, sha256 = load_specimen(name)
-    folder = find_runs_dir(runs_dir)
+    folder = find_runs_dir(None)
     found = {
         kind: find_tracks(folder, [name], simulated=kind == "simulated") for kind in ("real", "simulated")
     }

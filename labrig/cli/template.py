@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.calibration_files import ForceOption, collect_calibration_provenance, require_writable
-from labrig.cli.options import OptionalInsertion, find_run_or_picture
+from labrig.cli.options import find_run_or_picture
 from labrig.cli.output import AsJson, print_line, show
 from labrig.errors import InputError
 
@@ -44,9 +44,11 @@ def template(
     ] = None,
     heading_deg: Annotated[
         float | None,
-        typer.Option(help="Heading of the needle. Default in a run: that of the shaft.", show_default=False),
+        typer.Option(
+            help="Heading of the needle, in a picture of no run from its right. Default in a run: that of the shaft.",
+            show_default=False,
+        ),
     ] = None,
-    insertion: OptionalInsertion = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> None:
@@ -69,9 +71,7 @@ def template(
         )
     else:
         file = source
-        cut = cut_template(
-            read_picture(file), tip_px, heading_rad, side_px=_SIDE_PX, insertion=insertion or "right"
-        )
+        cut = cut_template(read_picture(file), tip_px, heading_rad, side_px=_SIDE_PX, insertion="right")
     save_template(out, cut, collect_calibration_provenance([file]))
     document = {
         "template": str(out),

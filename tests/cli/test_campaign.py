@@ -12,7 +12,7 @@ import pytest
 
 from labrig.analysis import load_runs
 from tests.campaign.campaigns import PROTOCOLS, write_campaign
-from tests.cli.conftest import RIG, Labrig
+from tests.cli.conftest import RIG, ROOT, Labrig
 
 ARMS = {"vary": {"policy.replan_every_mm": [10, 40]}}
 FAST = {
@@ -46,8 +46,8 @@ def test_a_campaign_prints_the_keys_that_others_rely_on_and_goes_on(labrig: Labr
     command = (
         "campaign",
         made / "campaign-tried.yaml",
-        "--rig",
-        RIG,
+        "--set",
+        f"rig={RIG}",
         "--out",
         made / "out",
         "--workers",
@@ -77,7 +77,7 @@ def test_a_campaign_prints_the_keys_that_others_rely_on_and_goes_on(labrig: Labr
 def test_a_campaign_that_goes_on_with_other_kernels_says_so(labrig: Labrig, tmp_path: Path) -> None:
     """One line of standard error names the kernels of the first rows, and those of now."""
     write_campaign(tmp_path, set=FAST, repetitions=1)
-    command = ("campaign", tmp_path / "campaign-tried.yaml", "--rig", RIG, "--out", tmp_path / "out")
+    command = ("campaign", tmp_path / "campaign-tried.yaml", "--set", f"rig={RIG}", "--out", tmp_path / "out")
     assert "note: the first rows" not in labrig(*command).err
     file = tmp_path / "out" / "campaign.json"
     document = json.loads(file.read_text(encoding="utf-8"))
@@ -94,14 +94,16 @@ def test_the_order_of_workers_changes_nothing(labrig: Labrig, made: Path) -> Non
     for workers in (1, 3):
         out = made / f"by-{workers}"
         file = made / "campaign-tried.yaml"
-        assert labrig("campaign", file, "--rig", RIG, "--out", out, "--workers", workers).exit_code == 0
+        assert (
+            labrig("campaign", file, "--set", f"rig={RIG}", "--out", out, "--workers", workers).exit_code == 0
+        )
         tables.append(load_runs(runs_dir=out).drop(columns=["run"]))
     pd.testing.assert_frame_equal(*tables)
 
 
 def test_a_campaign_is_compared_as_runs_are(labrig: Labrig, made: Path, tmp_path: Path) -> None:
     """Its arms are the groups, and it is said that they share their seeds."""
-    labrig("campaign", made / "campaign-tried.yaml", "--rig", RIG, "--out", made / "out")
+    labrig("campaign", made / "campaign-tried.yaml", "--set", f"rig={RIG}", "--out", made / "out")
     quantity = ("--quantity", "true_target_error_mm", "--out", tmp_path / "compared", "--json")
     done = labrig("compare", made / "out", *quantity)
     assert done.exit_code == 0, done.err
@@ -123,7 +125,7 @@ def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_p
         "insertion.frame_every_mm": 20,
     }
     file = write_campaign(tmp_path, base=str(PROTOCOLS / "steerability.yaml"), depth="rig", set=sweep)
-    done = labrig("campaign", file, "--rig", RIG, "--out", tmp_path / "out", "--json")
+    done = labrig("campaign", file, "--set", f"rig={RIG}", "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.err
     document = done.json()
     assert document["measure"] == "mean_radius_mm"
@@ -136,7 +138,7 @@ def test_whole_insertions_give_a_table_like_that_of_virtual_ones(labrig: Labrig,
     tables = []
     for depth in ("rig", "world"):
         file, out = write_campaign(tmp_path, **ARMS, depth=depth, set=TINY), tmp_path / depth
-        done = labrig("campaign", file, "--rig", RIG, "--out", out, "--workers", 2)
+        done = labrig("campaign", file, "--set", f"rig={RIG}", "--out", out, "--workers", 2)
         assert done.exit_code == 0, done.err
         tables.append(load_runs(runs_dir=out))
     rig, world = tables
@@ -151,7 +153,7 @@ def test_whole_insertions_give_a_table_like_that_of_virtual_ones(labrig: Labrig,
 def test_ctrl_c_ends_a_campaign_with_a_page_of_what_is_done(tmp_path: Path) -> None:
     """It goes on when it is started again."""
     file, out = write_campaign(tmp_path, set=FAST, repetitions=100_000), tmp_path / "out"
-    options = map(str, ("campaign", file, "--rig", RIG, "--out", out, "--workers", 1))
+    options = map(str, ("campaign", file, "--set", f"rig={RIG}", "--out", out, "--workers", 1))
     with subprocess.Popen(
         [sys.executable, "-m", "labrig", *options], stderr=subprocess.PIPE, text=True
     ) as process:
@@ -186,7 +188,7 @@ def test_a_campaign_that_its_rule_ended_has_nothing_left_to_do(labrig: Labrig, t
     ("options", "message"),
     [
         (("--workers", 2, "--cluster", "tcp://127.0.0.1:1"), "exclude each other"),
-        (("--rig", "calibration/rig-bench.yaml"), "simulated rigs only"),
+        (("--set", f"rig={ROOT}/calibration/rig-bench.yaml"), "simulated rigs only"),
     ],
 )
 def test_what_cannot_be_computed_is_refused(

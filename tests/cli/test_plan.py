@@ -47,14 +47,13 @@ def test_a_plan_is_one_document(labrig: Labrig, tmp_path: Path, method: str) -> 
 @pytest.mark.parametrize(("name", "magic"), [("plan.svg", b"<?xml"), ("plan.png", b"\x89PNG")])
 @pytest.mark.parametrize("planar", [True, False])
 def test_a_plan_is_drawn(labrig: Labrig, tmp_path: Path, name: str, magic: bytes, planar: bool) -> None:
-    """--figure draws the plan as SVG or PNG, and an existing figure is not replaced without --force."""
+    """--figure draws the plan as SVG or PNG, and an existing figure is never replaced."""
     scenario = _file(tmp_path, planar=planar)
     done = labrig("plan", scenario, "--figure", tmp_path / name)
     assert done.exit_code == 0
     assert "length mm" in done.out
     assert (tmp_path / name).read_bytes().startswith(magic)
     assert labrig("plan", scenario, "--figure", tmp_path / name).exit_code == 2
-    assert labrig("plan", scenario, "--figure", tmp_path / name, "--force").exit_code == 0
 
 
 def test_no_plan_is_an_answer(labrig: Labrig, tmp_path: Path) -> None:

@@ -1,19 +1,23 @@
 """runner: what every run needs and no experiment owns.
 
-An experiment is handed over as an `Experiment`: what it plans, its procedure, how it goes on, what is shown of it. A
-procedure is a function of a protocol and a `Session`: the rig, the recorder, and a receiver of progress. It moves,
-asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it starts,
-as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
+An experiment is an `Experiment`, whose parts are found by their names. A procedure is a function of a protocol and a
+`Session`: the rig, the recorder, and a receiver of progress. It moves, asks, takes pictures and appends to the record;
+it prints nothing. What it sees, it sees through a `Sight`: a picture on a rig, the world on a virtual one.
 
-`conduct` switches power on and runs a procedure to an end that the record can state: success, aborted (a person or a
-signal stopped it) or failed (a device or the computer failed). The axes stop in every case. `conduct_remainder`
-continues an interrupted run. Draws of a simulated world come from seed and purpose, so the remainder is what it would
-have been. An experiment that moves nothing is recorded by `conduct_without_rig`.
+A procedure is written once. `dry_run` carries it out on a virtual rig, with axes in closed form and neither bus nor
+pictures: the plan of `labrig check` and `labrig run` is what it did there, and so are a campaign's virtual runs.
 
-A person may pause a run at its safe points: before and after each question, and at the end of each trial, without any
-code of the experiment; further ones are named by `Session.reach_safe_point`. A procedure that makes its trials through
-`Session.attempt` lets a person skip one or have one made again. What is decided is an event, so that `Decisions`, a
-fold of the events, is the same while the run is made, when it is resumed, and when it is evaluated.
+`conduct` switches power on and runs a procedure to an end that the record can state: success, failed (a trial, a device
+or the computer failed) or aborted (a person or a signal stopped it). The axes stop in every case. `conduct_remainder`
+continues an interrupted run with the same procedure. Draws of a simulated world come from seed and purpose, so the
+remainder is what it would have been. An experiment that moves nothing is recorded by `conduct_without_rig`.
+
+`Session.trials` yields the trials that remain (`trials`): planned, less begun, plus those that are made again. One that
+finds nothing fails alone. A person may pause a run at its safe points: before and after each question, and at the end
+of each trial; skip a trial, or have one made again. What is decided is an event, so that `Decisions`, a fold of the
+events, is the same while the run is made, when it is resumed, and when it is evaluated.
+
+Needle and sheath count as in tissue from before they move in until both are back at zero: the session sees to it.
 
 Conditions of the protocol (`ask_when`, `stop_when`) are judged on values that a procedure hands to `Session.judge`.
 They act at the next safe point, in the place of a person's request.

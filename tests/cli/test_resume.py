@@ -157,9 +157,12 @@ def test_a_run_that_is_being_written_is_not_continued(cut: Path, labrig: Labrig)
 
 
 def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> None:
-    """A folder that is no run exits with 4; a run whose experiment cannot be resumed exits with 2."""
+    """A folder that is no run exits with 4; a run without trials exits with 2."""
     assert labrig("resume", tmp_path).exit_code == 4
-    done = labrig("resume", killed_run(tmp_path))
+    run = killed_run(tmp_path)
+    manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    (run / "manifest.json").write_text(json.dumps(manifest | {"trials_planned": 0}), encoding="utf-8")
+    done = labrig("resume", run)
     assert done.exit_code == 2
     assert "nothing of it can be kept" in done.err
 

@@ -24,7 +24,7 @@ SMALL = shlex.split("""
   --set rig.world.lens.width_px=352 --set rig.world.lens.height_px=224
   --set rig.world.lens.fx_px=493 --set rig.world.lens.fy_px=494
   --set rig.world.lens.cx_px=178 --set rig.world.lens.cy_px=110
-  --set rig.world.lens.distance_mm=63 --set rig.world.lens.origin_px=[123,112]
+  --set rig.world.lens.distance_mm=63 --set rig.camera.distance_mm=63 --set rig.world.lens.origin_px=[123,112]
 """)
 QUICK = [*SMALL, *shlex.split(f"""
   --set rig.calibration.intrinsics=../{FOUND}/intrinsics.json --set rig.calibration.plane=../{FOUND}/plane.json

@@ -7,8 +7,8 @@ from labrig.analysis.result import Sentinel
 from labrig.errors import CalibrationRefusedError, PictureError, RecordError
 from labrig.protocol.sections import GridSentinel
 from labrig.record.events import FrameLine, PictureRole
-from labrig.vision.grid_check import check_grid, compare_grids
 from labrig.vision.plane import PlaneMap
+from labrig.vision.plane_check import check_grid, compare_grids
 
 
 class GridRole(PictureRole):

@@ -1,6 +1,6 @@
 """`labrig calibrate`: camera intrinsics, plane map and tip template, and adopting the result of a calibration run."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from labrig.cli.calibration_files import (
     report_refusal,
     require_writable,
 )
-from labrig.cli.options import CameraMovedOption, RigOption, RunArgument, find_rig_file
+from labrig.cli.options import RigOption, RunArgument, find_rig_file
 from labrig.cli.output import AsJson, print_line, show
 from labrig.cli.template import template
 from labrig.errors import CalibrationRefusedError, InputError, PictureError, RecordError
@@ -89,13 +89,11 @@ def intrinsics(
 def adopt(
     run_path: RunArgument,
     rig: RigOption = None,
-    camera_moved: CameraMovedOption = False,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> None:
     """Without --force, adopt no refused calibration and replace no file."""
     from labrig.cli.damage import require_undamaged
-    from labrig.cli.last_plane import compare_with_file, explain_no_comparison, require_confirmed
     from labrig.devices.rig_file import load_rig
     from labrig.durable import write_atomically
     from labrig.experiments.registry import load_run_result
@@ -120,24 +118,18 @@ def adopt(
             path, force, "replace the old calibration with --force; the run that made it keeps it"
         )
     found = load_plane(result.path / "plane.json", load_intrinsics(result.path / "intrinsics.json"))
-    moved = camera_moved or result.document["settings"]["plane"].get("camera_moved", False)
-    comparison = compare_with_file(found, targets.get("plane.json"), camera_moved=moved)
-    require_confirmed(run_path.name, comparison)
     for name, path in targets.items():
         write_atomically(path, read_file(result.path / name))
-    uncompared = explain_no_comparison(rig_file, camera_moved=camera_moved)
     document = {
         "run": str(run_path),
         "written": [str(path) for path in targets.values()],
         "view": found.view_sentence(),
-        "scale_comparison": None if comparison is None else asdict(comparison),
-        "compared": uncompared if comparison is None else comparison.sentence,
     }
     show(document, as_json, _print_adopted)
 
 
 def _print_adopted(document: dict[str, Any]) -> None:
-    for line in filter(None, (*document["written"], document["view"], document["compared"])):
+    for line in filter(None, (*document["written"], document["view"])):
         print_line(line)
 
 

@@ -1,39 +1,34 @@
 """`labrig calibrate plane`: finds the map from pixels to mm in the steering plane."""
 
+import math
+import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from labrig.cli.calibration_files import ForceOption, OutOption, report_refusal, require_writable
-from labrig.cli.options import CameraMovedOption, InsertionOption, IntrinsicsOption
-from labrig.cli.output import AsJson
-from labrig.cli.progress import show_working
-from labrig.cli.surface_options import (
-    GelDepthOption,
-    GelDepthSigmaOption,
-    GelIndexOption,
-    GelIndexSigmaOption,
-    LayerOption,
-    PaperOption,
-    PaperSigmaOption,
-    TelecentricOption,
-    ThroughOption,
-    TiltOption,
-    TiltSigmaOption,
+from labrig.cli.calibration_files import (
+    ForceOption,
+    OutOption,
+    collect_calibration_provenance,
+    report_output,
+    report_refusal,
+    require_writable,
 )
-from labrig.errors import CalibrationRefusedError
+from labrig.cli.options import InsertionOption, IntrinsicsOption, find_named_rig_file
+from labrig.cli.output import AsJson, print_line, show
+from labrig.cli.progress import show_working
+from labrig.errors import CalibrationRefusedError, InputError
+from labrig.text import number
 
-NO_PLANE: dict[str, object] = dict.fromkeys(
-    (
-        "rms_mm",
-        "holdout_rms_mm",
-        "mm_per_px",
-        "picture_mm",
-        "camera_distance_mm",
-        "view",
-        "scale_comparison",
-    )
+if TYPE_CHECKING:
+    from labrig.cli.terminal_operator import TerminalOperator
+    from labrig.devices.rig_file import RigDescription
+    from labrig.vision.intrinsics import Intrinsics
+
+_NO_PLANE: dict[str, object] = dict.fromkeys(
+    ("rms_mm", "holdout_rms_mm", "mm_per_px", "picture_mm", "camera_distance_mm", "view")
 )
 
 
@@ -45,65 +40,169 @@ def plane(
         tuple[float, float], typer.Option(metavar="U V", help="Pixel of the plane's origin.")
     ],
     insertion: InsertionOption,
-    pitch_mm: Annotated[float, typer.Option(help="Distance between the finest lines.")] = 1.0,
-    intrinsics: IntrinsicsOption = None,
-    index: GelIndexOption = None,
-    depth_mm: GelDepthOption = None,
-    paper_at: PaperOption = "needle",
-    index_sigma: GelIndexSigmaOption = None,
-    depth_sigma_mm: GelDepthSigmaOption = None,
-    layer: LayerOption = None,
-    tilt_deg: TiltOption = (0.0, 0.0),
-    tilt_sigma_deg: TiltSigmaOption = None,
-    through_gel: ThroughOption = None,
-    paper_sigma_mm: PaperSigmaOption = None,
-    telecentric: TelecentricOption = False,
-    rig: Annotated[
-        Path | None,
+    pitch_mm: Annotated[float, typer.Option(help="Distance between the paper's nearest lines.")] = 1.0,
+    px_per_mm: Annotated[
+        float | None,
+        typer.Option(help="Scale of the picture, to 20 %. Default: by the distance.", show_default=False),
+    ] = None,
+    distance_mm: Annotated[
+        float | None,
         typer.Option(
-            metavar="FILE",
-            help="Rig file, with whose plane map the scale is compared. Default: $LABRIG_RIG, else the file that --out "
-            "replaces.",
+            help="Distance from camera to paper by tape, to 20 %. Default: camera.distance_mm of the rig file, else "
+            "the scale of the rig's last plane map, else you click two marks.",
             show_default=False,
         ),
     ] = None,
-    camera_moved: CameraMovedOption = False,
+    intrinsics: IntrinsicsOption = None,
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="YAML file with the keys gel and paper_sigma_mm of a calibration protocol's section plane.",
+            show_default=False,
+        ),
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Rig file. Default: $LABRIG_RIG.", show_default=False),
+    ] = None,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
-    from labrig.cli.last_plane import find_last_plane, require_picture_of_rig
-    from labrig.cli.plane_output import compare_scale, finish_plane
-    from labrig.cli.surface import SurfaceOptions
-    from labrig.vision.calibration_file import load_intrinsics
-    from labrig.vision.picture import read_picture
-    from labrig.vision.plane_calibration import calibrate_plane
+    from labrig.devices.rig_file import load_rig
+    from labrig.experiments.camera_calibration.protocol import PaperSetup
+    from labrig.protocol.yaml_file import load_yaml_model
+    from labrig.vision.calibrate_plane import calibrate_plane
+    from labrig.vision.calibration_file import load_intrinsics, save_plane
+    from labrig.vision.picture import read_picture, require_size
 
-    surface = SurfaceOptions(
-        index, depth_mm, paper_at, index_sigma, depth_sigma_mm, layer, tilt_deg, tilt_sigma_deg, through_gel
-    )
-    gel = surface.make_gel(camera_known=intrinsics is not None or telecentric)
     require_writable(out, force)
-    last = find_last_plane(rig, out)
-    camera = None if intrinsics is None else load_intrinsics(intrinsics)
-    picture, through = read_picture(image), surface.read_seen_through()
-    require_picture_of_rig(picture, rig)
+    above = PaperSetup() if setup is None else load_yaml_model(setup, PaperSetup)
+    lens = None if intrinsics is None else load_intrinsics(intrinsics)
+    rig_file = find_named_rig_file(rig)
+    described = None if rig_file is None else load_rig(rig_file)
+    picture = read_picture(image)
+    if described is not None and rig is not None:
+        camera = described.camera
+        require_size(picture, (camera.width_px, camera.height_px), f"the camera of the rig {described.name}")
+    scale = _Scale(px_per_mm, distance_mm).find(image, described, lens, asks=not as_json)
     try:
         with show_working("finding the lines of the paper", shown=not as_json):
             found = calibrate_plane(
                 picture,
-                camera,
+                lens,
                 pitch_mm,
                 origin_px,
                 insertion,
-                gel=gel,
-                through=through,
-                paper_sigma_mm=paper_sigma_mm,
-                telecentric=telecentric,
+                px_per_mm=scale,
+                gel=above.gel,
+                paper_sigma_mm=above.paper_sigma_mm,
             )
     except CalibrationRefusedError as refusal:
-        return report_refusal(refusal, NO_PLANE, as_json)
-    compared = compare_scale(found, last, rig, camera_moved=camera_moved)
-    pictures = [path for path in (image, through_gel) if path is not None]
-    return finish_plane(compared, pictures, out, force=force, as_json=as_json)
+        return report_refusal(refusal, _NO_PLANE, as_json)
+    if out is not None and (found.accepted or force):
+        save_plane(out, found, collect_calibration_provenance([image]))
+    show(found.to_json(), as_json, _print_plane)
+    report_output(out, found.accepted, force)
+    return 0 if found.accepted else 1
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """What was typed of the picture's scale; None where an option was left out."""
+
+    px_per_mm: float | None
+    distance_mm: float | None
+
+    def find(
+        self, image: Path, rig: "RigDescription | None", lens: "Intrinsics | None", *, asks: bool
+    ) -> float:
+        """Return the scale [px/mm]: as typed, by a distance, of the rig's last plane map, or by two marks.
+
+        Raises
+        ------
+        InputError
+            If nothing tells the scale, or two options say it.
+        """
+        from labrig.vision.calibrate_plane import find_px_per_mm
+
+        if self.px_per_mm is not None and self.distance_mm is not None:
+            raise InputError("--px-per-mm and --distance-mm both tell the scale", "give one of them")
+        if self.px_per_mm is not None:
+            return self.px_per_mm
+        if self.distance_mm is not None and lens is None:
+            raise InputError(
+                "a distance tells the scale by the lens, and --intrinsics is missing",
+                "give --intrinsics FILE, or --px-per-mm in place of --distance-mm",
+            )
+        distance_mm = self.distance_mm
+        if distance_mm is None and rig is not None:
+            distance_mm = rig.camera.distance_mm
+        if distance_mm is not None and lens is not None:
+            return find_px_per_mm(lens, distance_mm)
+        last = _read_last_scale(rig)
+        if last is not None:
+            return last
+        if asks and sys.stdin.isatty():
+            return _ask_scale(image)
+        raise InputError(
+            "nothing tells the scale of the picture, roughly",
+            "give --px-per-mm, to 20 %: the pixels between two marks of a ruler over their millimetres; or "
+            "--distance-mm with --intrinsics",
+        )
+
+
+def _read_last_scale(rig: "RigDescription | None") -> float | None:
+    """Return the scale of the rig's last plane map [px/mm]; None if it has none."""
+    from labrig.vision.calibration_file import load_px_per_mm
+
+    last = None if rig is None else rig.calibration_paths().get("plane.json")
+    return load_px_per_mm(last) if last is not None and last.is_file() else None
+
+
+def _ask_scale(image: Path) -> float:
+    from labrig.cli.signals import SignalNote
+    from labrig.cli.terminal_operator import TerminalOperator
+
+    return read_scale_from(TerminalOperator(SignalNote(), sys.stdin), image)
+
+
+def read_scale_from(person: "TerminalOperator", image: Path) -> float:
+    """Ask for two marks on the picture and the millimetres between them, and return the scale [px/mm].
+
+    Raises
+    ------
+    InputError
+        If the person says no, or the answers tell no scale.
+    """
+    from labrig.devices.operator import Answer, OperatorRequest, PickMark, ReadLength
+
+    def ask(request: OperatorRequest) -> Answer:
+        answer = person.ask(request, lambda: None)
+        if not answer.confirmed:
+            raise InputError("the scale of the picture was not told", "give --px-per-mm, to 20 %")
+        return answer
+
+    first, second = (ask(PickMark(str(image), mark)).pixel for mark in ("first", "second"))
+    length_mm = ask(ReadLength()).reading
+    if first is None or second is None or not length_mm or length_mm <= 0.0 or first == second:
+        raise InputError("two marks and a length above 0 mm tell the scale", "click two marks far apart")
+    return math.dist(first, second) / length_mm
+
+
+def _print_plane(document: dict[str, Any]) -> None:
+    print_line("accepted" if document["accepted"] else "refused")
+    for reason in document["reasons"]:
+        print_line(f"  {reason}")
+    print_line(
+        f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
+        f"held out {number(document['holdout_rms_mm'], 4)} mm rms, flat within {document['flatness_mm']:.3f} mm"
+    )
+    if document["view"] is not None:
+        print_line(document["view"])
+    for sentence in document["assumptions"]:
+        print_line(f"assumed: {sentence}")
+    if document["not_in_interval"]:
+        print_line(f"not in the interval: {', '.join(document['not_in_interval'])}")

@@ -359,14 +359,6 @@ OptionalInsertion = Annotated[
     ),
 ]
 
-CameraMovedOption = Annotated[
-    bool,
-    typer.Option(
-        "--camera-moved",
-        help="The camera, its lens or the height of the paper was changed since the last plane map, so "
-        "its scale may be another one.",
-    ),
-]
 IntrinsicsOption = Annotated[
     Path | None,
     typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),

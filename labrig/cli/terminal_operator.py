@@ -19,6 +19,7 @@ from labrig.devices.operator import (
     OperatorRequest,
     Paused,
     PickPixel,
+    ReadLength,
     ReadScale,
 )
 from labrig.errors import InterruptedRunError, SafetyStopError
@@ -226,7 +227,7 @@ def _choose_reader(request: OperatorRequest) -> tuple[str, Callable[[str], Answe
     match request:
         case Paused():
             return "c to continue", _read_continuation
-        case ReadScale():
+        case ReadScale() | ReadLength():
             return "a number such as 12.5", _read_number
         case PickPixel():
             return "two numbers such as 640 290.5", _read_pixel

@@ -57,6 +57,9 @@ class CameraDescription(Model):
     """Height of a picture [px]."""
     rate_hz: Annotated[float, Field(gt=0, le=1000)]
     """Pictures a second [Hz]."""
+    distance_mm: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    """Distance from the camera to the needle's plane by tape, to 20 % [mm]: with the lens it tells the scale of graph
+    paper; null: that of the last plane map."""
     store: Literal["png", "pgm"] = "png"
     """How pictures are recorded: as PNG, or as PGM (PPM in colour) for a camera too fast for PNG."""
 

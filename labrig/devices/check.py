@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -146,8 +146,6 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 
     for name, describe in (("intrinsics.json", lens), ("plane.json", plane)):
         which, path = name.removesuffix(".json"), paths.get(name)
-        if which == "intrinsics" and path is None and _is_telecentric(paths.get("plane.json")):
-            continue
         result = _check_calibration_file(which, path, describe, calibrate)
         yield result
         if now is not None and path is not None and result.status is CheckStatus.PASS:
@@ -155,13 +153,6 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
             yield from _check_other_settings(rig, which, path)
     for path in rig.mask_paths().values():
         yield _check_calibration_file("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
-
-
-def _is_telecentric(plane: Path | None) -> bool:
-    """Return whether a plane map is that of a telecentric lens, which has no intrinsics."""
-    with suppress(LabrigError):
-        return plane is not None and load_plane(plane, None).telecentric
-    return False
 
 
 def _describe_mask(rig: RigDescription, path: Path) -> str:

@@ -150,6 +150,15 @@ class PickTarget(PickPixel):
 
 
 @dataclass(frozen=True)
+class PickMark(PickPixel):
+    """Name the pixel of one of two marks that are a known length apart."""
+
+    sentence = "Name the pixel of the {mark} of two marks on {picture} that are a known length apart."
+
+    mark: str
+
+
+@dataclass(frozen=True)
 class PickObstacle(PickPixel):
     """Name the pixel of an obstacle's centre on a picture; `asked` counts from 0 those that are asked for."""
 
@@ -276,6 +285,13 @@ class ConfirmFree(OperatorRequest):
     axis: str
     position: float
     unit: str
+
+
+@dataclass(frozen=True)
+class ReadLength(OperatorRequest):
+    """Say how far apart two marks are; the answer has it."""
+
+    sentence = "How many millimetres are the two marks apart?"
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ from labrig.steering.tip import TipState
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
-from labrig.vision.grid_check import GridCheck, check_grid
 from labrig.vision.marker import MarkerFix, find_markers
 from labrig.vision.mask import Mask, load_mask
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
+from labrig.vision.plane_check import GridCheck, check_grid
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template_file import load_template
 from labrig.vision.tip_template import TipTemplate

@@ -30,10 +30,10 @@ from labrig.steering.tip import TipState
 from labrig.steering.tip_search import TipSearched
 from labrig.vision.curvature import CurvatureSettings
 from labrig.vision.error_budget import PlaceErrors
-from labrig.vision.grid_check import GridCheck
 from labrig.vision.marker import MarkerFix
 from labrig.vision.perspective import Perspective
 from labrig.vision.plane import PlaneMap
+from labrig.vision.plane_check import GridCheck
 from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
 from labrig.vision.tip import TipFix

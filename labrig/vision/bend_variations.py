@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.errors import CalibrationRefusedError
 from labrig.vision.plane import apply_homography
 
-_FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.float64]
 
 # A bend that explains less than this share of the squared residuals is noise.
 _LEAST_EXPLAINED = 0.03
@@ -22,7 +23,7 @@ _LEAST_EXPLAINED = 0.03
 _TRIAL = 1e-3
 
 
-def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _FloatArray) -> list[_FloatArray]:
+def find_bent_homographies(px: FloatArray, paper_mm: FloatArray, foot_mm: FloatArray) -> list[FloatArray]:
     """Return other homographies that the bend of the paper allows; none if the paper shows no bend.
 
     Parameters
@@ -36,25 +37,25 @@ def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _Flo
     """
     heights = _bend_shapes(paper_mm)
     away = paper_mm - foot_mm
-    flat, left = _fit_homography(px, paper_mm)
-    trials = [_fit_homography(px, paper_mm + _TRIAL * away * height[:, None])[1] for height in heights.T]
+    flat, left = _fit(px, paper_mm)
+    trials = [_fit(px, paper_mm + _TRIAL * away * height[:, None])[1] for height in heights.T]
     design = np.column_stack([(trial - left) / _TRIAL for trial in trials])
     coefficients = -np.linalg.lstsq(design, left, rcond=None)[0]
     height = heights @ coefficients
-    bent, rest = _fit_homography(px, paper_mm + away * height[:, None])
+    bent, rest = _fit(px, paper_mm + away * height[:, None])
     if float(rest @ rest) > (1.0 - _LEAST_EXPLAINED) * float(left @ left):
         return []
     return [bent, raise_paper(flat, float(np.std(height)), foot_mm)]
 
 
-def raise_paper(homography: _FloatArray, share: float, foot_mm: _FloatArray) -> _FloatArray:
+def raise_paper(homography: FloatArray, share: float, foot_mm: FloatArray) -> FloatArray:
     """Return the homography to the needle's plane, if the paper lies above it by a share of the camera's height."""
     raised = np.eye(3)
     raised[:2] = np.column_stack(((1.0 + share) * np.eye(2), -share * foot_mm))
     return np.asarray(raised @ homography)
 
 
-def _bend_shapes(paper_mm: _FloatArray) -> _FloatArray:
+def _bend_shapes(paper_mm: FloatArray) -> FloatArray:
     """Return the heights (N, 3) of a sheet bent along each axis and diagonally, without level and slope."""
     normal = (paper_mm - paper_mm.mean(axis=0)) / np.ptp(paper_mm, axis=0).max()
     a, b = normal.T
@@ -63,7 +64,23 @@ def _bend_shapes(paper_mm: _FloatArray) -> _FloatArray:
     return np.asarray(bends - plane @ np.linalg.lstsq(plane, bends, rcond=None)[0])
 
 
-def _fit_homography(px: _FloatArray, paper_mm: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+def _fit(px: FloatArray, paper_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the least-squares homography and its residuals (2 N,)."""
-    found = np.asarray(cv2.findHomography(px, paper_mm)[0], dtype=np.float64)
+    found = fit_homography(px, paper_mm)
     return found, (apply_homography(found, px) - paper_mm).ravel()
+
+
+def fit_homography(px: FloatArray, paper_mm: FloatArray) -> FloatArray:
+    """Return the least-squares homography (3, 3) from pixels (N, 2) to places (N, 2).
+
+    Raises
+    ------
+    CalibrationRefusedError
+        If there is none: the points lie on one line, for instance.
+    """
+    found = cv2.findHomography(px, paper_mm)[0]
+    if found is None:
+        raise CalibrationRefusedError(
+            "no plane explains the paper's lines", "lay the paper flat and fill the picture with it"
+        )
+    return np.asarray(found, dtype=np.float64)

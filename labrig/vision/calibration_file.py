@@ -12,66 +12,25 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
 from labrig.vision.camera_frame import CAMERA, CameraInUse
 from labrig.vision.intrinsics import LENS, Intrinsics
-from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation, VariationGroup
-from labrig.vision.refraction import Gel, GelMeasurement
-from labrig.vision.scale_check import PlaneScale, ScaleComparison, compare_scales
+from labrig.vision.plane import PlaneMap
 
 _INTRINSICS = "labrig-intrinsics"
 _PLANE = "labrig-plane"
 _SCHEMA_VERSION = 1
 _MADE_BY = {_INTRINSICS: "`labrig calibrate intrinsics`", _PLANE: "`labrig calibrate plane`"}
 
-_Row = tuple[float, float, float]
-_NinthsRow = tuple[float | None, float | None, float | None]
 
+class _PlaneDocument(PlaneMap):
+    """A plane map as its file holds it."""
 
-class _Section(BaseModel):
-    """The required keys of a file; other keys are ignored."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
-
-
-class _VariationPart(_Section):
-    homography: tuple[_Row, _Row, _Row]
-    lens: tuple[float, ...] | None
-    group: VariationGroup
-    gel: Gel | None = None
-
-    def variation(self) -> Variation:
-        """Return the variation."""
-        return Variation(np.array(self.homography), self.lens, self.group, self.gel)
-
-
-class _PlaneDocument(_Section):
-    accepted: bool
-    reasons: tuple[str, ...]
-    rms_mm: float | None
-    worst_mm: float | None
-    holdout_rms_mm: float | None
-    mm_per_px: PositiveFloat
-    residual_field_mm: tuple[_NinthsRow, _NinthsRow, _NinthsRow] | None
-    crossings: int
-    image_size: tuple[PositiveInt, PositiveInt] | None
-    origin_px: tuple[float, float]
-    insertion: Insertion
-    homography: tuple[_Row, _Row, _Row]
     intrinsics_sha256: str | None
-    radial: tuple[float, float, float] | None = None
-    gel: Gel | None = None
-    telecentric: bool = False
-    paper_sigma_mm: float | None = None
-    gel_measurement: GelMeasurement | None = None
-    flatness_mm: float | None = None
-    crossing_noise_mm: float | None = None
-    bend: Bend | None = None
-    variations: tuple[_VariationPart, ...] = ()
 
 
 _PLANE_DOCUMENT = TypeAdapter(_PlaneDocument)
@@ -129,49 +88,21 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
             f"{path} was made with {_name_lens(found.intrinsics_sha256)}, not with {_name_lens(given)}",
             "give the intrinsics that it was made with, or make it again with these",
         )
-    homography = np.array(found.homography)
-    if not np.linalg.det(homography):
+    if not np.linalg.det(found.matrix):
         raise FileFormatError((Problem(f"{path} homography", "has no inverse", _remake_hint(_PLANE)),))
-    parts = {"intrinsics_sha256", "radial", "gel", "gel_measurement", "bend", "variations"}
-    return PlaneMap(
-        **{**found.model_dump(exclude=parts), "homography": homography},
-        intrinsics=intrinsics,
-        radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
-        gel=found.gel,
-        gel_measurement=found.gel_measurement,
-        bend=found.bend,
-        variations=tuple(part.variation() for part in found.variations),
-    )
+    values = {name: getattr(found, name) for name in PlaneMap.model_fields}
+    return PlaneMap(**{**values, "intrinsics": intrinsics})
 
 
-def load_plane_scale(path: Path) -> PlaneScale:
-    """Read the scale of a plane map, whose lens need not be at hand.
+def load_px_per_mm(path: Path) -> float:
+    """Return the scale of a plane map at its origin, whose lens need not be at hand.
 
     Raises
     ------
     FileFormatError
         As `load_plane`.
     """
-    found = _load(path, _PLANE, _PLANE_DOCUMENT)
-    return PlaneScale(
-        path.name,
-        read_creation_time(path),
-        found.accepted,
-        found.mm_per_px,
-        found.origin_px,
-        found.image_size,
-    )
-
-
-def compare_with_last(plane: PlaneMap, last: Path, *, camera_moved: bool) -> ScaleComparison:
-    """Compare the scale of a plane map with that of the last one, in a file; see `compare_scales`."""
-    try:
-        scale = load_plane_scale(last)
-    except FileFormatError as fault:
-        return ScaleComparison(
-            last.name, f"The scale is not compared with the last plane map: {fault.message}."
-        )
-    return compare_scales(plane, scale, camera_moved=camera_moved)
+    return 1.0 / _load(path, _PLANE, _PLANE_DOCUMENT).mm_per_px
 
 
 def read_creation_time(path: Path) -> datetime | None:

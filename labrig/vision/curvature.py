@@ -373,7 +373,7 @@ def _find_systematic(
     typical_mm = float(np.median(np.hypot(*shifts_mm.T)))
     roll = None
     # Without the camera's place the perspective is not known, which is most of what a roll does.
-    if settings.roll_sd_rad is not None and (plane.intrinsics is not None or plane.telecentric):
+    if settings.roll_sd_rad is not None and plane.intrinsics is not None:
         bending = BendingPlane.of(shaft, plane)
         roll = combine_turns(
             *(

@@ -1,14 +1,12 @@
-"""What of a calibrated scene a picture shows, to be drawn over it: the ruled lines of graph paper, and the sheath."""
+"""What of a calibrated scene a picture shows, to be drawn over it: the sheath."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import LabrigError
-from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.picture import Picture, require_contrast
 from labrig.vision.plane import PlaneMap
 from labrig.vision.sheath import SheathPose, measure_sheath
@@ -16,7 +14,6 @@ from labrig.vision.sheath import SheathPose, measure_sheath
 Polyline = tuple[tuple[float, float], ...]
 
 _ARROW_MM = 10.0
-_Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True)
@@ -26,7 +23,7 @@ class Landmark:
     Attributes
     ----------
     name : str
-        ruled paper, or sheath.
+        sheath.
     found : bool
     text : str
         What was found, or why not.
@@ -42,8 +39,8 @@ class Landmark:
 
 def find_landmarks(
     image: Picture, plane: Callable[[], PlaneMap], sheath_diameter_mm: float
-) -> tuple[Landmark, Landmark]:
-    """Return the ruled paper and the sheath in a picture, or why they were not found; takes about two seconds.
+) -> tuple[Landmark, ...]:
+    """Return the sheath in a picture, or why it was not found.
 
     Parameters
     ----------
@@ -53,33 +50,11 @@ def find_landmarks(
     sheath_diameter_mm : float
         Within a factor of about 1.5.
     """
-    return (
-        _look_for("ruled paper", lambda: _find_paper(image)),
-        _look_for("sheath", lambda: _find_sheath(image, plane(), sheath_diameter_mm)),
-    )
-
-
-def _look_for(name: str, find: Callable[[], tuple[str, tuple[Polyline, ...]]]) -> Landmark:
     try:
-        text, lines = find()
+        text, lines = _find_sheath(image, plane(), sheath_diameter_mm)
     except LabrigError as refusal:
-        return Landmark(name, found=False, text=refusal.message)
-    return Landmark(name, found=True, text=text, lines=lines)
-
-
-def _find_paper(image: Picture) -> tuple[str, tuple[Polyline, ...]]:
-    require_contrast(image)
-    crossings = find_crossings(image)
-    text = f"{len(crossings.pixels)} crossings, lines {crossings.pitch_px:.1f} px apart"
-    return text, tuple(line for axis in (0, 1) for line in _join(crossings, axis))
-
-
-def _join(crossings: Crossings, axis: int) -> list[Polyline]:
-    """Return the lines of one family, each through its crossings in order."""
-    numbers, along = crossings.indices[:, axis], crossings.indices[:, 1 - axis]
-    order = np.lexsort((along, numbers))
-    ends = np.flatnonzero(np.diff(numbers[order])) + 1
-    return [_round(line) for line in np.split(crossings.pixels[order], ends) if len(line) > 1]
+        return (Landmark("sheath", found=False, text=refusal.message),)
+    return (Landmark("sheath", found=True, text=text, lines=lines),)
 
 
 def _find_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> tuple[str, tuple[Polyline, ...]]:

@@ -24,8 +24,8 @@ class Perspective:
 
     @classmethod
     def of(cls, plane: PlaneMap) -> "Perspective | None":
-        """Return the perspective of a map; None for parallel rays, and where the camera's place is not known."""
-        if plane.telecentric or plane.intrinsics is None:
+        """Return the perspective of a map; None where the camera's place is not known."""
+        if plane.intrinsics is None:
             return None
         y, z, height_mm = plane.camera_mm()
         return cls(np.array((y, z)), float(height_mm) * (1.0 if plane.gel is None else plane.gel.index))

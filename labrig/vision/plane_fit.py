@@ -1,8 +1,8 @@
-"""The map from crossings to paper: a homography, and one radial term without a known lens, by robust least squares.
+"""The map from points to paper: a homography, and one radial term without a known lens, by robust least squares.
 
-Every crossing takes part, but crossings that are far off count less (soft L1, Triggs et al. 2000, Bundle adjustment,
-section 3.3). A crossing a quarter of a pitch or more off is a false detection and is left out. The covariance is the
-sandwich estimate over blocks of neighbouring crossings, because uneven paper displaces neighbours alike.
+Every point takes part, but points that are far off count less (soft L1, Triggs et al. 2000, Bundle adjustment,
+section 3.3). A point a quarter of a pitch or more off is a false detection and is left out. The covariance is the
+sandwich estimate over blocks of neighbouring points, because uneven paper displaces neighbours alike.
 """
 
 from dataclasses import dataclass
@@ -15,27 +15,23 @@ from scipy.optimize import OptimizeResult, least_squares
 from labrig.errors import CalibrationRefusedError
 from labrig.vision.plane import Radial, apply_homography
 
-_FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.float64]
 
 _MAX_REFITS = 10
 _HOMOGRAPHY = 8
-# The terms of perspective among them, which an affine map lacks.
-_PERSPECTIVE = (6, 7)
 # The radial term's centre may leave the picture's middle, because pictures are cropped. A weak prior holds it there: a
-# distance of this many half diagonals costs as much as one crossing's typical error.
+# distance of this many half diagonals costs as much as one point's typical error.
 _CENTRE_REACH = 1.0
 # Residuals up to this many times their typical size count in full.
 _FULL = 2.0
 _MAD_TO_SIGMA = 1.4826
 _LEAST_SCALE_MM = 1e-9
 _LEAST_CROSSINGS = 6
-# Step of the central differences; parameters and places are of the order of one.
-_DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
-    """The fit of crossings to the paper.
+    """The fit of points to the paper.
 
     Attributes
     ----------
@@ -43,9 +39,9 @@ class PlaneFit:
         From ideal pixels to paper [mm].
     radial : Radial or None
     kept : ndarray of bool (N,)
-        Crossings that are not false detections.
+        Points that are not false detections.
     residuals_mm : ndarray (N, 2)
-        From a crossing's place on the paper to its fitted place.
+        From a point's place on the paper to its fitted place.
     jacobian : ndarray (2 M, P)
         Derivatives of the kept residuals, scaled so that J^T J is the second derivative of the cost.
     weighted_mm : ndarray (2 M,)
@@ -53,37 +49,27 @@ class PlaneFit:
     parameters : ndarray (P,)
     """
 
-    homography: _FloatArray
+    homography: FloatArray
     radial: Radial | None
     kept: NDArray[np.bool_]
-    residuals_mm: _FloatArray
-    jacobian: _FloatArray
-    weighted_mm: _FloatArray
-    parameters: _FloatArray
+    residuals_mm: FloatArray
+    jacobian: FloatArray
+    weighted_mm: FloatArray
+    parameters: FloatArray
     _frame: "_PixelScale"
 
-    def paper_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
+    def paper_mm(self, ideal_or_px: FloatArray) -> FloatArray:
         """Return the places on the paper (N, 2) [mm] of ideal pixels, or of the picture's with a radial term."""
         return apply_homography(self.homography, self.paper_px(ideal_or_px))
 
-    def paper_px(self, ideal_or_px: _FloatArray) -> _FloatArray:
+    def paper_px(self, ideal_or_px: FloatArray) -> FloatArray:
         """Return the pixels (N, 2) that the homography takes: the radial term, if there is one, is undone."""
         return ideal_or_px if self.radial is None else self.radial.undistort_px(ideal_or_px)
 
-    def moves_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
-        """Return the derivatives (N, 2, P) [mm] of the places on the paper with respect to the parameters."""
-        normal = self._frame.normal(ideal_or_px)
-        steps = _DIFFERENCE * np.eye(len(self.parameters))
-        moves = [
-            _predict(self.parameters + step, normal) - _predict(self.parameters - step, normal)
-            for step in steps
-        ]
-        return np.stack(moves, axis=2) / (2.0 * _DIFFERENCE)
-
-    def vary_homography(self, blocks: NDArray[np.int64]) -> list[_FloatArray]:
+    def vary_homography(self, blocks: NDArray[np.int64]) -> list[FloatArray]:
         """Return the homography moved by one standard deviation along each axis of its covariance.
 
-        `blocks` (M,) numbers the block of neighbours of every kept crossing.
+        `blocks` (M,) numbers the block of neighbours of every kept point.
         """
         bread = np.linalg.pinv(self.jacobian.T @ self.jacobian)
         scores = self.jacobian * self.weighted_mm[:, None]
@@ -105,15 +91,15 @@ class _PixelScale:
     half: float
 
     @classmethod
-    def of(cls, px: _FloatArray) -> "_PixelScale":
+    def of(cls, px: FloatArray) -> "_PixelScale":
         low, high = px.min(axis=0), px.max(axis=0)
         middle = 0.5 * (low + high)
         return cls((float(middle[0]), float(middle[1])), 0.5 * float(np.linalg.norm(high - low)))
 
-    def normal(self, px: _FloatArray) -> _FloatArray:
+    def normal(self, px: FloatArray) -> FloatArray:
         return np.asarray((px - self.middle) / self.half)
 
-    def homography(self, parameters: _FloatArray) -> _FloatArray:
+    def homography(self, parameters: FloatArray) -> FloatArray:
         to_normal = np.array(
             [
                 [1.0 / self.half, 0.0, -self.middle[0] / self.half],
@@ -123,39 +109,34 @@ class _PixelScale:
         )
         return np.asarray(np.append(parameters[:_HOMOGRAPHY], 1.0).reshape(3, 3) @ to_normal)
 
-    def radial(self, parameters: _FloatArray) -> Radial | None:
+    def radial(self, parameters: FloatArray) -> Radial | None:
         if len(parameters) == _HOMOGRAPHY:
             return None
         k, x, y = parameters[_HOMOGRAPHY:]
         centre = (float(self.middle[0] + self.half * x), float(self.middle[1] + self.half * y))
-        return Radial(centre, float(k) / self.half**2)
+        return Radial(centre_px=centre, k_per_px2=float(k) / self.half**2)
 
 
-def fit_plane(
-    px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radial: bool, *, affine: bool = False
-) -> PlaneFit:
-    """Fit crossings at pixels (N, 2) to their places on paper (N, 2) [mm].
+def fit_plane(px: FloatArray, paper_mm: FloatArray, gross_mm: float, with_radial: bool) -> PlaneFit:
+    """Fit points at pixels (N, 2) to their places on paper (N, 2) [mm].
 
     Parameters
     ----------
     px : ndarray (N, 2)
         Ideal pixels; with `with_radial`, the picture's own.
     gross_mm : float
-        A crossing that is further off is a false detection.
-    affine : bool
-        Without perspective, as through a telecentric lens.
+        A point that is further off is a false detection.
 
     Raises
     ------
     CalibrationRefusedError
-        If no plane explains the crossings.
+        If no plane explains the points.
     """
     frame = _PixelScale.of(px)
-    start = _find_start(frame.normal(px), paper_mm, gross_mm, affine) if len(px) >= 4 else None
+    start = _find_start(frame.normal(px), paper_mm, gross_mm) if len(px) >= 4 else None
     if start is None or not abs(start[2, 2]) > 0.0:
         raise _no_plane_error()
     parameters = np.concatenate(((start / start[2, 2]).ravel()[:_HOMOGRAPHY], np.zeros(3 * with_radial)))
-    free = np.array([not (affine and number in _PERSPECTIVE) for number in range(len(parameters))])
     normal = frame.normal(px)
     residuals = _predict(parameters, normal) - paper_mm
     kept = np.zeros(len(px), dtype=bool)
@@ -166,20 +147,18 @@ def fit_plane(
         if kept.sum() < _LEAST_CROSSINGS:
             raise _no_plane_error()
         scale = max(_MAD_TO_SIGMA * float(np.median(np.abs(residuals[kept]))), _LEAST_SCALE_MM)
-        solved = _minimise(parameters, free, normal[kept], paper_mm[kept], scale)
-        parameters[free] = solved.x
+        solved = _minimise(parameters, normal[kept], paper_mm[kept], scale)
+        parameters = solved.x
         residuals = _predict(parameters, normal) - paper_mm
     rows = slice(0, 2 * int(kept.sum()))
     # SciPy scales its Jacobian by (1 + z)^(-3/4); the influence of a residual falls with (1 + z)^(-1/2).
     heavier = (1.0 + (solved.fun[rows] / (_FULL * scale)) ** 2) ** 0.25
-    jacobian = np.zeros((rows.stop, len(parameters)), order="F")
-    jacobian[:, free] = solved.jac[rows]
     return PlaneFit(
         frame.homography(parameters),
         frame.radial(parameters),
         kept,
         residuals,
-        jacobian,
+        solved.jac[rows],
         solved.fun[rows] * heavier,
         parameters,
         frame,
@@ -192,37 +171,23 @@ def _no_plane_error() -> CalibrationRefusedError:
     )
 
 
-def _find_start(
-    normal: _FloatArray, paper_mm: _FloatArray, gross_mm: float, affine: bool
-) -> _FloatArray | None:
-    """Return the map (3, 3) that most crossings support. OpenCV's sampling has a fixed seed of its own."""
-    if affine:
-        rows = cv2.estimateAffine2D(normal, paper_mm, method=cv2.RANSAC, ransacReprojThreshold=gross_mm)[0]
-        found = None if rows is None else np.vstack((rows, (0.0, 0.0, 1.0)))
-    else:
-        found = cv2.findHomography(normal, paper_mm, cv2.RANSAC, gross_mm)[0]
+def _find_start(normal: FloatArray, paper_mm: FloatArray, gross_mm: float) -> FloatArray | None:
+    """Return the map (3, 3) that most points support. OpenCV's sampling has a fixed seed of its own."""
+    found = cv2.findHomography(normal, paper_mm, cv2.RANSAC, gross_mm)[0]
     return None if found is None else np.asarray(found, dtype=np.float64)
 
 
-def _minimise(
-    start: _FloatArray,
-    free: NDArray[np.bool_],
-    normal: _FloatArray,
-    paper_mm: _FloatArray,
-    scale_mm: float,
-) -> OptimizeResult:
-    """Minimise over the free parameters."""
+def _minimise(start: FloatArray, normal: FloatArray, paper_mm: FloatArray, scale_mm: float) -> OptimizeResult:
+    """Minimise the residuals and the prior of the radial term's centre."""
 
-    def residuals(moved: _FloatArray) -> _FloatArray:
-        parameters = start.copy()
-        parameters[free] = moved
+    def residuals(parameters: FloatArray) -> FloatArray:
         held = scale_mm * parameters[_HOMOGRAPHY + 1 :] / _CENTRE_REACH
         return np.concatenate(((_predict(parameters, normal) - paper_mm).ravel(), held))
 
-    return least_squares(residuals, start[free], loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
+    return least_squares(residuals, start, loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
 
 
-def _predict(parameters: _FloatArray, normal: _FloatArray) -> _FloatArray:
+def _predict(parameters: FloatArray, normal: FloatArray) -> FloatArray:
     """Return the places on the paper (N, 2) [mm] of normalised pixels (N, 2)."""
     if len(parameters) > _HOMOGRAPHY:
         k, x, y = parameters[_HOMOGRAPHY:]

@@ -218,13 +218,20 @@ def _quote(text: str) -> str:
 
 
 def record_calibration(
-    folder: Path, views: int, *, hold_board: bool = True, gel: str = "null", last: Path | None = None
+    folder: Path,
+    views: int,
+    *,
+    hold_board: bool = True,
+    gel: str = "null",
+    last: Path | None = None,
+    distance_mm: float | None = 116.0,
 ) -> Run:
     """Record a camera calibration by the simulated world's camera into `folder/calibration` and open it.
 
     Without `hold_board` the graph paper is photographed in place of the board: bare gel would take OpenCV's search for
     a board forty times as long. `last` is the plane map of the rig when the run begins.
     """
+    distance = "null" if distance_mm is None else distance_mm
     text = f"""
 schema_version: 1
 experiment: camera-calibration
@@ -232,7 +239,7 @@ title: Camera
 seed: 1
 board: {{columns: 9, rows: 6, square_mm: 4}}
 views: 12
-plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
+plane: {{pitch_mm: 1, distance_mm: {distance}, origin_px: [320, 200], insertion: right, gel: {gel}}}
 """
     world = World(WorldDescription(), seed=1)
     manifest = {

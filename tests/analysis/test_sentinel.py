@@ -67,13 +67,11 @@ def test_bumped_camera_refuses_every_radius() -> None:
 
 
 def test_a_map_that_the_paper_contradicts_refuses_and_its_width_is_said() -> None:
-    """A map of 8 px/mm under paper of 16 px/mm is refused, with the width of the picture that a ruler checks."""
+    """A map of 8 px/mm under paper of 16 px/mm is refused; the width of the picture is what a ruler checks."""
     wrong = PlaneMap.from_scale(PX_PER_MM / 2.0, (0.0, 0.0), "right", (800, 600))
     sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES, wrong, 1.0)
     assert not sentinel.accepted
-    assert "2.00 mm apart through the plane map, by which the picture is 100 mm wide" in (
-        sentinel.reason or ""
-    )
+    assert "lines are 16.0 px apart in the picture" in (sentinel.reason or "")
     assert sentinel.view == "The picture is 100 mm wide and 75 mm high at the paper."
 
 

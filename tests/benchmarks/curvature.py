@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from labrig.vision.boards import board_points_mm
 from labrig.vision.calibrate_lens import calibrate_intrinsics
+from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_calibration import calibrate_plane
 from tests.benchmarks.table import print_rows
 from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
@@ -138,7 +138,7 @@ def _calibrate_plane(bench: RenderedBench, lens: Intrinsics, random: np.random.G
     paper = cv2.GaussianBlur(210.0 * (1.0 - 0.35 * lines), (0, 0), 0.8)
     noisy = paper + random.normal(0.0, PAPER_NOISE, paper.shape)
     picture = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-    return calibrate_plane(picture, lens, 1.0, bench.lens.origin_px, "right")
+    return calibrate_plane(picture, lens, 1.0, bench.lens.origin_px, "right", px_per_mm=bench.px_per_mm)
 
 
 def _measure_efficiency() -> float:

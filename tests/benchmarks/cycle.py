@@ -120,7 +120,13 @@ def _make_view() -> TipView:
         cv2.getPerspectiveTransform(corners_px.astype(np.float32), corners_mm.astype(np.float32)), np.float64
     )
     size = (_LENS.width_px, _LENS.height_px)
-    plane = PlaneMap(homography, None, _LENS.origin_px, "right", size, _LENS.distance_mm / _LENS.fx_px)
+    plane = PlaneMap(
+        homography=homography,
+        origin_px=_LENS.origin_px,
+        insertion="right",
+        image_size=size,
+        mm_per_px=_LENS.distance_mm / _LENS.fx_px,
+    )
     world = _make_world(100, ())
     _insert(world, 0.0, _TEMPLATE_DEPTH_MM, 0.0)
     line = world.centre_line_mm(2000)

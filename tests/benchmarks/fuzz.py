@@ -560,10 +560,8 @@ measure tip picture.png --template RIGS/simulated-tip.png --near-px 3 4 --px-per
 calibrate intrinsics picture.png --board 9x6 --square-mm 2  --out i.json
 calibrate intrinsics picture.png --board 9x6 --square-mm 2 --charuco DICT_5X5_100 --marker-mm 1
 calibrate intrinsics picture.png --board 6x6 --square-mm 2 --tag-spacing 0.3
-calibrate plane picture.png --origin-px 3 4 --insertion up --gel-index 1.3 --gel-depth-mm 3
-calibrate plane picture.png --origin-px 3 4 --insertion up --telecentric --gel-index 1.3 --gel-depth-mm 3 \
- --gel-index-sigma 0.1 --gel-depth-sigma-mm 1 --layer glass:3:1 --tilt-deg 1 1 --tilt-sigma-deg 1 --paper-at gel
-calibrate plane picture.png --origin-px 3 4 --insertion up --gel-index 1.3 --through-gel picture.png
+calibrate plane picture.png --origin-px 3 4 --insertion up --px-per-mm 10
+calibrate plane picture.png --origin-px 3 4 --insertion up --intrinsics RIGS/simulated-intrinsics.json --distance-mm 185
 calibrate template picture.png --tip-px 30 30 --heading-deg 0 --out t.png
 runs --runs-dir runs --where tag=x --sort started --reverse
 runs tag runs/import --tag x --by me

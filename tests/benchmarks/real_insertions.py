@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.graph_paper import find_crossings
+from labrig.vision.paper import find_paper
 from labrig.vision.picture import read_picture, size_of
 from labrig.vision.plane_fit import PlaneFit, fit_plane
 from tests.benchmarks.table import print_rows
@@ -25,10 +25,10 @@ from tests.vision.real_tips import PICTURES, MarkedTip, read_marked_tips
 
 LINE_MARKS = Path(__file__).parents[1] / "vision" / "marks" / "real_insertion_lines.csv"
 PX_PER_MM = 5.607
-# The finest lines: fainter ones run between those that are 10 mm apart.
+# The nearest lines: fainter ones run between those that are 10 mm apart.
 PITCH_MM = 5.0
-LEAST_CROSSINGS = 100
-# A crossing this far off the plane is a mismatch.
+LEAST_POINTS = 50
+# A point this far off the plane is a mismatch.
 GROSS_MM = 1.25
 MARKED_LINES_MM = 10.0
 # The needle's path, in shares of the picture's width and height.
@@ -150,11 +150,11 @@ def _find_papers() -> Papers:
     for path in sorted(PICTURES.glob("DC_*/*.jpg")):
         picture = read_picture(path)
         try:
-            found = find_crossings(picture)
+            found = find_paper(picture, PITCH_MM * PX_PER_MM)
         except MeasurementRefusedError:
             continue
-        if len(found.pixels) >= LEAST_CROSSINGS:
-            paper_mm = PITCH_MM * found.indices.astype(np.float64)
+        if len(found.pixels) >= LEAST_POINTS:
+            paper_mm = PITCH_MM * found.lines
             fit = fit_plane(found.pixels, paper_mm, GROSS_MM, with_radial=False)
             papers[f"{path.parent.name}/{path.name}"] = (size_of(picture), fit)
     return papers

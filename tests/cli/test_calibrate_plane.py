@@ -1,5 +1,6 @@
-"""`labrig calibrate plane`: what the scale implies, the comparison with the rig's last map, and wrong pictures."""
+"""`labrig calibrate plane`: where the scale comes from, the setup file, and pictures of something else."""
 
+import io
 import json
 import re
 from collections.abc import Callable
@@ -9,10 +10,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from labrig.vision.calibration_file import load_plane, read_camera, save_plane
+from labrig.cli.calibrate_plane import read_scale_from
+from labrig.cli.signals import SignalNote
+from labrig.cli.terminal_operator import TerminalOperator
+from labrig.errors import InputError
+from labrig.vision.calibration_file import load_plane, read_camera, save_intrinsics, save_plane
 from labrig.vision.camera_frame import CameraInUse, encode_frame
+from labrig.vision.gel import Gel, Layer
+from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap
 from tests.cli.conftest import RIG, Done, Labrig
 from tests.vision import no_graph_paper
@@ -20,29 +26,24 @@ from tests.vision.paper_renderer import Camera, Sheet, draw_sheet
 
 SIZE = (400, 300)
 SHEET = Sheet(px_per_mm=12.0, camera=Camera(SIZE, focal_px=800.0, centre_px=(200.0, 150.0), k1=0.0, k2=0.0))
+LENS = Intrinsics(SIZE, 800.0, 800.0, 200.0, 150.0, (0.0,) * 5, {}, 0.1, 0.1, (), accepted=True, reasons=())
 FRAME = ("--origin-px", 200, 150, "--insertion", "right")
 Calibrate = Callable[..., Done]
 
 
 @pytest.fixture(scope="module")
-def paper(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a picture of 1 mm graph paper, 12 px/mm."""
-    path = tmp_path_factory.mktemp("paper") / "paper.png"
-    assert cv2.imwrite(str(path), draw_sheet(SHEET))
-    return path
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a picture of 1 mm graph paper, 12 px/mm, and the lens of its camera."""
+    made = tmp_path_factory.mktemp("paper")
+    assert cv2.imwrite(str(made / "paper.png"), draw_sheet(SHEET))
+    save_intrinsics(made / "lens.json", LENS, {})
+    return made
 
 
 @pytest.fixture
-def calibrate(paper: Path, labrig: Labrig) -> Calibrate:
+def calibrate(folder: Path, labrig: Labrig) -> Calibrate:
     """Calibrate the plane with the picture of graph paper."""
-    return lambda *options: labrig("calibrate", "plane", paper, *FRAME, *options)
-
-
-def save_last(path: Path, px_per_mm: float, size: tuple[int, int] = SIZE) -> Path:
-    """Write an earlier plane map of such a camera."""
-    plane = PlaneMap.from_scale(px_per_mm, (100.0, 100.0), "right", size)
-    save_plane(path, plane, {"created": "2026-10-03T09:00:00+00:00"})
-    return path
+    return lambda *options: labrig("calibrate", "plane", folder / "paper.png", *FRAME, *options)
 
 
 @pytest.fixture
@@ -56,94 +57,120 @@ def rig(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_stated_scale_is_enough_and_the_map_says_what_it_implies(
+    calibrate: Calibrate, tmp_path: Path
+) -> None:
+    """15 % off is near enough. Width and height of the picture are printed and are in the JSON."""
+    width, height = SHEET.picture_size_mm()
+    out = tmp_path / "plane.json"
+    done = calibrate("--px-per-mm", 13.8, "--out", out)
+    assert done.exit_code == 0, done.err
+    assert f"The picture is {width:.0f} mm wide and {height:.0f} mm high at the paper." in done.out
+    assert load_plane(out, None).picture_mm == pytest.approx((width, height), rel=0.01)
+    document = calibrate("--px-per-mm", 10.2, "--json").json()
+    assert {"accepted", "reasons", "rms_mm", "holdout_rms_mm", "mm_per_px"} < set(document)
+    assert document["picture_mm"] == pytest.approx([width, height], rel=0.01)
+    assert document["not_in_interval"] == ["lens", "surface", "the height of the paper over the needle"]
+
+
+@pytest.mark.parametrize("said", ["option", "rig"])
+def test_the_distance_by_tape_tells_the_scale_with_the_lens(
+    said: str, calibrate: Calibrate, rig: Path, folder: Path
+) -> None:
+    """As an option, or in the rig file; without the lens the option is wrong input."""
+    if said == "option":
+        how: tuple[object, ...] = ("--distance-mm", 70)
+        assert calibrate(*how, "--json").exit_code == 2
+    else:
+        text = rig.read_text(encoding="utf-8")
+        rig.write_text(text.replace("distance_mm: null", "distance_mm: 70"), encoding="utf-8")
+        how = ("--rig", rig)
+    done = calibrate(*how, "--intrinsics", folder / "lens.json", "--json")
+    assert done.exit_code == 0, done.err
+    assert done.json()["camera_distance_mm"] == pytest.approx(800.0 / 12.0, rel=0.01)
+
+
+def test_the_rig_s_last_map_tells_the_scale(calibrate: Calibrate, rig: Path, tmp_path: Path) -> None:
+    """A scale that the sheet contradicts is refused in a sentence; the option corrects it."""
+    last = tmp_path / "bench-plane.json"
+    save_plane(last, PlaneMap.from_scale(11.0, (100.0, 100.0), "right", SIZE), {})
+    assert calibrate("--rig", rig).exit_code == 0
+    save_plane(last, PlaneMap.from_scale(60.0, (100.0, 100.0), "right", SIZE), {})
+    done = calibrate("--rig", rig, "--json")
+    document = done.json()
+    assert (done.exit_code, document["accepted"], document["mm_per_px"]) == (1, False, None)
+    assert "px apart" in document["reasons"][0]
+    assert calibrate("--rig", rig, "--px-per-mm", 12).exit_code == 0
+
+
+def test_with_nothing_known_it_is_asked_for(calibrate: Calibrate) -> None:
+    """Without a terminal that is wrong input, which names the options."""
+    done = calibrate("--json")
+    assert done.exit_code == 2
+    error: Any = done.json()["error"]
+    assert "--px-per-mm" in error["hint"]
+    assert calibrate("--px-per-mm", 12, "--distance-mm", 70).exit_code == 2
+
+
+class _Terminal(io.StringIO):
+    """Lines that somebody types, one after each question."""
+
+    def __init__(self, *lines: str) -> None:
+        super().__init__()
+        self.lines = list(lines)
+
+
+def test_two_marks_and_the_millimetres_between_them_tell_the_scale(folder: Path) -> None:
+    """Their distance in pixels over their distance in millimetres; no is refused."""
+    answers = iter(["10 20", "130 20", "10"])
+
+    class Person(TerminalOperator):
+        def _read_line_or_click(self, meanwhile: object, page: object) -> tuple[str, bool]:
+            return next(answers), False
+
+        def _find_nobody(self, request: object) -> None:
+            return None
+
+        def _use_terminal(self, use: object) -> Any:
+            return None
+
+    person = Person(SignalNote(), _Terminal())
+    assert read_scale_from(person, folder / "gone.png") == pytest.approx(12.0)
+    answers = iter(["no"])
+    with pytest.raises(InputError, match="not told"):
+        read_scale_from(person, folder / "gone.png")
+
+
 def test_the_settings_of_a_test_frame_are_kept(labrig: Labrig, tmp_path: Path) -> None:
     """A picture that carries its camera gives the plane map what a later focus is compared with."""
     frame, out = tmp_path / "frame.png", tmp_path / "plane.json"
     frame.write_bytes(encode_frame(draw_sheet(SHEET), CameraInUse(settings={"focus": 30})))
-    assert labrig("calibrate", "plane", frame, *FRAME, "--out", out).exit_code == 0
+    assert labrig("calibrate", "plane", frame, *FRAME, "--px-per-mm", 12, "--out", out).exit_code == 0
     assert read_camera(out).settings == {"focus": 30}
 
 
-def test_the_scale_is_said_in_words_that_a_ruler_checks(calibrate: Calibrate, tmp_path: Path) -> None:
-    """Width and height of the picture are printed and are in the JSON; without an earlier map, --rig is named."""
-    width, height = SHEET.picture_size_mm()
-    out = tmp_path / "plane.json"
-    done = calibrate("--out", out)
-    assert done.exit_code == 0
-    assert f"The picture is {width:.0f} mm wide and {height:.0f} mm high at the paper." in done.out
-    assert "compared with no earlier plane map; --rig FILE" in done.out
-    document = calibrate("--json").json()
-    assert document["picture_mm"] == pytest.approx([width, height], rel=0.01)
-    assert document["view"] in done.out
-    assert document["scale_comparison"] is None
-    assert document["not_in_interval"] == ["lens", "surface", "the height of the paper over the needle"]
-    assert load_plane(out, None).picture_mm == pytest.approx((width, height), rel=0.01)
-
-
-def test_a_scale_five_times_that_of_the_rig_is_refused_until_the_camera_is_said_to_have_moved(
-    calibrate: Calibrate, rig: Path, tmp_path: Path
-) -> None:
-    """Exit code 1 with both scales, ratio and remedy, and nothing written; with --camera-moved it is written."""
-    save_last(tmp_path / "bench-plane.json", 60.0)
-    out = tmp_path / "plane.json"
-    done = calibrate("--rig", rig, "--out", out)
-    assert (done.exit_code, out.exists()) == (1, False)
-    assert "times that of the last plane map" in done.out
-    assert "and 0.01667 mm/px), as if other lines of the paper had been counted" in done.out
-    assert "bench-plane.json of 2026-10-03" in done.out
-    assert "if the camera, its lens or the height of the paper was changed, give --camera-moved" in done.out
-    document = calibrate("--rig", rig, "--json").json()
-    assert not document["accepted"]
-    assert document["scale_comparison"]["ratio"] == pytest.approx(5.0, rel=0.01)
-    moved = calibrate("--rig", rig, "--out", out, "--camera-moved")
-    assert (moved.exit_code, out.exists()) == (0, True)
-    assert document["scale_comparison"]["sentence"] in moved.out
-
-
-def test_without_a_rig_the_map_that_is_replaced_is_the_last(calibrate: Calibrate, tmp_path: Path) -> None:
-    """A scale 7 % off is accepted and stated, with what to do if the camera was not moved."""
-    out = save_last(tmp_path / "plane.json", 12.84)
-    done = calibrate("--out", out, "--force")
-    assert done.exit_code == 0
-    assert "the last plane map, plane.json of 2026-10-03" in done.out
-    assert "If neither the camera nor its lens nor the height of the paper was changed since" in done.out
-    replaced = load_plane(out, None)
-    assert replaced.mm_per_px == pytest.approx(1.0 / 12.0, rel=0.01)
-
-
-def test_a_scale_that_needs_a_person_replaces_no_file(calibrate: Calibrate, tmp_path: Path) -> None:
-    """With --force the good map stays, so that the same mistake made twice is refused twice."""
-    out = save_last(tmp_path / "plane.json", 60.0)
-    before = out.read_bytes()
-    done = calibrate("--out", out, "--force")
-    assert (done.exit_code, out.read_bytes() == before) == (1, True)
-    assert f"not written: {out}" in done.err
-
-
-def test_a_last_map_that_cannot_be_used_is_said_to_be_left_out(
-    calibrate: Calibrate, rig: Path, tmp_path: Path
-) -> None:
-    """A map of another camera's pictures, or a damaged file, is named, and does not stop the calibration."""
-    last = save_last(tmp_path / "plane.json", 12.0, (1280, 720))
-    other = calibrate("--out", last, "--force")
-    assert (other.exit_code, "1280 x 720 pixels, this one has 400 x 300" in other.out) == (0, True)
-    (tmp_path / "bench-plane.json").write_text("{", encoding="utf-8")
-    damaged = calibrate("--rig", rig)
-    assert (damaged.exit_code, "not compared with the last plane map" in damaged.out) == (0, True)
-    (tmp_path / "bench-plane.json").unlink()
-    assert "no earlier plane map: the rig has none yet." in calibrate("--rig", rig).out
-    moved = calibrate("--rig", rig, "--camera-moved").out
-    assert "the rig has none yet; --camera-moved had no effect." in moved
-
-
-def test_a_pitch_that_the_heavier_lines_contradict_is_refused(calibrate: Calibrate, tmp_path: Path) -> None:
-    """5 typed for a 1/5/10 sheet: exit code 1, what was counted, what would fit, and what the scale would imply."""
-    out = tmp_path / "plane.json"
-    done = calibrate("--pitch-mm", 5, "--out", out)
-    assert (done.exit_code, out.exists()) == (1, False)
-    assert "every 5th line is heavier" in done.out
-    assert "; 1 mm would fit" in done.out
-    assert "The picture is 166 mm wide" in done.out
+def test_a_setup_file_describes_the_gel(calibrate: Calibrate, folder: Path, tmp_path: Path) -> None:
+    """Its deviations move the map that is read back, those that are missing are named; a wrong key is refused."""
+    setup, out = tmp_path / "setup.yaml", tmp_path / "plane.json"
+    setup.write_text(
+        "paper_sigma_mm: 0.5\n"
+        "gel: {index: 1.35, index_sigma: 0.01, depth_mm: 5, layers: [{index: glass, thickness_mm: 3}]}\n",
+        encoding="utf-8",
+    )
+    known = ("--intrinsics", folder / "lens.json", "--distance-mm", 67, "--setup", setup)
+    done = calibrate(*known, "--out", out)
+    assert done.exit_code == 0, done.err
+    assert "the gel's depth, the thickness of layer 1, the tilt of the gel's surface" in done.out
+    plane = load_plane(out, LENS)
+    assert plane.gel == Gel(
+        index=1.35, index_sigma=0.01, depth_mm=5.0, layers=(Layer(index="glass", thickness_mm=3.0),)
+    )
+    ends = [(50.3, 100.7), (350.0, 250.0)]
+    moves = [np.linalg.norm(np.diff(other.to_mm(ends), axis=0)) for other in plane.variants("surface")]
+    assert len(set(np.round(moves, 6))) == 2
+    setup.write_text("gel: {index: 1.35, depth: 5}\n", encoding="utf-8")
+    wrong = calibrate(*known)
+    assert (wrong.exit_code, "depth" in wrong.err) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -157,36 +184,26 @@ def test_a_picture_of_another_camera_is_refused(
     option: str, file: str, what: str, calibrate: Calibrate
 ) -> None:
     """A lens or a rig with pictures of another size is wrong input, with both sizes."""
-    done = calibrate(option, RIG.parent / file, "--json")
+    done = calibrate(option, RIG.parent / file, "--px-per-mm", 12, "--json")
     error: Any = done.json()["error"]
     assert done.exit_code == 2
     assert f"400 x 300 pixels, {what} is for 1280 x 720" in error["message"]
 
 
-@pytest.mark.parametrize(
-    ("draw", "words"),
-    [
-        (no_graph_paper.draw_lined_paper, "no grid of ruled lines"),
-        (no_graph_paper.draw_dotted_paper, "no grid of ruled lines"),
-        (no_graph_paper.draw_chessboard, "no grid of ruled lines"),
-        (no_graph_paper.draw_keyboard, "grid"),
-        (no_graph_paper.draw_second_grid, "two grids"),
-    ],
-    ids=["lined", "dotted", "chessboard", "keyboard", "second grid"],
-)
-def test_a_picture_of_something_else_gives_no_map(
-    draw: Callable[[], NDArray[np.uint8]], words: str, labrig: Labrig, tmp_path: Path
-) -> None:
-    """Exit code 1, what the picture shows, and what to show instead; the JSON has the same reason and no numbers."""
+@pytest.mark.parametrize("kind", ["blank", "unreadable", "keyboard"])
+def test_a_picture_of_something_else_gives_no_map(kind: str, labrig: Labrig, tmp_path: Path) -> None:
+    """What the picture lacks, and what to show instead; the JSON has the same reason and no numbers."""
     picture, out = tmp_path / "wrong.png", tmp_path / "plane.json"
-    assert cv2.imwrite(str(picture), draw())
-    done = labrig("calibrate", "plane", picture, *FRAME, "--out", out, "--json")
+    drawn = {"blank": np.full((300, 400), 180, np.uint8), "keyboard": no_graph_paper.draw_keyboard()}
+    if kind == "unreadable":
+        picture.write_bytes(b"no picture")
+    else:
+        assert cv2.imwrite(str(picture), drawn[kind])
+    done = labrig("calibrate", "plane", picture, *FRAME, "--px-per-mm", 8, "--out", out, "--json")
     document = json.loads(done.out)
-    assert (done.exit_code, document["accepted"], document["mm_per_px"], out.exists()) == (
-        1,
-        False,
-        None,
-        False,
-    )
-    assert words in document["reasons"][0]
+    assert not out.exists()
+    if kind == "unreadable":
+        assert (done.exit_code, "wrong.png" in document["error"]["message"]) == (2, True)
+        return
+    assert (done.exit_code, document["accepted"], document["mm_per_px"]) == (1, False, None)
     assert "graph paper" in done.err.partition("hint: ")[2]

@@ -1,6 +1,5 @@
 """`labrig devices check` and `stop`, below the command line."""
 
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,9 +21,8 @@ from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.bus import InProcessBus, attach
 from labrig.devices.stop import StopTarget, read_stop_target, stop_drives, stop_rig
 from labrig.errors import BusError, SafetyStopError
-from labrig.vision.calibration_file import save_intrinsics, save_plane
+from labrig.vision.calibration_file import save_intrinsics
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.plane import PlaneMap
 from tests.devices.rigs import (
     ANSWER_TIMEOUT_S,
     BENCH,
@@ -220,20 +218,6 @@ def test_a_camera_that_reports_another_focus_fails_the_check(tmp_path: Path) -> 
         CheckStatus.FAIL,
         "simulated-intrinsics.json was made with camera.focus 12, it is 0 now",
     )
-
-
-def test_a_telecentric_lens_needs_no_intrinsics(tmp_path: Path) -> None:
-    """A rig whose plane map is that of a telecentric lens names no intrinsics, and none are missed."""
-    rig = large_rig().placed_in(tmp_path)
-    named = rig.calibration.model_copy(update={"intrinsics": None, "plane": Path("plane.json")})
-    rig = rig.model_copy(update={"calibration": named}).placed_in(tmp_path)
-    scale = PlaneMap.from_scale(10.0, (320.0, 200.0), "right", (1280, 720))
-    save_plane(tmp_path / "plane.json", scale, {})
-    assert _by_name(list(check_calibration(rig)))["calibration intrinsics"].status is CheckStatus.FAIL
-    save_plane(tmp_path / "plane.json", replace(scale, telecentric=True), {})
-    results = _by_name(list(check_calibration(rig)))
-    assert "calibration intrinsics" not in results
-    assert results["calibration plane"].status is CheckStatus.PASS
 
 
 def test_a_damaged_calibration_fails_the_check(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def _read_calibration(name: str, result: Document) -> Case:
         "bend of paper [mm]": [(plane["bend"]["height_mm"], plane["bend"]["sigma_mm"])],
     }
     decided = [(view["image"], view["used"], view["reason"]) for view in lens["views"]]
-    return Case(name, str((result["accepted"], result["reasons"], decided, plane["crossings"])), numbers)
+    return Case(name, str((result["accepted"], result["reasons"], decided, plane["points"])), numbers)
 
 
 def _map_corners(plane: Document) -> Iterator[float]:

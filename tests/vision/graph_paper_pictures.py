@@ -43,62 +43,6 @@ class PaperBench:
         risen = np.column_stack(((x + along * right) / np.cos(np.deg2rad(fold_deg)), y + along * down))
         return np.where(sheet[:, :1] > 0.0, risen, sheet)
 
-    def roll_mm(self, px, radius_mm):
-        """Return the points (N, 2), along the paper, of a sheet rolled up at left and right to a cylinder.
-
-        The cylinder touches the plane in the middle and rises towards the camera; each ray is followed to where it
-        meets it first.
-        """
-        x, y, z = self.camera_mm()
-        right, down = (self.mm(px) - (x, y)).T
-        # (x + t right)^2 + (R - z + t z)^2 = R^2, from the camera at height z to the plane at t = 1.
-        a, b = right**2 + z**2, x * right + (radius_mm - z) * z
-        c = x**2 + (radius_mm - z) ** 2 - radius_mm**2
-        along = (-b + np.sqrt(b**2 - a * c)) / a
-        return np.column_stack((radius_mm * np.arcsin((x + along * right) / radius_mm), y + along * down))
-
-
-@dataclass(frozen=True)
-class SunkenBench(PaperBench):
-    """A sheet under a gel whose surface rises towards the camera by `slopes` (right, down) [mm/mm], `depth_mm` deep.
-
-    The depth is that over the sheet's middle. Every ray is followed by the vector form of Snell's law.
-    """
-
-    depth_mm: float = 4.0
-    index: float = 1.35
-    slopes: tuple[float, float] = (0.0, 0.0)
-
-    def mm(self, px):
-        """Return the sheet's points (N, 2) at pixels (N, 2) of the picture, through the gel."""
-        straight = super().mm(px)
-        x, y, height = self.camera_mm()
-        camera = np.array([x, y, -height])
-        ray = np.column_stack((straight, np.zeros(len(straight)))) - camera
-        ray /= np.linalg.norm(ray, axis=1)[:, None]
-        normal = np.array([*self.slopes, 1.0])
-        surface = camera + ray * ((-self.depth_mm - camera @ normal) / (ray @ normal))[:, None]
-        normal /= np.linalg.norm(normal)
-        cosine = ray @ normal
-        inner = np.sqrt(1.0 - (1.0 - cosine**2) / self.index**2) - cosine / self.index
-        bent = ray / self.index + inner[:, None] * normal
-        return (surface - bent * (surface[:, 2] / bent[:, 2])[:, None])[:, :2]
-
-
-@dataclass(frozen=True)
-class TelecentricBench(PaperBench):
-    """A telecentric camera, which looks straight down: every millimetre has as many pixels."""
-
-    px_per_mm: float = 15.6
-    turn_deg: float = 0.0
-
-    def mm(self, px):
-        """Return the sheet's points (N, 2) at pixels (N, 2) of the picture."""
-        width, height = self.intrinsics.image_size
-        turn = np.deg2rad(self.turn_deg)
-        axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
-        return (np.asarray(px, dtype=float) - (width / 2, height / 2)) @ axes / self.px_per_mm
-
 
 def make_bench(
     size=(800, 600), px_per_mm=15.6, tilt_deg=2.0, turn_deg=1.0, distortion=(-0.12, 0.03, 5e-4, -3e-4, 0.0)
@@ -135,22 +79,18 @@ def draw_paper(
     lines=LINES,
     uneven=0.4,
     bulge_mm=0.0,
-    roll_mm=None,
     fold_deg=None,
     supersampling=2,
 ):
     """Return a grey picture of ruled paper: dark lines, heavier every five and ten, blur, uneven light, noise.
 
-    `bulge_mm` moves the paper's points sideways, as where it is not flat; `roll_mm` rolls it to a cylinder of that
-    radius, `fold_deg` folds up its right half.
+    `bulge_mm` moves the paper's points sideways, as where it is not flat; `fold_deg` folds up its right half.
     """
     width, height = bench.intrinsics.image_size
     rows, columns = np.mgrid[0 : height * supersampling, 0 : width * supersampling]
     px = (np.column_stack((columns.ravel(), rows.ravel())) - (supersampling - 1) / 2) / supersampling
     mm = bench.mm(px)
-    if roll_mm is not None:
-        mm = bench.roll_mm(px, roll_mm)
-    elif fold_deg is not None:
+    if fold_deg is not None:
         mm = bench.fold_mm(px, fold_deg)
     mm = mm + bulge_mm * np.sin(mm[:, ::-1] / 6.0)
     dark = np.zeros(len(mm))

@@ -1,4 +1,4 @@
-"""Pictures that are not of graph paper, or not of graph paper alone, as they may be photographed by mistake."""
+"""Pictures that are not of graph paper, as they may be photographed by mistake."""
 
 import cv2
 import numpy as np
@@ -8,8 +8,6 @@ Picture = NDArray[np.uint8]
 
 SIZE = (1280, 720)
 _FLAT = (1600, 1200)
-# A crossing of the ruled paper's lines.
-_CROSSING = (798.0, 594.0)
 
 
 def photograph(
@@ -50,15 +48,6 @@ def draw_lined_paper() -> Picture:
     return photograph(flat)
 
 
-def draw_dotted_paper(pitch_px: int = 24) -> Picture:
-    """Return paper with a dot at every crossing of a grid."""
-    flat = _blank()
-    for v in range(12, _FLAT[1], pitch_px):
-        for u in range(12, _FLAT[0], pitch_px):
-            cv2.circle(flat, (u, v), 2, 110.0, -1)
-    return photograph(flat)
-
-
 def draw_chessboard(square_px: int = 40) -> Picture:
     """Return a chessboard that fills the picture."""
     rows, columns = np.mgrid[: _FLAT[1], : _FLAT[0]]
@@ -79,34 +68,4 @@ def draw_keyboard(offsets: tuple[int, ...] = (0, 46, 70, 116)) -> Picture:
             letter = chr(int(random.integers(65, 91)))
             cv2.putText(flat, letter, (u + 20, v + 50), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 220.0, 3)
             left += wide
-    return photograph(flat)
-
-
-def draw_ruled_paper(pitch_px: int = 12, heavy: int = 10) -> NDArray[np.float64]:
-    """Return flat graph paper: fine lines, and heavier ones."""
-    flat = _blank()
-    for number, at in enumerate(range(6, _FLAT[0], pitch_px)):
-        level, width = (120.0, 3) if heavy and number % heavy == 0 else (175.0, 1)
-        cv2.line(flat, (at, 0), (at, _FLAT[1]), level, width)
-        if at < _FLAT[1]:
-            cv2.line(flat, (0, at), (_FLAT[0], at), level, width)
-    return flat
-
-
-def draw_second_grid(
-    pitch_px: float = 31.0, turn_deg: float = 0.0, pen: float = 70.0, wobble_px: float = 0.6
-) -> Picture:
-    """Return graph paper on which somebody has drawn a grid of another pitch by hand, with a ruler and a pen."""
-    random = np.random.default_rng(5)
-    flat = draw_ruled_paper()
-    turn = np.deg2rad(turn_deg)
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    middle = np.array(_CROSSING)
-    for way, other in ((along, across), (across, along)):
-        for number in range(-40, 41):
-            at = middle + other * (number * pitch_px + random.normal(0.0, wobble_px))
-            lean = 0.002 * random.normal() * other
-            ends = [at - 1200.0 * (way + lean), at + 1200.0 * (way + lean)]
-            first, last = ([round(float(value)) for value in end] for end in ends)
-            cv2.line(flat, first, last, pen, 2, cv2.LINE_AA)
     return photograph(flat)

@@ -16,13 +16,23 @@ FloatArray = NDArray[np.float64]
 # Distances between lines [mm], the finest first.
 RULINGS: dict[str, tuple[float, ...]] = {
     "1/5/10": (1.0, 5.0, 10.0),
+    "1/5": (1.0, 5.0),
     "1/10": (1.0, 10.0),
+    "2": (2.0,),
     "2/10": (2.0, 10.0),
     "1": (1.0,),
     "5": (5.0,),
 }
 # How heavy these lines are: the steps of width and ink.
-WEIGHTS = {"1/5/10": (0, 1, 2), "1/10": (0, 2), "2/10": (0, 2), "1": (0,), "5": (1,)}
+WEIGHTS = {
+    "1/5/10": (0, 1, 2),
+    "1/5": (0, 1),
+    "1/10": (0, 2),
+    "2": (0,),
+    "2/10": (0, 2),
+    "1": (0,),
+    "5": (1,),
+}
 WIDER, DARKER = (1.0, 1.7, 2.4), (1.0, 1.2, 1.4)
 # What a full line leaves of blue, green and red.
 INKS = {
@@ -31,16 +41,8 @@ INKS = {
     "green": (0.45, 0.85, 0.40),
     "grey": (0.45, 0.45, 0.45),
 }
-PENS = {
-    "blue": (0.9, 0.5, 0.4),
-    "black": (0.2, 0.2, 0.2),
-    "red": (0.35, 0.35, 0.85),
-    "green": (0.4, 0.75, 0.4),
-    "pencil": (0.5, 0.5, 0.5),
-}
 PAPERS = {"white": (235.0, 235.0, 235.0), "cream": (200.0, 225.0, 235.0)}
 _TABLE = 4096
-_PEN_LINES = 8000
 
 
 @dataclass(frozen=True)
@@ -66,25 +68,6 @@ class Camera:
         slope = 1.0 + 3.0 * self.k1 * straight**2 + 5.0 * self.k2 * straight**4
         straight -= (straight * (1.0 + self.k1 * straight**2 + self.k2 * straight**4) - r) / slope
         return np.asarray(distorted * (straight / np.maximum(r, 1e-12))[:, None])
-
-
-@dataclass(frozen=True)
-class PenGrid:
-    """Lines that a pen has drawn over every so many of the printed lines, from the `first` on.
-
-    `jitter_mm` is the standard deviation of a line's place, and 60 times that of its slope; `both_ways` is False for
-    lines in one direction alone; `part` is the share of the picture's width that they cover, from the left.
-    """
-
-    every: int = 2
-    first: int = 0
-    width_mm: float = 0.3
-    colour: str = "black"
-    density: float = 0.9
-    jitter_mm: float = 0.0
-    both_ways: bool = True
-    part: float = 1.0
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -115,7 +98,6 @@ class Sheet:
     behind: float = 70.0
     seed: int = 0
     grey: bool = False
-    pen: PenGrid | None = None
 
     @property
     def pitch_mm(self) -> float:
@@ -160,12 +142,10 @@ def draw_sheet(sheet: Sheet, supersampling: int = 4) -> NDArray[np.uint8]:
     width, height = sheet.camera.size
     random = np.random.default_rng(sheet.seed)
     desk = sheet.behind + 12.0 * cv2.GaussianBlur(random.normal(0.0, 1.0, (height, width)), (0, 0), 3.0)
-    share, ink, pen, both = _cover(sheet, supersampling)
-    drawn = PENS[sheet.pen.colour] if sheet.pen is not None else (1.0, 1.0, 1.0)
+    share, ink = _cover(sheet, supersampling)
     clean = [
-        level * (share - (1.0 - full) * ink - (1.0 - left) * (pen - (1.0 - full) * both))
-        + (1.0 - share) * desk
-        for level, full, left in zip(PAPERS[sheet.paper], INKS[sheet.ink], drawn, strict=True)
+        level * (share - (1.0 - full) * ink) + (1.0 - share) * desk
+        for level, full in zip(PAPERS[sheet.paper], INKS[sheet.ink], strict=True)
     ]
     blurred = cv2.GaussianBlur(np.dstack(clean), (0, 0), sheet.blur_px)
     lit = blurred * _light(sheet, random)[..., None]
@@ -176,7 +156,7 @@ def draw_sheet(sheet: Sheet, supersampling: int = 4) -> NDArray[np.uint8]:
 
 
 def _cover(sheet: Sheet, supersampling: int) -> FloatArray:
-    """Return how much of each pixel (4, H, W) is paper, and how much print, pen, and both are on it.
+    """Return how much of each pixel (2, H, W) is paper, and how much print is on it.
 
     The places of the pixels' corners are exact; the subsamples of a pixel lie evenly between them.
     """
@@ -186,17 +166,14 @@ def _cover(sheet: Sheet, supersampling: int) -> FloatArray:
     # Single precision is 0.00003 mm here; one plane for each coordinate is computed with several times as fast.
     planes = np.ascontiguousarray(flat.T, dtype=np.float32).reshape(2, height + 1, width + 1)
     places = np.moveaxis(planes, 0, -1)
-    cover = np.zeros((4, height, width))
+    cover = np.zeros((2, height, width))
     steps = (np.arange(supersampling) + 0.5) / supersampling
     for down in steps:
         edge = (1.0 - down) * places[:-1] + down * places[1:]
         for across in steps:
             mm = (1.0 - across) * edge[:, :-1] + across * edge[:, 1:]
             cover[0] += sheet.is_inside(mm, sheet.margin_mm)
-            cover[1] += (ink := _ink(sheet, mm))
-            if sheet.pen is not None:
-                cover[2] += (pen := _pen(sheet, sheet.pen, mm))
-                cover[3] += ink * pen
+            cover[1] += _ink(sheet, mm)
     return np.asarray(cover / supersampling**2)
 
 
@@ -209,23 +186,6 @@ def _ink(sheet: Sheet, mm: FloatArray) -> FloatArray:
         near = np.minimum(away[..., 0], away[..., 1]) < 0.5 * sheet.width_mm * WIDER[weight] / every
         ink = np.maximum(ink, min(sheet.density * DARKER[weight], 1.0) * near)
     return np.asarray(ink * sheet.is_inside(mm, 0.0))
-
-
-def _pen(sheet: Sheet, pen: PenGrid, mm: FloatArray) -> FloatArray:
-    """Return the ink of a pen from 0 to 1 at points of the sheet (..., 2)."""
-    ink = np.zeros(mm.shape[:-1])
-    every_mm = pen.every * sheet.pitch_mm
-    for axis in (0, 1) if pen.both_ways else (0,):
-        placed = (mm[..., axis] - sheet.shift_mm[axis] - pen.first * sheet.pitch_mm) / every_mm
-        line = np.rint(placed)
-        number = (line.astype(int) + _PEN_LINES // 2) % _PEN_LINES
-        random = np.random.default_rng((pen.seed, axis))
-        off_mm, slope = random.normal(0.0, pen.jitter_mm, (2, _PEN_LINES))
-        off_mm = off_mm[number] + slope[number] / 60.0 * mm[..., 1 - axis]
-        near = np.abs((placed - line) * every_mm - off_mm) < 0.5 * pen.width_mm
-        ink = np.maximum(ink, pen.density * near)
-    right = (pen.part - 0.5) * sheet.picture_size_mm()[0] if pen.part < 1.0 else np.inf
-    return np.asarray(ink * (mm[..., 0] < right) * sheet.is_inside(mm, 0.0))
 
 
 def _light(sheet: Sheet, random: np.random.Generator) -> FloatArray:
@@ -241,10 +201,10 @@ def _light(sheet: Sheet, random: np.random.Generator) -> FloatArray:
     return np.asarray(uneven / uneven.max() * fall)
 
 
-def draw_random_sheet(seed: int, band: tuple[float, float], ruling: str, with_edge: bool) -> Sheet:
-    """Return a sheet drawn at random over a band of scales [px/mm].
+def draw_shop_sheet(seed: int, band: tuple[float, float], ruling: str, on_bench: bool) -> Sheet:
+    """Return a sheet as shops sell them, before a focussed camera, at random over a band of scales [px/mm].
 
-    A sheet that shows fewer than 100 crossings of its finest lines is drawn again, nearer to the band's lower end.
+    A sheet on a bench does not fill the picture: one to three of its edges lie in it.
     """
     random = np.random.default_rng(seed)
     camera = Camera(
@@ -260,24 +220,24 @@ def draw_random_sheet(seed: int, band: tuple[float, float], ruling: str, with_ed
         ruling=ruling,
         px_per_mm=float(np.exp(random.uniform(np.log(low), np.log(high)))),
         camera=camera,
-        tilt_deg=float(random.uniform(0.0, 20.0)),
+        tilt_deg=float(random.uniform(0.0, 25.0)),
         tilt_towards_deg=float(random.uniform(0.0, 360.0)),
-        roll_deg=float(random.uniform(-40.0, 40.0)),
+        roll_deg=float(random.uniform(-25.0, 25.0)),
         shift_mm=(float(random.uniform(0, 10)), float(random.uniform(0, 10))),
         ink=str(random.choice(list(INKS))),
         paper=str(random.choice(list(PAPERS))),
-        width_mm=float(random.uniform(0.08, 0.2)),
+        width_mm=float(random.uniform(0.1, 0.25)),
         density=float(random.uniform(0.35, 0.8)),
-        blur_px=float(random.uniform(0.5, 1.3)),
-        noise=float(random.uniform(1.0, 6.0)),
-        unevenness=float(random.uniform(0.0, 0.6)),
+        blur_px=float(random.uniform(0.4, 0.9)),
+        noise=float(random.uniform(1.0, 4.0)),
+        unevenness=float(random.uniform(0.0, 0.9)),
         vignetting=float(random.uniform(0.0, 0.5)),
         margin_mm=float(random.choice([0.0, 3.0, 10.0])),
-        behind=float(random.uniform(20.0, 160.0)),
+        behind=float(random.uniform(10.0, 100.0)),
         seed=seed,
         grey=bool(random.random() < 0.2),
     )
-    return replace(sheet, extent_mm=_cut(sheet, random)) if with_edge else sheet
+    return replace(sheet, extent_mm=_cut(sheet, random)) if on_bench else sheet
 
 
 def _cut(sheet: Sheet, random: np.random.Generator) -> tuple[float, float, float, float]:
@@ -289,22 +249,3 @@ def _cut(sheet: Sheet, random: np.random.Generator) -> tuple[float, float, float
         half = height if side % 2 else width
         sides[side] = (-1.0 if side < 2 else 1.0) * half * float(random.uniform(0.5, 0.9))
     return sides[0], sides[1], sides[2], sides[3]
-
-
-def draw_random_pen(seed: int, sheet: Sheet) -> Sheet:
-    """Return the sheet with a pen grid drawn over every second to tenth of its lines."""
-    random = np.random.default_rng((seed, 77))
-    every = int(random.choice([2, 3, 4, 5, 10], p=[0.5, 0.25, 0.1, 0.1, 0.05]))
-    low, high = (0.12, 0.5) if sheet.pitch_mm < 3.0 else (0.04, 0.16)
-    pen = PenGrid(
-        every,
-        int(random.integers(0, every)) if random.random() < 0.3 else 0,
-        width_mm=sheet.pitch_mm * float(random.uniform(low, high)),
-        colour=str(random.choice(list(PENS))),
-        density=float(random.uniform(0.5, 1.0)),
-        jitter_mm=float(random.choice([0.0, 0.02, 0.05, 0.1])) * sheet.pitch_mm,
-        both_ways=bool(random.random() < 0.85),
-        part=1.0 if random.random() < 0.7 else float(random.uniform(0.3, 0.8)),
-        seed=seed,
-    )
-    return replace(sheet, pen=pen)

@@ -65,7 +65,14 @@ class RenderedLens:
         none: dict[str, float | None] = dict.fromkeys(("fx", "fy", "cx", "cy"))
         intrinsics = Intrinsics(size, self.focal_px, self.focal_px, cx, cy, k, none, 0.0, None, (), True, ())
         to_mm = np.asarray(np.linalg.inv(self.plane_to_ideal()), np.float64)
-        return PlaneMap(to_mm, intrinsics, self.origin_px, "right", size, self.distance_mm / self.focal_px)
+        return PlaneMap(
+            homography=to_mm,
+            intrinsics=intrinsics,
+            origin_px=self.origin_px,
+            insertion="right",
+            image_size=size,
+            mm_per_px=self.distance_mm / self.focal_px,
+        )
 
     def pixels_mm(self) -> FloatArray:
         """Return the plane point (H, W, 2), columns (y, z) mm, that each pixel sees."""

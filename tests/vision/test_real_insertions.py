@@ -15,7 +15,7 @@ import pytest
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
-from labrig.vision.graph_paper import find_crossings
+from labrig.vision.paper import find_paper
 from labrig.vision.picture import read_picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_fit import fit_plane
@@ -102,8 +102,8 @@ def test_ruled_lines_behind_the_gel_have_the_scale_that_the_eye_sees():
             marks.setdefault(PICTURES / row["folder"] / row["file"], []).append(place)
     assert len(marks) == 10
     for path, places in marks.items():
-        found = find_crossings(read_picture(path))
-        fit = fit_plane(found.pixels, 5.0 * found.indices.astype(float), 1.25, with_radial=False)
+        found = find_paper(read_picture(path), 5.0 * PX_PER_MM)
+        fit = fit_plane(found.pixels, 5.0 * found.lines, 1.25, with_radial=False)
         lines = np.array(places)
         ours = np.linalg.norm(np.diff(fit.paper_mm(lines[[0, -1], 1:]), axis=0))
         assert ours == pytest.approx(10.0 * lines[-1, 0], rel=0.005), path

@@ -18,21 +18,20 @@ from labrig.errors import (
     RecordError,
 )
 from labrig.experiments.camera_calibration.events import CalibrationRole
-from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
+from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCalibrationProtocol, GraphPaper
 from labrig.experiments.camera_calibration.result import CalibrationResult
+from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.reader import Run
 from labrig.vision.boards import find_board
 from labrig.vision.calibrate_lens import calibrate_from_pictures
-from labrig.vision.calibration_file import compare_with_last, save_intrinsics, save_plane
+from labrig.vision.calibrate_plane import calibrate_plane, find_px_per_mm
+from labrig.vision.calibration_file import load_px_per_mm, save_intrinsics, save_plane
 from labrig.vision.camera_frame import CAMERA, CameraInUse
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_calibration import calibrate_plane
-from labrig.vision.scale_check import ScaleComparison, refuse_other_scale
 
 Named = tuple[str, Picture]
-_CONFIRMATION = "confirm it: labrig reanalyze {run} --set plane.camera_moved=true"
 
 
 @dataclass(frozen=True)
@@ -51,8 +50,7 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
     """
     pictures = _read_pictures(run, request.progress)
     lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
-    found, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
-    plane, comparison = _judge_scale(run, found, protocol)
+    plane, plane_reasons = _calibrate_plane(run, pictures.papers, lens, protocol)
     stamp = request.stamp
     content = CalibrationResult(
         **stamp.fields(
@@ -66,7 +64,6 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
         ),
         intrinsics=None if lens is None else lens.to_json(),
         plane=None if plane is None else plane.to_json(),
-        scale_comparison=comparison,
         corners=_find_corners(pictures.boards, lens, protocol),
     )
     made_from = {
@@ -128,14 +125,16 @@ def _calibrate_lens(
 
 
 def _calibrate_plane(
-    papers: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
+    run: Run, papers: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
 ) -> tuple[PlaneMap | None, tuple[str, ...]]:
     if lens is None:
         return None, ("the plane was not calibrated, because the lens was not",)
     if not papers:
         return None, ("no picture of the graph paper was recorded",)
     plane = protocol.plane
-    gel = None if plane.gel is None else plane.gel.gel()
+    px_per_mm = _find_px_per_mm(run, lens, plane)
+    if px_per_mm is None:
+        return None, ("nothing tells how far the camera is: " + SCALE_HINT,)
     try:
         found = calibrate_plane(
             papers[-1][1],
@@ -143,7 +142,8 @@ def _calibrate_plane(
             plane.pitch_mm,
             plane.origin_px,
             plane.insertion,
-            gel=gel,
+            px_per_mm=px_per_mm,
+            gel=plane.gel,
             paper_sigma_mm=plane.paper_sigma_mm,
         )
     except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
@@ -151,20 +151,20 @@ def _calibrate_plane(
     return found, found.reasons
 
 
+def _find_px_per_mm(run: Run, lens: Intrinsics, plane: GraphPaper) -> float | None:
+    """Return the scale of the pictures, roughly: by a distance, or of the rig's plane map when the run began."""
+    rig = {} if run.rig_path is None else load_yaml_values(run.rig_path)
+    camera = rig.get("camera")
+    in_rig = camera.get("distance_mm") if isinstance(camera, Mapping) else None
+    distance_mm = plane.distance_mm or (in_rig if isinstance(in_rig, float | int) else None)
+    if distance_mm:
+        return find_px_per_mm(lens, distance_mm)
+    return load_px_per_mm(run.calibration_path(PLANE_FILE)) if PLANE_FILE in run.calibration_files else None
+
+
 def _explain(refusal: LabrigError) -> str:
     """Return what is wrong with the photographs, and what to do."""
     return f"{refusal.message}: {refusal.hint}" if refusal.hint else refusal.message
-
-
-def _judge_scale(
-    run: Run, plane: PlaneMap | None, protocol: CameraCalibrationProtocol
-) -> tuple[PlaneMap | None, ScaleComparison | None]:
-    """Compare the scale with that of the rig's plane map when the run began, if it had one."""
-    if plane is None or PLANE_FILE not in run.calibration_files:
-        return plane, None
-    moved = protocol.plane.camera_moved
-    comparison = compare_with_last(plane, run.calibration_path(PLANE_FILE), camera_moved=moved)
-    return refuse_other_scale(plane, comparison, _CONFIRMATION.format(run=run.path.name)), comparison
 
 
 def _is_accepted(found: Intrinsics | PlaneMap | None) -> bool:

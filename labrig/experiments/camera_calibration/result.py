@@ -7,12 +7,10 @@ from pydantic import FiniteFloat
 
 from labrig.analysis.result import Point, Result, ResultPart, require_part
 from labrig.analysis.summary import Summary
-from labrig.vision.scale_check import ScaleComparison
 
 
 class _GraphPaper(ResultPart):
     pitch_mm: FiniteFloat
-    camera_moved: bool = False
 
 
 class _Settings(ResultPart):
@@ -23,8 +21,7 @@ class CalibrationResult(Result):
     """The result of a camera calibration; `intrinsics` and `plane` are None if they could not be found.
 
     `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
-    coverage. `scale_comparison` compares the scale with that of the rig's plane map when the run began; it is None
-    without one.
+    coverage.
     """
 
     kind: Literal["calibration"] = "calibration"
@@ -35,7 +32,6 @@ class CalibrationResult(Result):
     plane: dict[str, Any] | None
 
     corners: dict[str, tuple[Point, ...]]
-    scale_comparison: ScaleComparison | None = None
 
 
 _LENS_PX = ("fx", "fy", "cx", "cy", "rms_px", "holdout_rms_px")
@@ -46,10 +42,8 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the verdict and its reasons, and what the scale implies."""
     lens, plane = document["intrinsics"] or {}, document["plane"] or {}
     verdict = "calibration accepted" if document["accepted"] else "calibration refused"
-    comparison = document.get("scale_comparison") or {}
-    implied = (sentence for sentence in (plane.get("view"), comparison.get("sentence")) if sentence)
     return Summary(
-        (verdict, *(f"  {reason}" for reason in document["reasons"]), *implied),
+        (verdict, *(f"  {reason}" for reason in document["reasons"]), *filter(None, (plane.get("view"),))),
         {
             "accepted": document["accepted"],
             "views used": sum(bool(view["used"]) for view in lens.get("views", ())),

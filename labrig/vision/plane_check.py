@@ -1,34 +1,29 @@
 """Whether a plane map still holds: pictures of ruled paper before and after a run.
 
 Through a valid plane map the paper has its own pitch in every direction. The deviation from that, as scales along two
-axes and as distances of the crossings from an even grid, is compared before and after the run. The paper may be moved
+axes and as distances of the points from an even grid, is compared before and after the run. The paper may be moved
 in between, so its place and direction do not count; a camera that was bumped shows in scale and shape. A map whose
-scale the paper contradicts is refused: the camera was moved since it was made, or other lines were counted then.
+scale the paper contradicts is refused: the camera was moved since it was made.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
-from labrig.vision.graph_paper import Crossings, find_crossings
+from labrig.vision.paper import find_paper
 from labrig.vision.picture import Picture, require_size
-from labrig.vision.pitch_check import judge_pitch
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_up
 
-_LEAST_CROSSINGS = 60
-# A crossing further off than this share of the pitch is a false detection.
+_LEAST_POINTS = 24
+# A point further off than this share of the pitch is a false detection.
 _GROSS = 0.25
-# Lines that can be counted instead of the finest, and how far off a map may be in between.
-_MULTIPLES = (1, 2, 5, 10)
-_LARGEST_SCALE_ERROR = 0.2
 # A map is so far off at the most: paper is true to 0.5 %, and paper in air where the map was made behind gel to 2 %.
 _LARGEST_DEVIATION = 0.03
 _CALIBRATE_AGAIN = (
     "measure the lines of the paper with a ruler; if they are as stated, the camera was moved since the plane was "
-    "calibrated, or other lines were counted then: calibrate the plane again"
+    "calibrated: calibrate the plane again"
 )
 _LARGEST_DRIFT = 0.005
 _LARGEST_BENDING_MM = 0.1
@@ -43,14 +38,14 @@ class GridCheck:
     scale, other_scale : float
         Lengths through the map over true lengths: the largest and the least over all directions.
     residual_mm : float
-        Rms distance of the crossings from an even grid with these scales.
-    crossings : int
+        Rms distance of the points from an even grid with these scales.
+    points : int
     """
 
     scale: float
     other_scale: float
     residual_mm: float
-    crossings: int
+    points: int
 
 
 @dataclass(frozen=True)
@@ -62,7 +57,7 @@ class GridDrift:
     relative : float
         Largest change of scale in any direction: the error bar of every length of the run.
     bending_mm : float
-        Increase of the crossings' distance from an even grid.
+        Increase of the points' distance from an even grid.
     accepted : bool
     reason : str or None
     """
@@ -84,61 +79,26 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
         If the picture has another size than the map is for.
     """
     require_size(image, plane.image_size, "the plane map")
+    # The paper lies as when the plane was calibrated, in air; the gel comes afterwards.
+    on_paper = plane.at_paper()
+    middle = 0.5 * image.shape[1], 0.5 * image.shape[0]
     try:
-        found = find_crossings(image)
-        # The paper lies as when the plane was calibrated, mostly in air; the gel comes afterwards.
-        seen = plane.at_paper().to_mm(found.pixels)
+        found = find_paper(image, pitch_mm / on_paper.mm_per_px_at(middle))
+        seen = on_paper.to_mm(found.pixels)
     except MeasurementRefusedError as refusal:
-        raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
-    numbers = found.indices * _find_multiple(found, seen, plane, pitch_mm)
-    design = np.column_stack((numbers * float(pitch_mm), np.ones(len(seen))))
+        raise CalibrationRefusedError(refusal.message, _CALIBRATE_AGAIN) from refusal
+    design = np.column_stack((found.lines * float(pitch_mm), np.ones(len(seen))))
     kept = np.ones(len(seen), dtype=bool)
     for _ in range(3):
         affine = np.linalg.lstsq(design[kept], seen[kept], rcond=None)[0]
         off = np.hypot(*(design @ affine - seen).T)
-        kept = off < _GROSS * found.step * pitch_mm
-        if kept.sum() < _LEAST_CROSSINGS:
+        kept = off < _GROSS * pitch_mm
+        if kept.sum() < _LEAST_POINTS:
             raise CalibrationRefusedError(
-                f"{kept.sum()} crossings of ruled lines, {_LEAST_CROSSINGS} are needed",
-                "show more of the paper",
+                f"{kept.sum()} points of ruled lines, {_LEAST_POINTS} are needed", "show more of the paper"
             )
     largest, least = np.linalg.svd(affine[:2], compute_uv=False)
     return GridCheck(float(largest), float(least), float(np.sqrt(np.mean(off[kept] ** 2))), int(kept.sum()))
-
-
-def _find_multiple(found: Crossings, seen_mm: NDArray[np.float64], plane: PlaneMap, pitch_mm: float) -> int:
-    """Return how many of the paper's lines there are from one counted line to the next, by the map.
-
-    It is more than one only where the picture leaves open which lines were counted.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        If the lines through the map are no multiple of the pitch apart, or the paper contradicts that multiple.
-    """
-    design = np.column_stack((found.indices, np.ones(len(seen_mm))))
-    affine = np.linalg.lstsq(design, seen_mm, rcond=None)[0]
-    spacing_mm = float(np.mean(np.linalg.svd(affine[:2], compute_uv=False)))
-    multiple = max(round(spacing_mm / pitch_mm), 1)
-    if multiple not in _MULTIPLES or abs(spacing_mm / (multiple * pitch_mm) - 1.0) > _LARGEST_SCALE_ERROR:
-        raise _contradict(spacing_mm, pitch_mm, plane)
-    contradictions = judge_pitch(found, multiple * pitch_mm, found.pitch_px)
-    if contradictions:
-        raise CalibrationRefusedError(
-            f"the lines of the paper are {spacing_mm:.2f} mm apart through the plane map, and {contradictions[0]}",
-            _CALIBRATE_AGAIN,
-        )
-    if multiple > 1 and not judge_pitch(found, pitch_mm):
-        raise _contradict(spacing_mm, pitch_mm, plane)
-    return multiple
-
-
-def _contradict(spacing_mm: float, pitch_mm: float, plane: PlaneMap) -> CalibrationRefusedError:
-    width = "" if plane.picture_mm is None else f", by which the picture is {plane.picture_mm[0]:.0f} mm wide"
-    return CalibrationRefusedError(
-        f"the lines of the paper are {spacing_mm:.2f} mm apart through the plane map{width}, not {pitch_mm:g} mm",
-        _CALIBRATE_AGAIN,
-    )
 
 
 def compare_grids(before: GridCheck, after: GridCheck) -> GridDrift:

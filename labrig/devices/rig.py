@@ -206,9 +206,7 @@ class Rig:
             "axes": {
                 axis.name: _ask_device(partial(axis.snapshot, has_power=has_power)) for axis in self.axes
             },
-            "camera": None
-            if camera is None
-            else _ask_device(partial(camera.read_settings, self._make_meanwhile())),
+            "camera": camera and _ask_device(partial(camera.read_settings, self._make_meanwhile())),
             "state": asdict(self.state),
         }
 
@@ -548,11 +546,7 @@ class Rig:
         """
         self._watch.listen(self.clock)
         self._identities = prepare_drives(
-            self.axes,
-            self.description,
-            self._opening,
-            self.needle,
-            lambda request: self.ask(request).confirmed,
+            self.axes, self.description, self._opening, self.needle, lambda asked: self.ask(asked).confirmed
         )
 
     def enable(self) -> None:

@@ -2,7 +2,8 @@
 
 Rooms, top to bottom; each may import only what stands below it (`lint-imports` holds that):
 
-- `cli` parses, chooses the rig, calls, prints; alone prints, prompts and exits
+- `cli` parses, calls, prints; alone prints, prompts and exits
+- `library` is what the commands and a notebook call
 - `campaign` repeats a protocol virtually, thousands of times, and makes one table of it
 - `testing` holds the tests that every driver passes, ours and a lab's own
 - `experiments` has a folder for each experiment, and the registry that finds them
@@ -32,16 +33,57 @@ interface.
 
 Units, frames, signs and the paper's symbols are those of one page, `labrig/manual/reference/conventions.md`.
 
+**The library is the door.** A notebook calls what the commands call, and each name is imported when it is asked for:
+
+>>> import labrig
+>>> run = labrig.run("steerability", seed=3)  # or labrig.open_run("last")
+>>> run.measurements, run.steps, run.trials, run.events, run.states  # DataFrames, units in their names
+>>> run.pictures[0], run.result
+>>> labrig.reanalyze(run, settings=["analysis.window_start_mm=6"])
+>>> labrig.compare([run, "last"]), labrig.load_runs(where="tag=pilot"), labrig.run_campaign("campaign-reach")
+
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from labrig.library.door import annotate_run as annotate_run
+    from labrig.library.door import check as check
+    from labrig.library.door import compare as compare
+    from labrig.library.door import differences as differences
+    from labrig.library.door import load_runs as load_runs
+    from labrig.library.door import open_run as open_run
+    from labrig.library.door import reanalyze as reanalyze
+    from labrig.library.door import replay as replay
+    from labrig.library.door import report as report
+    from labrig.library.door import resume as resume
+    from labrig.library.door import run as run
+    from labrig.library.door import run_campaign as run_campaign
+    from labrig.library.door import view as view
+    from labrig.vision import calibrate_intrinsics as calibrate_intrinsics
+    from labrig.vision import load_intrinsics as load_intrinsics
+    from labrig.vision import load_plane as load_plane
 
 __version__: str
 
+_HANDED_OUT = {
+    **dict.fromkeys(("calibrate_intrinsics", "load_intrinsics", "load_plane"), "labrig.vision"),
+    **dict.fromkeys(
+        (
+            "annotate_run", "check", "compare", "differences", "load_runs", "open_run", "reanalyze", "replay",
+            "report", "resume", "run", "run_campaign", "view",
+        ),
+        "labrig.library.door",
+    ),
+}  # fmt: skip
 
-def __getattr__(name: str) -> str:
-    """Return `__version__`, that of the installed package; reading it takes 10 ms, so it is read when asked for."""
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for: the door's functions take a second to load, `__version__` 10 ms."""
+    if name in _HANDED_OUT:
+        return getattr(import_module(_HANDED_OUT[name]), name)
     if name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     metadata = import_module("importlib.metadata")
@@ -49,3 +91,8 @@ def __getattr__(name: str) -> str:
         return str(metadata.version("labrig"))
     except metadata.PackageNotFoundError:
         return "that is not installed"
+
+
+def __dir__() -> list[str]:
+    """List what is handed out, for completion."""
+    return sorted((*globals(), *_HANDED_OUT))

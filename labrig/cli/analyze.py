@@ -6,14 +6,12 @@ from pathlib import Path
 
 from labrig.analysis.batch import analyze_runs
 from labrig.analysis.result import AnyResult
-from labrig.analysis.run import analyze_run
 from labrig.cli.progress import hold_bar, progress
 from labrig.cli.worker_pool import open_pool
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.provenance import collect_provenance
-from labrig.record.reader import open_run
 from labrig.text import format_count
 from labrig.vision.mask import load_mask
 
@@ -46,21 +44,3 @@ def analyze_several(
             for outcome in outcomes:
                 with hold_bar():
                     yield outcome
-
-
-def analyze(
-    path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
-) -> AnyResult:
-    """Analyse a run, with progress, and write a new numbered result."""
-    run = open_run(path)
-    experiment = find_run_experiment(run)
-    with progress(f"measuring {path.name}", 1.0) as reporter:
-        return analyze_run(
-            run,
-            experiment,
-            overrides=overrides,
-            progress=lambda done, total: reporter(done / total, f"{done} of {total} {experiment.counts}"),
-            created=SystemClock().utc(),
-            provenance=collect_provenance(command_line),
-            mask=None if mask is None else load_mask(mask),
-        )

@@ -15,10 +15,11 @@ from labrig.cli.calibration_files import (
     report_refusal,
     require_writable,
 )
-from labrig.cli.options import RigOption, RunArgument, find_rig_file
+from labrig.cli.options import RigOption, RunArgument
 from labrig.cli.output import AsJson, print_line, show
 from labrig.cli.template import template
 from labrig.errors import CalibrationRefusedError, InputError, PictureError, RecordError
+from labrig.library.names import find_rig_file
 
 _MOST_DIGITS = 2
 _CALIBRATION = ("intrinsics.json", "plane.json")

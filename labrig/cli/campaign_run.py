@@ -9,13 +9,13 @@ from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store, write_report
 from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks
-from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_json, print_line, print_table, say
 from labrig.cli.progress import progress, show_working
 from labrig.cli.signals import Interruption
 from labrig.cli.worker_pool import open_pool
 from labrig.errors import WorkersError
 from labrig.lab import CAMPAIGNS, find_in_lab
+from labrig.library.names import find_rig_file
 from labrig.text import format_count, interval, number
 
 

@@ -7,13 +7,14 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.options import RunsDirOption, find_runs_dir, require_run_folder
+from labrig.cli.options import RunsDirOption, find_runs_dir
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say
 from labrig.cli.progress import show_working
 from labrig.cli.several_runs import find_matching_runs, require_runs_or_condition
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 from labrig.lab import CAMPAIGNS, COMPARISONS, find_in_lab
+from labrig.library.names import require_run_folder
 from labrig.text import interval
 
 

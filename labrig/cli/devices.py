@@ -7,9 +7,10 @@ from typing import Annotated
 import typer
 
 from labrig.cli.devices_motion import home, jog, withdraw
-from labrig.cli.options import RigOption, find_rig_file
+from labrig.cli.options import RigOption
 from labrig.cli.output import AsJson, print_checks, print_json, print_line, say
 from labrig.errors import InputError
+from labrig.library.names import find_rig_file
 
 _INTERRUPTED = 130
 

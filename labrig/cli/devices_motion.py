@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.options import RigOption, RunsDirOption, YesOption, find_rig_file, find_runs_dir
+from labrig.cli.options import RigOption, RunsDirOption, YesOption, find_runs_dir
 from labrig.cli.output import AsJson, print_checks
 from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
+from labrig.library.names import find_rig_file
 
 _NAMES = "insertion, rotation or linear"
 _LEAST_MA, _GENTLE_MA = 50, 1000
@@ -168,10 +169,11 @@ def _open_axes(
 
     If bus or drives fail, or a signal ends the work, it says what the needle is doing and where it is.
     """
-    from labrig.cli.needle_report import NeedleReport, say_where_needle_is
+    from labrig.cli.finished_run import say_where_needle_is
     from labrig.cli.rigs import open_rig_for_person, remark_on_yes
     from labrig.devices.opening import Opening
     from labrig.devices.rig_file import load_rig
+    from labrig.runner.needle_report import NeedleReport
 
     if 0 < current_ma < _LEAST_MA:
         raise InputError(

@@ -1,12 +1,8 @@
 """How a run ended, and how that is printed."""
 
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 
 from labrig.analysis.summary import Summary, TextTable
-from labrig.cli.needle_report import NeedleReport, say_way_out, say_where_needle_is
 from labrig.cli.output import (
     failure_document,
     failure_lines,
@@ -16,25 +12,9 @@ from labrig.cli.output import (
     say,
 )
 from labrig.record.manifest import read_checksum
-from labrig.runner.conduct import Outcome
 from labrig.runner.experiment import Experiment
-
-
-@dataclass(frozen=True)
-class FinishedRun:
-    """A run that has ended, on disk at `path`; `result` and `report` are None if it was not measured.
-
-    `needle` says where the needle was left, None without a rig; `signal_name` is a signal that came after the end;
-    `can_resume` says whether the run can be continued.
-    """
-
-    path: Path
-    outcome: Outcome
-    needle: NeedleReport | None = None
-    signal_name: str | None = None
-    can_resume: bool = False
-    report: Path | None = None
-    result: Mapping[str, object] | None = None
+from labrig.runner.needle_report import NeedleReport
+from labrig.runner.whole_run import FinishedRun
 
 
 def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool) -> int:
@@ -85,3 +65,16 @@ def print_summary(summary: Summary) -> None:
             print_table(line.heads, line.rows)
         else:
             print_line(line)
+
+
+def say_where_needle_is(report: NeedleReport | None) -> None:
+    """Say what the needle is doing, and where it is."""
+    if report is not None:
+        say(f"needle: {report.location.motion}")
+        say(f"positions: {report.location.where}")
+
+
+def say_way_out(report: NeedleReport | None) -> None:
+    """Say what to do about the needle, if there is anything to do."""
+    if report is not None and report.way_out:
+        say(f"then: {report.way_out}")

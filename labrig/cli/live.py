@@ -1,31 +1,18 @@
-"""`--live` and `--verbose`: processes beside the run show it or tell its events; they cost the run nothing."""
+"""`--live`: a process beside the run shows it; it costs the run nothing."""
 
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
 from labrig.cli.options import LiveKind
 from labrig.cli.output import say
 from labrig.cli.signals import Interruption
-from labrig.record.layout import EVENT_LINES
 
 # What has not been shown by then is left out.
 _SHOWN_WITHIN_S = 10.0
-
-
-@dataclass(frozen=True)
-class Watching:
-    """How a run is shown while it is made: by a viewer of this kind, and by a log of its events on the terminal."""
-
-    viewer: LiveKind | None = None
-    log: bool = False
-
-
-UNWATCHED = Watching()
 
 
 class Follower:
@@ -79,16 +66,16 @@ class Follower:
 
 
 @contextmanager
-def show_while_made(watching: Watching) -> Iterator[Callable[[Path], None]]:
-    """Give the call that shows a run from when its record is open; unwatched it does nothing."""
+def show_while_made(viewer: LiveKind | None) -> Iterator[Callable[[Path], None]]:
+    """Give the call that shows a run from when its record is open; without a viewer it does nothing."""
     followers: list[Follower] = []
 
     def watch(path: Path) -> None:
-        with suppress(OSError):
-            if watching.log:
-                followers.append(_follow_log(path))
-            if watching.viewer is not None:
-                followers.append(follow_in_viewer(path, watching.viewer))
+        if viewer is not None:
+            try:
+                followers.append(follow_in_viewer(path, viewer))
+            except OSError as error:
+                say(f"live view: it cannot be shown: {error.strerror}")
 
     try:
         yield watch
@@ -101,19 +88,3 @@ def follow_in_viewer(path: Path, kind: LiveKind, *program: str) -> Follower:
     """Show a run in the viewer; `program` starts another one than rerun's."""
     command = (sys.executable, "-m", "labrig.cli.live_follower", str(path.absolute()), kind, *program)
     return Follower(command, "live view: ", "view.rrd")
-
-
-def _follow_log(path: Path) -> Follower:
-    """Tell the events from now on; a resumed run has earlier ones."""
-    told = (path / EVENT_LINES).read_bytes().count(b"\n")
-    command = (
-        sys.executable,
-        "-m",
-        "labrig",
-        "runs",
-        "log",
-        str(path.absolute()),
-        "--follow",
-        f"--skip={told}",
-    )
-    return Follower(command, "", "labrig runs log")

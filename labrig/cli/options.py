@@ -1,10 +1,7 @@
 """Options that several commands share, and the files that they name."""
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import replace
-from difflib import get_close_matches
+from collections.abc import Sequence
+from contextlib import suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -12,16 +9,15 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from labrig.cli.output import say
-from labrig.errors import FileFormatError, InputError
-from labrig.lab import (
-    CALIBRATION,
-    PROTOCOLS,
-    RUNS,
-    RUNS_DIR_VARIABLE,
-    RunsDir,
-    choose_runs_dir,
-    find_in_lab,
-    find_lab_folder,
+from labrig.lab import RUNS, RUNS_DIR_VARIABLE, RunsDir, choose_runs_dir
+from labrig.library.names import (
+    CAMPAIGN_PREFIX,
+    LAST,
+    find_protocol_file,
+    find_run_folder,
+    list_campaigns,
+    list_protocols,
+    require_run_folder,
 )
 
 RigOption = Annotated[
@@ -75,63 +71,16 @@ def find_runs_dir(given: Path | None) -> Path:
 
 def _find_protocol(given: Path) -> Path:
     """Return a protocol file as `_find_file`; the name of a campaign tells itself by its beginning."""
-    return _find_file(given, is_campaign=given.name.startswith(_CAMPAIGN))
+    return find_protocol_file(given, is_campaign=given.name.startswith(CAMPAIGN_PREFIX))
 
 
 def _find_campaign(given: Path | None) -> Path | None:
     """Return a campaign file as `_find_file`; None if none is given."""
-    return None if given is None else _find_file(given, is_campaign=True)
-
-
-def _find_file(given: Path, *, is_campaign: bool) -> Path:
-    """Return the file of a protocol or campaign: the given one, or the one of that name in the lab folder.
-
-    Raises
-    ------
-    InputError
-        When it is a name without suffix, and there is no such protocol; says which was probably meant.
-    """
-    with suppress(OSError):  # a name that no file can have: whoever reads it says so
-        if len(given.parts) == 1 and not given.is_file():
-            return _find_in_lab_folder(given, is_campaign=is_campaign)
-    return given
-
-
-def _find_in_lab_folder(name: Path, *, is_campaign: bool) -> Path:
-    folder = find_in_lab(PROTOCOLS)
-    file = folder / (name if name.suffix else f"{name}{_YAML}")
-    if file.is_file() or name.suffix:
-        return file if file.is_file() else name
-    known = _list_campaigns() if is_campaign else _list_protocols()
-    # The beginning that all campaigns share makes no two names alike.
-    by_rest = {full.removeprefix(_CAMPAIGN): full for full in known}
-    near = [by_rest[rest] for rest in get_close_matches(name.name.removeprefix(_CAMPAIGN), by_rest, 1)]
-    if near:
-        hint = f"did you mean {near[0]}?"
-    elif find_lab_folder() is None:
-        hint = "there is no lab folder here or above; make one, with example protocols: labrig init FOLDER"
-    else:
-        hint = f"there are {', '.join(known)}" if known else "labrig init adds the examples"
-    kind = "campaign" if is_campaign else "protocol"
-    raise InputError(f"there is no {kind} {name}, neither here nor in {folder}", hint)
-
-
-def _list_protocols() -> list[str]:
-    """Return the names of the protocols in the lab folder."""
-    return [name for name in _list_files() if not name.startswith(_CAMPAIGN)]
-
-
-def _list_campaigns() -> list[str]:
-    """Return the names of the campaign files in the lab folder."""
-    return [name for name in _list_files() if name.startswith(_CAMPAIGN)]
-
-
-def _list_files() -> list[str]:
-    return sorted(path.stem for path in find_in_lab(PROTOCOLS).glob(f"*{_YAML}"))
+    return None if given is None else find_protocol_file(given, is_campaign=True)
 
 
 def _complete_protocol(incomplete: str) -> list[str]:
-    return [name for name in _list_protocols() if name.startswith(incomplete)]
+    return [name for name in list_protocols() if name.startswith(incomplete)]
 
 
 ProtocolArgument = Annotated[
@@ -151,46 +100,10 @@ CampaignArgument = Annotated[
         metavar="FILE",
         help="Campaign file (YAML), or its name in the lab folder's protocols.",
         callback=_find_campaign,
-        autocompletion=lambda incomplete: [name for name in _list_campaigns() if name.startswith(incomplete)],
+        autocompletion=lambda incomplete: [name for name in list_campaigns() if name.startswith(incomplete)],
         show_default=False,
     ),
 ]
-
-
-_LAST = Path("last")
-_YAML = ".yaml"
-_CAMPAIGN = "campaign-"
-"""What the names of campaign files begin with, among the protocols."""
-
-
-def find_run_folder(run: Path, runs_dir: Path) -> Path:
-    """Return the folder of a run that is given by its folder, its name in `runs_dir`, or `last`, the newest there."""
-    named = runs_dir / run
-    if run == _LAST and not run.exists() and not named.exists():
-        from labrig.record.catalogue import list_runs
-
-        listed = list_runs(runs_dir)
-        return listed[0].run if listed else run
-    return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
-
-
-def require_run_folder(run: Path, runs_dir: Path) -> Path:
-    """Return the folder of a run as `find_run_folder` does.
-
-    Raises
-    ------
-    InputError
-        When a name is neither here nor in `runs_dir`; says which name was probably meant.
-    """
-    folder = find_run_folder(run, runs_dir)
-    if folder.exists() or len(run.parts) != 1:
-        return folder
-    known = [path.name for path in runs_dir.iterdir()] if runs_dir.is_dir() else []
-    near = get_close_matches(run.name, known, 1)
-    raise InputError(
-        f"there is no run {run}, neither here nor in {runs_dir}",
-        f"did you mean {near[0]}?" if near else "labrig runs lists them",
-    )
 
 
 def _find_run(run: Path) -> Path:
@@ -228,7 +141,7 @@ def _complete_run(incomplete: str) -> list[str]:
     with suppress(OSError):
         runs = choose_runs_dir().path.iterdir()
         names = sorted((path.name for path in runs if path.is_dir()), reverse=True)
-        return [name for name in (str(_LAST), *names) if name.startswith(incomplete) and name[0] != "."]
+        return [name for name in (str(LAST), *names) if name.startswith(incomplete) and name[0] != "."]
     return []
 
 
@@ -299,10 +212,6 @@ SetOption = Annotated[
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
 ]
-NoPauseOption = Annotated[
-    bool, typer.Option("--no-pause", help="Stop at the first Ctrl+C instead of pausing at a safe point.")
-]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Ring no bell when somebody is waited for.")]
 SeedOption = Annotated[
     int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)
 ]
@@ -318,9 +227,6 @@ LiveOption = Annotated[
     ),
 ]
 
-VerboseOption = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Tell each event of the run on standard error as it comes.")
-]
 
 MaskOption = Annotated[
     Path | None,
@@ -386,8 +292,6 @@ SheathDiameterOption = Annotated[
 ]
 
 DEFAULT_NEEDLE_DIAMETER_MM = 1.2
-SIMULATED_RIG = CALIBRATION / "rig-simulated.yaml"
-_RIG_PREFIX = "rig."
 
 
 def complete_live(arguments: Sequence[str]) -> list[str]:
@@ -399,50 +303,3 @@ def complete_live(arguments: Sequence[str]) -> list[str]:
         if word == "--live" and following not in kinds:
             completed.append(kinds[0])
     return completed
-
-
-def find_named_rig_file(given: Path | None) -> Path | None:
-    """Return the given rig file, else $LABRIG_RIG; None if neither names any."""
-    if given is None and os.environ.get("LABRIG_RIG"):
-        return Path(os.environ["LABRIG_RIG"])
-    return given
-
-
-def find_rig_file(given: Path | None, protocol: Path | None = None) -> Path:
-    """Return the rig file: the given file, $LABRIG_RIG, or the simulated rig of the lab folder.
-
-    Without a lab folder, the simulated rig is searched for below the working folder, then beside the folder of the
-    protocol.
-    """
-    named = find_named_rig_file(given)
-    if named is not None:
-        return named
-    candidates = [find_in_lab(SIMULATED_RIG)]
-    if protocol is not None:
-        candidates.append(protocol.resolve().parent.parent / SIMULATED_RIG)
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
-    raise InputError(
-        f"no rig file given, and {candidates[0]} is not here",
-        "name one with --rig FILE, or make a lab folder: labrig init FOLDER",
-    )
-
-
-@contextmanager
-def restore_rig_prefix() -> Iterator[None]:
-    """Report faults of rig overrides as they were typed, with the prefix that `split_overrides` removed."""
-    try:
-        yield
-    except FileFormatError as error:
-        typed = (
-            replace(problem, where=problem.where.replace("--set ", f"--set {_RIG_PREFIX}", 1))
-            for problem in error.problems
-        )
-        raise FileFormatError(tuple(typed)) from error
-
-
-def split_overrides(settings: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Split `--set` values into those of the protocol and those of the rig file, without the prefix `rig.`."""
-    rig = [setting.removeprefix(_RIG_PREFIX) for setting in settings if setting.startswith(_RIG_PREFIX)]
-    return [setting for setting in settings if not setting.startswith(_RIG_PREFIX)], rig

@@ -34,9 +34,9 @@ def check(
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.check_report import collect_report, find_disk_problems, find_state_warnings, print_report
-    from labrig.cli.sources import Sources
-    from labrig.cli.specimen_tracks import prepare_specimens
     from labrig.experiments.registry import find_experiment
+    from labrig.library.sources import Sources
+    from labrig.library.specimens import prepare_specimens
     from labrig.runner.dry_run import plan_run
     from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
 

@@ -51,9 +51,11 @@ def reanalyze(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.cli.analyze import analyze, analyze_several
+    from labrig.cli.analyze import analyze_several
+    from labrig.cli.attendant import TerminalAttendant
     from labrig.cli.result_comparison import show_result
     from labrig.cli.worker_pool import require_one_pool
+    from labrig.library.door import reanalyze as measure
 
     require_one_pool(workers, cluster)
     require_runs_or_condition(run_paths or (), where, "reanalyze")
@@ -62,7 +64,10 @@ def reanalyze(
     show = partial(show_result, as_json=as_json)
     if len(runs) == 1 and workers is None and cluster is None:
         (run,) = runs
-        alone: _Work = (run, lambda: show(run, analyze(run, command_line, overrides, mask)))
+        alone: _Work = (
+            run,
+            lambda: show(run, measure(run, settings=overrides, mask=mask, attendant=TerminalAttendant())),
+        )
         return do_each([alone], as_json, key="analysis")
     if cluster is not None:
         runs = [run.absolute() for run in runs]

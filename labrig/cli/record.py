@@ -47,15 +47,11 @@ def report(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/report.html of each run; the page of a run without a result states that there is none."""
-    from labrig.analysis.run import name_damage
-    from labrig.cli.reporting import write_page
-    from labrig.experiments.registry import load_run_result
-    from labrig.record.reader import open_run
+    from labrig.library import door
 
     def report_run(path: Path) -> dict[str, object]:
-        loaded = open_run(path)
-        with name_damage(loaded):
-            page = write_page(loaded, load_run_result(loaded, result), private=private)
+        loaded = door.open_run(path)
+        page = door.report(loaded, result=result, private=private)
         if not as_json:
             print_line(str(page))
         return add_damage({"report": str(page), "reason": None}, loaded.damage)
@@ -71,12 +67,12 @@ def view(
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be deleted and made again, and open it."""
-    from labrig.cli.view_file import make_view_file
-    from labrig.record.reader import open_run
+    from labrig.cli.attendant import TerminalAttendant
+    from labrig.library import door
     from labrig.report.viewer import open_view
 
-    run = open_run(run_path)
-    path = make_view_file(run)
+    run = door.open_run(run_path)
+    path = door.view(run, attendant=TerminalAttendant())
     damage = report_damage(run.damage)
     if as_json:
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})

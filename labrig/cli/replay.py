@@ -5,10 +5,8 @@ from dataclasses import asdict
 from typing import Any
 
 from labrig.cli.agreement import print_deviation, print_largest, print_verdict
-from labrig.cli.damage import require_undamaged
 from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
-from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError
 from labrig.record.agreement import Agreement, Verdict
 from labrig.record.processor import describe_change
@@ -20,15 +18,11 @@ def replay(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 if the procedure decides the same again and its numbers agree, and with 1 if it does not."""
-    from labrig.experiments.registry import find_run_experiment, load_run_protocol
-    from labrig.record.reader import open_run
-    from labrig.runner.replay import replay_run, replay_work
+    from labrig.cli.attendant import TerminalAttendant
+    from labrig.library import door
 
-    run = open_run(run_path)
-    require_undamaged(run.path, run.damage)
-    experiment, protocol = find_run_experiment(run), load_run_protocol(run)
-    with progress(f"replaying {run_path.name}", replay_work(run, experiment)) as reporter:
-        found = replay_run(run, experiment, protocol, reporter)
+    run = door.open_run(run_path)
+    found = door.replay(run, attendant=TerminalAttendant())
     difference, place = found.first_difference, found.place
     document = {
         "run": str(run_path),

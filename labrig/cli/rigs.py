@@ -1,21 +1,16 @@
 """Finds the rig that a protocol runs on, and opens it for the person at the terminal."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-from labrig.cli.options import find_rig_file, restore_rig_prefix
 from labrig.cli.output import say
 from labrig.cli.pausing import UNPAUSED, Attention
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.opening import Opening
 from labrig.devices.rig import Rig, open_rig
-from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.errors import InputError
-from labrig.experiments.registry import find_experiment
-from labrig.protocol.sections import ExperimentProtocol, Needle
+from labrig.devices.rig_file import RigDescription
 
 
 def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
@@ -70,37 +65,3 @@ def open_rig_for_person(
         ) as rig,
     ):
         yield rig, interrupted
-
-
-def load_rig_for(
-    protocol: ExperimentProtocol, protocol_file: Path, given: Path | None, overrides: Sequence[str]
-) -> RigDescription | None:
-    """Return the rig that the protocol runs on; None for an experiment without a rig, for which no file is read.
-
-    A simulated world gets the needle of the protocol's design file.
-
-    Parameters
-    ----------
-    given : Path or None
-        The rig file that was named, if any.
-    overrides : sequence of str
-        `dotted.key=value` for the rig file.
-
-    Raises
-    ------
-    InputError
-        When there is no rig file, or one is given for a protocol that moves nothing.
-    FileFormatError
-        With every problem of the rig file, or when the simulated world has no room for the protocol's needle.
-    """
-    experiment = find_experiment(protocol.experiment)
-    if not experiment.moves_rig:
-        if given is not None or overrides:
-            raise InputError(
-                f"the experiment {experiment.name} moves no rig", "leave out --rig and --set rig.*"
-            )
-        return None
-    with restore_rig_prefix():
-        rig = load_rig(find_rig_file(given, protocol_file), overrides)
-    needle = getattr(protocol, "needle", None)
-    return rig.with_needle(needle) if isinstance(needle, Needle) else rig

@@ -2,21 +2,19 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.options import (
+    LiveKind,
     LiveOption,
     LocalRunArgument,
-    NoPauseOption,
     ProtocolArgument,
-    QuietOption,
     RigOption,
     RunsDirOption,
     SeedOption,
     SetOption,
-    VerboseOption,
     YesOption,
     choose_local_runs_dir,
 )
@@ -39,49 +37,23 @@ def run(
     seed: SeedOption = None,
     settings: SetOption = None,
     yes: YesOption = False,
-    no_pause: NoPauseOption = False,
-    quiet: QuietOption = False,
     live: LiveOption = None,
-    verbose: VerboseOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_local_runs_dir(runs_dir)
-    from labrig.cli.sources import Sources
-
-    sources = Sources(protocol, rig, tuple(settings or ()), seed)
-    loaded = sources.load_protocol()
     _refuse_taken_name(chosen.path, run_name)
     if runs_dir is None:  # before the other imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
-    from labrig.cli.finished_run import print_finished
-    from labrig.cli.live import Watching
-    from labrig.cli.pausing import Attention
-    from labrig.cli.pipeline import RunOrder, perform
-    from labrig.cli.rigs import remark_on_yes
-    from labrig.cli.specimen_tracks import require_usable_specimens
-    from labrig.devices.clocks import SystemClock
-    from labrig.experiments.registry import find_experiment
+    from labrig.library.door import make_run
+    from labrig.library.sources import Sources
 
-    description = sources.load_rig(loaded)
-    loaded = require_usable_specimens(loaded, description, chosen.path, SystemClock().utc())
-    if description is not None:
-        remark_on_yes(description, yes=yes)
-    experiment = find_experiment(loaded.experiment)
-    sources = sources.with_rig_file(loaded)
-    attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
-    order = RunOrder(
-        experiment,
-        loaded,
-        description,
-        chosen.path,
-        run_name,
-        tuple(sys.argv),
-        sources,
-        attention,
-        Watching(live, verbose),
-    )
-    return print_finished(perform(order), experiment, as_json)
+    sources = Sources(protocol, rig, tuple(settings or ()), seed)
+    if yes:
+        _remark_on_yes(sources)
+    attendant = _attend(live, as_json=as_json)
+    finished = make_run(sources, chosen.path, run_name, attendant=attendant, command_line=sys.argv)
+    return _end(finished, live, as_json)
 
 
 def _refuse_taken_name(runs_dir: Path, run_name: str | None) -> None:
@@ -92,6 +64,15 @@ def _refuse_taken_name(runs_dir: Path, run_name: str | None) -> None:
         require_free_name(runs_dir, run_name)
 
 
+def _remark_on_yes(sources: Any) -> None:
+    """Say that `--yes` answers no question that a person is asked."""
+    from labrig.cli.rigs import remark_on_yes
+
+    description = sources.load()[1]
+    if description is not None:
+        remark_on_yes(description, yes=True)
+
+
 def resume(
     run_path: LocalRunArgument,
     protocol: Annotated[
@@ -99,24 +80,37 @@ def resume(
         typer.Option(metavar="FILE", help="Protocol file, if it has moved since.", show_default=False),
     ] = None,
     rig: RigOption = None,
-    no_pause: NoPauseOption = False,
-    quiet: QuietOption = False,
     live: LiveOption = None,
-    verbose: VerboseOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
-    from labrig.cli.live import Watching
-    from labrig.cli.pausing import Attention
-    from labrig.cli.resume_run import resume_and_print
+    from labrig.library.resumption import resume_run
 
-    attention = Attention(pauses=not (no_pause or as_json), rings=not quiet)
-    return resume_and_print(
-        run_path,
-        protocol,
-        rig,
-        tuple(sys.argv),
-        attention=attention,
-        watching=Watching(live, verbose),
-        as_json=as_json,
-    )
+    finished = resume_run(run_path, protocol, rig, tuple(sys.argv), _attend(live, as_json=as_json))
+    return _end(finished, live, as_json)
+
+
+def _attend(live: LiveKind | None, *, as_json: bool) -> Any:
+    """Return the person at the terminal, who may pause the run unless a program reads what it prints."""
+    from labrig.cli.attendant import TerminalAttendant
+    from labrig.cli.pausing import Attention
+
+    return TerminalAttendant(Attention(pauses=not as_json), live)
+
+
+def _end(finished: Any, live: str | None, as_json: bool) -> int:
+    """Keep the view of a run that was shown live, print how it ended, and return the exit code."""
+    from labrig.cli.finished_run import print_finished
+    from labrig.cli.signals import Interruption
+    from labrig.errors import LabrigError
+    from labrig.experiments.registry import find_run_experiment
+    from labrig.library.door import open_run, view
+
+    run = open_run(finished.path)
+    if live is not None:
+        say("writing view.rrd")
+        try:
+            view(run)
+        except (LabrigError, Interruption) as error:
+            say(f"note: view.rrd was not written: {error}; labrig view makes it")
+    return print_finished(finished, find_run_experiment(run), as_json)

@@ -16,7 +16,7 @@ from labrig.posix import INTERRUPT_SIGNALS
 _Handler = Callable[[int, FrameType | None], None]
 
 
-class Interruption(BaseException):
+class Interruption(KeyboardInterrupt):
     """A signal, by name, raised where the program was.
 
     It is not an `Exception`: libraries catch those around imports and continue, and the signal would be lost.

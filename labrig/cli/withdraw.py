@@ -6,8 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from labrig.cli.needle_report import NeedleReport, add_closing_failure, report_needle, say_where_needle_is
-from labrig.cli.options import find_rig_file
+from labrig.cli.finished_run import say_where_needle_is
 from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
 from labrig.cli.progress import progress
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
@@ -18,6 +17,7 @@ from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError, MachineError
 from labrig.input_file import read_file
+from labrig.library.names import find_rig_file
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
 from labrig.record.manifest import read_checksum
@@ -25,6 +25,7 @@ from labrig.record.provenance import collect_code_diff, collect_provenance, find
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.conduct import Outcome, conduct_withdrawal
+from labrig.runner.needle_report import NeedleReport, add_closing_failure, report_needle
 from labrig.runner.supervised_record import begin_session
 from labrig.runner.withdrawal import read_needle_path
 

@@ -23,7 +23,7 @@ assert run_command(["report", RUN]) == 0
 _UNCHECKED = """
 from pathlib import Path
 from labrig.cli import main, record
-from labrig.cli.reporting import write_page
+from labrig.runner.whole_run import write_page
 from labrig.experiments.registry import load_run_result
 from labrig.record.reader import open_run
 run = open_run(Path(RUN))

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.finished_run import FinishedRun, print_finished
+from labrig.cli.finished_run import print_finished
 from labrig.experiments.registry import find_experiment
 from labrig.runner.conduct import Outcome
+from labrig.runner.whole_run import FinishedRun
 
 
 @pytest.mark.parametrize(

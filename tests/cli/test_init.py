@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.sources import Sources, read_sources
 from labrig.lab import RUNS_DIR_VARIABLE
+from labrig.library.sources import Sources, read_sources
 from tests.cli.conftest import Labrig
 
 

@@ -1,10 +1,10 @@
 """The specimens of a protocol before a run: the tracks that are in them, and whether they are of an age to be used."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.cli.output import say
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, Problem
@@ -53,9 +53,15 @@ def prepare_specimens(
 
 
 def require_usable_specimens(
-    protocol: ExperimentProtocol, rig: RigDescription | None, runs_dir: Path, now: datetime
+    protocol: ExperimentProtocol,
+    rig: RigDescription | None,
+    runs_dir: Path,
+    now: datetime,
+    say: Callable[[str], None],
 ) -> ExperimentProtocol:
     """Return a protocol as `prepare_specimens` does; say what is doubtful, and raise for what is wrong.
+
+    `say` takes what is doubtful, line by line.
 
     Raises
     ------
@@ -68,7 +74,7 @@ def require_usable_specimens(
     for warning in prepared.warnings:
         say(f"warning: {warning.where}: {warning.message}")
         if warning.hint:
-            say(f"  hint: {warning.hint}", 4)
+            say(f"  hint: {warning.hint}")
     return prepared.protocol
 
 

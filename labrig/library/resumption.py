@@ -9,13 +9,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from labrig.cli.finished_run import FinishedRun, print_finished
-from labrig.cli.live import UNWATCHED, Watching
-from labrig.cli.output import say
-from labrig.cli.pausing import UNPAUSED, Attention
-from labrig.cli.pipeline import RigJob, finish, record_on_rig
-from labrig.cli.progress import Reporter
-from labrig.cli.sources import Sources, read_sources
 from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -23,6 +16,7 @@ from labrig.durable import require_free_bytes
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.input_file import parse_json, read_file
+from labrig.library.sources import Sources, read_sources
 from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
@@ -33,13 +27,15 @@ from labrig.record.provenance import collect_code_diff, collect_provenance, find
 from labrig.record.reader import Run, open_run
 from labrig.record.reopen import close_interrupted_run, reopen_run
 from labrig.record.writer import Recorder
+from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
-from labrig.runner.session import Session
+from labrig.runner.session import Progress, Session
 from labrig.runner.supervised_record import begin_session
+from labrig.runner.whole_run import FinishedRun, RigJob, finish, record_on_rig
 from labrig.runner.withdrawal import read_needle_path
 from labrig.text import format_count
 
@@ -47,30 +43,14 @@ _NOT_THE_RIG = ("faults",)
 """Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
 
 
-def resume_and_print(
-    path: Path,
-    protocol: Path | None,
-    rig: Path | None,
-    command_line: tuple[str, ...],
-    *,
-    attention: Attention,
-    watching: Watching,
-    as_json: bool,
-) -> int:
-    """Continue a run, and print how it ended. Raises as `resume_run`."""
-    finished = resume_run(path, protocol, rig, command_line, attention, watching)
-    return print_finished(finished, find_run_experiment(open_run(path)), as_json)
-
-
 def resume_run(
     path: Path,
     protocol: Path | None,
     rig: Path | None,
     command_line: tuple[str, ...],
-    attention: Attention = UNPAUSED,
-    watching: Watching = UNWATCHED,
+    attendant: Attendant,
 ) -> FinishedRun:
-    """Make the remaining insertions of a run, measure it and write its report; shown live, also its view.
+    """Make the remaining insertions of a run, measure it and write its report.
 
     Raises
     ------
@@ -90,8 +70,9 @@ def resume_run(
             f"labrig devices withdraw continues it; labrig resume {path.parent / run.withdraws} continues that run",
         )
     if run.manifest.get("exit_status") == "success":
-        say(f"{path} has come to its end; it is measured again")
-        return finish(FinishedRun(path, Outcome("success", "", None)), command_line)
+        attendant.say(f"{path} has come to its end; it is measured again")
+        done = FinishedRun(path, Outcome("success", "", None))
+        return finish(done, find_run_experiment(run), command_line, attendant)
     experiment = find_run_experiment(run)
     if not run.manifest.get("trials_planned"):
         raise InputError(
@@ -100,24 +81,24 @@ def resume_run(
         )
     experiment.require_parts()
     recorded = load_run_protocol(run)
-    description = _require_unchanged(run, recorded, _find_sources(run, protocol, rig))
+    description = _require_unchanged(run, recorded, _find_sources(run, protocol, rig, attendant))
     past = read_past(run)
     plan = plan_run(experiment, recorded, description, past)
     if plan.problems:
         raise FileFormatError(plan.problems)
     if not plan.trials:
-        return finish(_close_without_rig(path, command_line), command_line)
-    say(f"{path}: {format_count(past.kept, 'trial')} kept, {plan.trials} left{_name_broken(run)}")
+        return finish(_close_without_rig(path, command_line), experiment, command_line, attendant)
+    attendant.say(f"{path}: {format_count(past.kept, 'trial')} kept, {plan.trials} left{_name_broken(run)}")
     require_free_bytes(path, count_needed_bytes(plan, description))
 
-    def begin(rig: Rig, reporter: Reporter) -> Session:
+    def begin(rig: Rig, progress: Progress) -> Session:
         require_valid_calibration(plan, rig)
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
-        return begin_session(rig, reopen, reporter)
+        return begin_session(rig, reopen, progress)
 
-    job = RigJob(experiment, recorded, description, plan.work, command_line, attention, watching)
-    ended = record_on_rig(job, begin, partial(conduct_remainder, experiment, recorded, past))
-    return finish(ended, command_line, watching)
+    job = RigJob(experiment, recorded, description, plan.work, command_line)
+    ended = record_on_rig(job, attendant, begin, partial(conduct_remainder, experiment, recorded, past))
+    return finish(ended, experiment, command_line, attendant)
 
 
 def _name_broken(run: Run) -> str:
@@ -127,7 +108,7 @@ def _name_broken(run: Run) -> str:
         for trial in run.read_trials(TrialStart, TrialStop)
         if trial.exit_status == INCOMPLETE
     ]
-    return "".join(f"; trial {trial} was interrupted and is made again" for trial in broken)
+    return "".join(f"; trial {trial + 1} was interrupted and is made again" for trial in broken)
 
 
 def _reopen_record(
@@ -167,7 +148,7 @@ def _open_undamaged(path: Path) -> Run:
     return open_run(path)
 
 
-def _find_sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
+def _find_sources(run: Run, protocol: Path | None, rig: Path | None, attendant: Attendant) -> Sources:
     """Return the sources of protocol and rig: those named now, else those named when the run was started."""
     kept = read_sources(run.path, run.manifest)
     if kept is None:
@@ -177,7 +158,7 @@ def _find_sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
     settings = tuple(setting for setting in kept.settings if not setting.startswith("rig.faults"))
     sources = replace(kept, protocol=protocol or kept.protocol, rig=rig or kept.rig, settings=settings)
     if not sources.protocol.exists() and protocol is None:
-        say(f"note: {sources.protocol} is not here; the protocol of the record is taken")
+        attendant.say(f"note: {sources.protocol} is not here; the protocol of the record is taken")
         rig_settings = tuple(setting for setting in settings if setting.startswith("rig."))
         return replace(sources, protocol=run.path / "protocol.yaml", settings=rig_settings, seed=None)
     return sources

@@ -4,7 +4,6 @@ import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from labrig.cli.output import say
 from labrig.devices.needle_location import NeedleLocation
 from labrig.devices.rig import Rig
 from labrig.errors import InterruptedRunError, MachineError
@@ -42,19 +41,6 @@ def _find_way_out(rig: Rig, run: Path) -> str:
         f"Take the needle out along its path: labrig devices withdraw {rig.description.option} --run {since} "
         "(it asks before it resets a fault and before it moves)"
     )
-
-
-def say_where_needle_is(report: NeedleReport | None) -> None:
-    """Say what the needle is doing, and where it is."""
-    if report is not None:
-        say(f"needle: {report.location.motion}")
-        say(f"positions: {report.location.where}")
-
-
-def say_way_out(report: NeedleReport | None) -> None:
-    """Say what to do about the needle, if there is anything to do."""
-    if report is not None and report.way_out:
-        say(f"then: {report.way_out}")
 
 
 def add_closing_failure(outcome: Outcome, failure: MachineError) -> Outcome:

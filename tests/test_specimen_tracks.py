@@ -1,6 +1,6 @@
 """The specimens of a protocol before a run."""
 
-from labrig.cli.specimen_tracks import find_too_many
+from labrig.library.specimens import find_too_many
 from labrig.protocol.specimen_file import MOST_TRACKS
 from tests.protocol.specimens import make_track
 

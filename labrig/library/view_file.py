@@ -1,9 +1,9 @@
 """Makes `RUN/view.rrd` of a run as it is."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
-from labrig.cli.output import say
 from labrig.devices.drives.states import describe_statusword
 from labrig.errors import InputError
 from labrig.experiments.registry import make_run_view
@@ -12,8 +12,8 @@ from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW, View
 
 
-def make_view_file(run: Run) -> Path:
-    """Write the view of a run, and return its path.
+def make_view_file(run: Run, say: Callable[[str], None]) -> Path:
+    """Write the view of a run, and return its path; `say` takes what it lacks.
 
     Raises
     ------
@@ -24,10 +24,10 @@ def make_view_file(run: Run) -> Path:
     """
     folder = find_newest_result_folder(run)
     lines = NO_LINES if folder is None else load_centre_lines(folder)
-    return write_view(run, lines, _make_view(run), describe_statusword)
+    return write_view(run, lines, _make_view(run, say), describe_statusword)
 
 
-def _make_view(run: Run) -> View:
+def _make_view(run: Run, say: Callable[[str], None]) -> View:
     try:
         return make_run_view(run)
     except InputError as error:

@@ -1,16 +1,21 @@
 """The files that a run is made from: their names are kept in its manifest and used again when it is continued."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from labrig.cli.options import find_rig_file, split_overrides
-from labrig.devices.rig_file import RigDescription
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.errors import FileFormatError, InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment
 from labrig.lab import find_lab_folder
+from labrig.library.names import find_rig_file
 from labrig.protocol.load import load_protocol
-from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.sections import ExperimentProtocol, Needle
+
+_RIG_PREFIX = "rig."
 
 
 @dataclass(frozen=True)
@@ -33,14 +38,10 @@ class Sources:
 
     def load_rig(self, protocol: ExperimentProtocol) -> RigDescription | None:
         """Read the rig of a protocol, if it needs one. Raises `FileFormatError`, `InputError`."""
-        from labrig.cli.rigs import load_rig_for
-
         return load_rig_for(protocol, self.protocol, self.rig, split_overrides(self.settings)[1])
 
     def with_rig_file(self, protocol: ExperimentProtocol) -> "Sources":
         """Return these with the default rig file, if none was named and the protocol needs one."""
-        from labrig.experiments.registry import find_experiment
-
         if not find_experiment(protocol.experiment).moves_rig:
             return self
         return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)
@@ -85,3 +86,56 @@ def read_sources(run: Path, manifest: Mapping[str, object]) -> Sources | None:
         tuple(map(str, settings)) if isinstance(settings, list) else (),
         seed if isinstance(seed, int) else None,
     )
+
+
+def load_rig_for(
+    protocol: ExperimentProtocol, protocol_file: Path, given: Path | None, overrides: Sequence[str]
+) -> RigDescription | None:
+    """Return the rig that the protocol runs on; None for an experiment without a rig, for which no file is read.
+
+    A simulated world gets the needle of the protocol's design file.
+
+    Parameters
+    ----------
+    given : Path or None
+        The rig file that was named, if any.
+    overrides : sequence of str
+        `dotted.key=value` for the rig file.
+
+    Raises
+    ------
+    InputError
+        When there is no rig file, or one is given for a protocol that moves nothing.
+    FileFormatError
+        With every problem of the rig file, or when the simulated world has no room for the protocol's needle.
+    """
+    experiment = find_experiment(protocol.experiment)
+    if not experiment.moves_rig:
+        if given is not None or overrides:
+            raise InputError(
+                f"the experiment {experiment.name} moves no rig", "leave out --rig and --set rig.*"
+            )
+        return None
+    with restore_rig_prefix():
+        rig = load_rig(find_rig_file(given, protocol_file), overrides)
+    needle = getattr(protocol, "needle", None)
+    return rig.with_needle(needle) if isinstance(needle, Needle) else rig
+
+
+@contextmanager
+def restore_rig_prefix() -> Iterator[None]:
+    """Report faults of rig overrides as they were typed, with the prefix that `split_overrides` removed."""
+    try:
+        yield
+    except FileFormatError as error:
+        typed = (
+            replace(problem, where=problem.where.replace("--set ", f"--set {_RIG_PREFIX}", 1))
+            for problem in error.problems
+        )
+        raise FileFormatError(tuple(typed)) from error
+
+
+def split_overrides(settings: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Split `--set` values into those of the protocol and those of the rig file, without the prefix `rig.`."""
+    rig = [setting.removeprefix(_RIG_PREFIX) for setting in settings if setting.startswith(_RIG_PREFIX)]
+    return [setting for setting in settings if not setting.startswith(_RIG_PREFIX)], rig

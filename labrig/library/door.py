@@ -1,0 +1,408 @@
+"""The door: what a notebook calls, and what the commands call; `labrig` hands all of it out.
+
+>>> import labrig
+>>> run = labrig.run("steerability", seed=3)
+>>> run.measurements.plot.scatter("trial", "radius_mm")
+>>> labrig.compare([run, labrig.open_run("last")])
+
+A rig that asks a person is run at a terminal, by `labrig run`. Every error is a `labrig.errors.LabrigError`, which
+names the thing, its value, the limit and a hint.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from labrig.analysis.comparison import compare_runs
+from labrig.analysis.comparison_result import Comparison
+from labrig.analysis.engine import DEFAULT_WORKERS, open_process_pool
+from labrig.analysis.measurements import load_runs, open_measured_runs
+from labrig.analysis.result import AnyResult
+from labrig.analysis.run import analyze_run, name_damage
+from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store, write_report
+from labrig.devices.clocks import SystemClock
+from labrig.durable import free_bytes
+from labrig.errors import Problem, RecordError
+from labrig.experiments.registry import (
+    find_experiment,
+    find_run_experiment,
+    load_run_protocol,
+    load_run_result,
+)
+from labrig.lab import CAMPAIGNS, choose_runs_dir, find_in_lab
+from labrig.library.names import find_protocol_file, find_rig_file, require_run_folder
+from labrig.library.resumption import resume_run
+from labrig.library.sources import Sources
+from labrig.library.specimens import prepare_specimens, require_usable_specimens
+from labrig.library.view_file import make_view_file
+from labrig.record.difference import Difference, list_differences
+from labrig.record.notes import annotate_run
+from labrig.record.provenance import collect_provenance
+from labrig.record.reader import Run
+from labrig.record.reader import open_run as open_run_folder
+from labrig.record.remote import is_url
+from labrig.runner.attendant import Attendant
+from labrig.runner.dry_run import plan_run
+from labrig.runner.experiment import RunPlan
+from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
+from labrig.runner.replay import Replay, replay_run, replay_work
+from labrig.runner.whole_run import FinishedRun, RunOrder, perform, write_page
+from labrig.vision.mask import load_mask
+
+__all__ = [
+    "Attendant",
+    "Checked",
+    "Run",
+    "annotate_run",
+    "check",
+    "compare",
+    "differences",
+    "load_runs",
+    "make_run",
+    "open_run",
+    "reanalyze",
+    "replay",
+    "report",
+    "resume",
+    "run",
+    "run_campaign",
+    "view",
+]
+
+AnyRun: TypeAlias = Run | Path | str
+"""A run, its folder or URL, its name in the folder of runs, or `last`."""
+
+_SILENT = Attendant()
+
+
+def open_run(run: AnyRun, *, runs_dir: Path | str | None = None) -> Run:
+    """Open a run: by its folder, its URL, its name in the folder of runs, or as `last`, the newest there.
+
+    Raises
+    ------
+    InputError
+        When there is no run of that name; says which was probably meant.
+    RecordError
+        When it is no run, or its manifest is damaged.
+    """
+    if isinstance(run, Run):
+        return run
+    if is_url(run):
+        return open_run_folder(run)
+    folder = choose_runs_dir(None if runs_dir is None else Path(runs_dir)).path
+    return open_run_folder(require_run_folder(Path(run), folder))
+
+
+def run(
+    protocol: Path | str,
+    *,
+    rig: Path | str | None = None,
+    seed: int | None = None,
+    settings: Sequence[str] = (),
+    runs_dir: Path | str | None = None,
+    name: str | None = None,
+) -> Run:
+    """Run a protocol on a rig, measure it, write its page, and return the run.
+
+    Parameters
+    ----------
+    protocol : Path or str
+        Its file, or its name in the lab folder.
+    rig : Path, str or None
+        The rig file; None: that of the environment, or the simulated rig of the lab folder.
+    seed : int or None
+        Takes the place of the protocol's seed.
+    settings : sequence of str
+        `dotted.key=value` each: values of the protocol, and with the prefix `rig.` of the rig file.
+    runs_dir : Path, str or None
+        Folder of runs; None: `data/runs` of the lab folder.
+    name : str or None
+        Name of the run's folder; None: UTC time and experiment.
+
+    Raises
+    ------
+    LabrigError
+        When it cannot begin; and as it ended, when it did not succeed: its record is kept.
+    """
+    sources = Sources(
+        find_protocol_file(Path(protocol), is_campaign=False),
+        None if rig is None else Path(rig),
+        tuple(settings),
+        seed,
+    )
+    finished = make_run(sources, choose_runs_dir(None if runs_dir is None else Path(runs_dir)).path, name)
+    return _open_finished(finished)
+
+
+def make_run(
+    sources: Sources,
+    runs_dir: Path,
+    name: str | None = None,
+    *,
+    attendant: Attendant = _SILENT,
+    command_line: Sequence[str] = (),
+) -> FinishedRun:
+    """Run a protocol as `run` does, for whoever attends it, and return how it ended.
+
+    Raises
+    ------
+    LabrigError
+        When it cannot begin.
+    """
+    protocol = sources.load_protocol()
+    rig = sources.load_rig(protocol)
+    protocol = require_usable_specimens(protocol, rig, runs_dir, SystemClock().utc(), attendant.say)
+    order = RunOrder(
+        find_experiment(protocol.experiment),
+        protocol,
+        rig,
+        runs_dir,
+        name,
+        tuple(command_line) or _name_program(),
+        sources.with_rig_file(protocol).document(),
+    )
+    return perform(order, attendant)
+
+
+def resume(run: AnyRun, *, protocol: Path | str | None = None, rig: Path | str | None = None) -> Run:
+    """Continue a run that was interrupted, with the protocol, rig and calibration that it began with; return it.
+
+    `protocol` and `rig` are their files, if they have moved since.
+
+    Raises
+    ------
+    LabrigError
+        When it cannot be continued, nothing is changed then; and as it ended, when it did not succeed.
+    """
+    protocol_file, rig_file = (None if file is None else Path(file) for file in (protocol, rig))
+    path = open_run(run).path
+    return _open_finished(resume_run(path, protocol_file, rig_file, _name_program(), _SILENT))
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a dry run tells: the plan, the disk space that it takes [bytes], and what speaks against it.
+
+    Attributes
+    ----------
+    plan : RunPlan
+        Trials, duration, pictures, moves, questions.
+    disk_bytes : int
+        What its record takes.
+    problems, warnings : tuple of Problem
+        Reasons against it, and what is doubtful.
+    """
+
+    plan: RunPlan
+    disk_bytes: int
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether it can run."""
+        return not self.problems
+
+
+def check(
+    protocol: Path | str,
+    *,
+    rig: Path | str | None = None,
+    seed: int | None = None,
+    settings: Sequence[str] = (),
+    runs_dir: Path | str | None = None,
+) -> Checked:
+    """Say whether a protocol can run on a rig, how long it takes, and what it needs; nothing moves.
+
+    Takes what `run` takes.
+
+    Raises
+    ------
+    FileFormatError
+        With every problem of protocol and rig file.
+    """
+    file, rig_file = find_protocol_file(Path(protocol), is_campaign=False), None if rig is None else Path(rig)
+    loaded, description = Sources(file, rig_file, tuple(settings), seed).load()
+    folder = choose_runs_dir(None if runs_dir is None else Path(runs_dir)).path
+    experiment = find_experiment(loaded.experiment)
+    experiment.require_parts()
+    specimens = prepare_specimens(loaded, description, folder, SystemClock().utc())
+    plan = plan_run(experiment, specimens.protocol, description)
+    needed, free = count_needed_bytes(plan, description), free_bytes(folder)
+    message = f"the run needs {needed / 1e6:.0f} MB, and that disk has {free / 1e6:.0f} MB free"
+    full = (Problem(str(folder), message, "make room on that disk"),) if free < needed else ()
+    refused = plan.problems if plan.refusal is None else (plan.refusal,)
+    return Checked(
+        plan,
+        estimate_disk_bytes(plan, description),
+        (*specimens.problems, *refused, *full),
+        (*specimens.warnings, *plan.warnings),
+    )
+
+
+def reanalyze(
+    run: AnyRun,
+    *,
+    settings: Sequence[str] = (),
+    mask: Path | str | None = None,
+    attendant: Attendant = _SILENT,
+) -> AnyResult:
+    """Measure the pictures of a run again and write a new numbered result; the record stays as it is.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        `dotted.key=value` each, of the sections of the protocol that may be changed afterwards: `analysis.*`.
+    mask : Path, str or None
+        A picture that is white where no needle is, or polygons as JSON.
+
+    Raises
+    ------
+    InputError, FileFormatError
+        When a setting cannot be changed.
+    RecordError
+        When what it is computed from is damaged.
+    """
+    opened = open_run(run)
+    experiment = find_run_experiment(opened)
+    with attendant.progress(f"measuring {opened.path.name}", 1.0) as progress:
+        return analyze_run(
+            opened,
+            experiment,
+            overrides=tuple(settings),
+            progress=lambda done, total: progress(done / total, f"{done} of {total} {experiment.counts}"),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(_name_program()),
+            mask=None if mask is None else load_mask(Path(mask)),
+        )
+
+
+def replay(run: AnyRun, *, attendant: Attendant = _SILENT) -> Replay:
+    """Repeat the procedure of a run with its recorded answers, and say whether it decides the same again.
+
+    Raises
+    ------
+    InputError
+        For a run that no procedure made.
+    RecordError
+        When the record is damaged.
+    """
+    opened = open_run(run)
+    for problem in opened.damage:
+        message = f"{opened.path} is damaged: {problem.where}: {problem.message}"
+        raise RecordError(message, "see: labrig runs check")
+    experiment, protocol = find_run_experiment(opened), load_run_protocol(opened)
+    work = replay_work(opened, experiment)
+    with attendant.progress(f"replaying {opened.path.name}", work) as progress:
+        return replay_run(opened, experiment, protocol, progress)
+
+
+def compare(
+    runs: Sequence[AnyRun],
+    *,
+    quantity: str | None = None,
+    by: Sequence[str] = (),
+    unit: str | None = None,
+) -> Comparison:
+    """Compare the newest results of runs, group by group: means, intervals and tests.
+
+    Parameters
+    ----------
+    quantity : str or None
+        A column of the results' tables; None: `radius_mm`, else `target_error_mm`.
+    by : sequence of str
+        Fields to group by; none: needle and gel.
+    unit : str or None
+        What n counts: `specimen` or `insertion`; None: specimens if every group has two.
+
+    Raises
+    ------
+    InputError
+        When they have nothing to compare.
+    RecordError
+        When none of them can be read.
+    """
+    measured, left_out = open_measured_runs([open_run(run).path for run in runs])
+    if not measured and left_out:
+        raise left_out[0].error
+    return compare_runs(measured, left_out, quantity=quantity, by=by, unit=unit).comparison  # type: ignore[arg-type]
+
+
+def run_campaign(
+    file: Path | str,
+    *,
+    out: Path | str | None = None,
+    rig: Path | str | None = None,
+    settings: Sequence[str] = (),
+    workers: int = DEFAULT_WORKERS,
+) -> Campaign:
+    """Repeat a protocol virtually as a campaign file says; return its table, its result and its page.
+
+    Begun again on the same folder, it goes on behind its last row.
+
+    Parameters
+    ----------
+    out : Path, str or None
+        Its folder; None: one of the campaign's name in `data/campaigns` of the lab folder.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        When something cannot be used.
+    """
+    loaded = load_campaign_files(
+        find_protocol_file(Path(file), is_campaign=True),
+        find_rig_file,
+        settings=settings,
+        rig=None if rig is None else Path(rig),
+    )
+    folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
+    with open_store(loaded, folder) as store, open_process_pool(workers, "computed tasks") as pool:
+        compute_campaign(loaded, store, pool)
+        return write_report(loaded, store)
+
+
+def report(run: AnyRun, *, result: int | None = None, private: bool = False) -> Path:
+    """Write the page of a run again, from its newest result or that number, and return its path.
+
+    Parameters
+    ----------
+    private : bool
+        Leave out host, account, command line and the authors of notes.
+
+    Raises
+    ------
+    InputError
+        When the run has no result of that number.
+    RecordError
+        When record or result are so damaged that nothing can be shown.
+    """
+    opened = open_run(run)
+    with name_damage(opened):
+        return write_page(
+            opened, find_run_experiment(opened), load_run_result(opened, result), private=private
+        )
+
+
+def view(run: AnyRun, *, attendant: Attendant = _SILENT) -> Path:
+    """Write RUN/view.rrd, which the rerun viewer opens, and return its path. Raises `RecordError`."""
+    return make_view_file(open_run(run), attendant.say)
+
+
+def differences(a: AnyRun, b: AnyRun) -> tuple[Difference, ...]:
+    """Return each value in which two runs differ: endings, protocols, rigs, calibrations, versions and results."""
+    return list_differences(open_run(a), open_run(b))
+
+
+def _open_finished(finished: FinishedRun) -> Run:
+    """Return a finished run. Raises the error that ended it."""
+    error = finished.outcome.error
+    if error is not None:
+        raise error.reword(f"{error.message}; its record is kept: {finished.path}")
+    return open_run_folder(finished.path)
+
+
+def _name_program() -> tuple[str, ...]:
+    return tuple(sys.argv[:1]) or ("python",)

@@ -1,0 +1,299 @@
+"""A whole run: open rig and record, conduct the experiment, close both, measure, write the page.
+
+`labrig.run`, `labrig.resume`, the commands and the campaigns all come here.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from labrig.analysis.result import AnyResult
+from labrig.analysis.run import analyze_run
+from labrig.clock import Clock
+from labrig.devices.clocks import SystemClock
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription
+from labrig.durable import require_free_bytes
+from labrig.errors import (
+    AnswerIsNoError,
+    BugError,
+    DiskError,
+    FileFormatError,
+    InputError,
+    InterruptedRunError,
+    LabrigError,
+    MachineError,
+    TargetMissedError,
+    TrialsFailedError,
+)
+from labrig.plugins import require_devices_installed
+from labrig.protocol.load import load_recorded_protocol
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.provenance import CodeChanges, collect_provenance, find_code_changes
+from labrig.record.reader import Run, open_run
+from labrig.record.writer import Recorder
+from labrig.runner.attendant import Attendant
+from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
+from labrig.runner.dry_run import plan_run
+from labrig.runner.experiment import Experiment, RunPlan
+from labrig.runner.needle_report import NeedleReport, add_closing_failure, report_needle
+from labrig.runner.plan import count_needed_bytes, require_valid_calibration
+from labrig.runner.run_record import RecordOrder, open_record
+from labrig.runner.session import Progress, Session
+from labrig.runner.supervised_record import begin_session
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run that has ended, on disk at `path`; `result` and `report` are None if it was not measured.
+
+    `needle` says where the needle was left, None without a rig; `signal_name` is a signal that came after the end;
+    `can_resume` says whether the run can be continued.
+    """
+
+    path: Path
+    outcome: Outcome
+    needle: NeedleReport | None = None
+    signal_name: str | None = None
+    can_resume: bool = False
+    report: Path | None = None
+    result: Mapping[str, object] | None = None
+
+
+@dataclass(frozen=True)
+class RunOrder:
+    """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line.
+
+    `sources` are the files that it is made from, as its manifest has them.
+    """
+
+    experiment: Experiment
+    protocol: ExperimentProtocol
+    rig: RigDescription | None
+    runs_dir: Path
+    run_name: str | None
+    command_line: tuple[str, ...]
+    sources: Mapping[str, object]
+
+
+def perform(order: RunOrder, attendant: Attendant) -> FinishedRun:
+    """Record a run, measure it and write its page.
+
+    Raises
+    ------
+    FileFormatError
+        When the rig cannot do what the protocol asks; nothing has moved and nothing has been written.
+    OutputExistsError, DiskError, BusError, DriveError, CameraError
+        When the run cannot begin.
+    """
+    changes = find_code_changes()
+    announce_code_diff(changes, attendant)
+    return finish(record(order, attendant, changes), order.experiment, order.command_line, attendant)
+
+
+def record(order: RunOrder, attendant: Attendant, changes: CodeChanges | None = None) -> FinishedRun:
+    """Record a run; nothing is measured. Raises as `perform`."""
+    if order.runs_dir.exists() and not order.runs_dir.is_dir():
+        raise InputError(
+            f"{order.runs_dir} is a file, expected the folder of the runs", "name a folder with --runs-dir"
+        )
+    experiment, protocol = order.experiment, order.protocol
+    experiment.require_parts()
+    plan = plan_run(experiment, protocol, order.rig)
+    if plan.problems:
+        raise FileFormatError(plan.problems)
+    require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
+    changes = changes or CodeChanges()
+    if order.rig is None:
+        clock = SystemClock()
+        recorder = _open_record(order, plan, changes, clock, {})
+        return FinishedRun(recorder.path, conduct_without_rig(experiment, recorder, clock))
+
+    def begin(rig: Rig, progress: Progress) -> Session:
+        require_valid_calibration(plan, rig)
+        opening = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
+        return begin_session(rig, opening, progress)
+
+    job = RigJob(experiment, protocol, order.rig, plan.work, order.command_line)
+    return record_on_rig(job, attendant, begin, partial(conduct, experiment, protocol))
+
+
+def announce_code_diff(changes: CodeChanges, attendant: Attendant) -> None:
+    """Say which changes of labrig's own code the record will keep, and which new files it will not."""
+    if changes.changed or changes.added:
+        kept = ", ".join((*changes.changed, *changes.added))
+        attendant.say(f"note: the record keeps changed code, as code.diff: {kept}")
+    if changes.left_out:
+        left_out = ", ".join(changes.left_out)
+        attendant.say(f"note: code.diff leaves out new files that are no code: {left_out}")
+
+
+def finish(
+    ended: FinishedRun, experiment: Experiment, command_line: tuple[str, ...], attendant: Attendant
+) -> FinishedRun:
+    """Measure a recorded run and write its page, if it came to its end; of one that failed the page says why."""
+    error = ended.outcome.error
+    if error is not None and not is_measurable(error):
+        return _show_failure(ended, experiment, attendant)
+    ended = replace(ended, needle=None, can_resume=False)
+    if ended.signal_name is not None:
+        return _end_interrupted(
+            ended, f"interrupted by {ended.signal_name}", "it is recorded, and was not measured"
+        )
+    result: AnyResult | None = None
+    try:
+        result = measure(ended.path, experiment, command_line, attendant)
+        attendant.say("writing the report")
+        report = write_page(open_run(ended.path), experiment, result)
+    except KeyboardInterrupt as interruption:
+        by = f"interrupted by {str(interruption) or 'SIGINT'}"
+        if result is None:
+            return _end_interrupted(ended, by, "it is recorded, and was not measured")
+        ended = replace(ended, result=result.document)
+        return _end_interrupted(ended, by, "it is recorded and measured; labrig report writes its page")
+    except AnswerIsNoError as failure:
+        return replace(ended, outcome=Outcome(ended.outcome.exit_status, failure.message, failure))
+    return replace(ended, report=report, result=result.document)
+
+
+def measure(
+    path: Path, experiment: Experiment, command_line: tuple[str, ...], attendant: Attendant
+) -> AnyResult:
+    """Measure a run with its own settings, and write a new numbered result."""
+    with attendant.progress(f"measuring {path.name}", 1.0) as progress:
+        return analyze_run(
+            open_run(path),
+            experiment,
+            progress=lambda done, total: progress(done / total, f"{done} of {total} {experiment.counts}"),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(command_line),
+        )
+
+
+def is_measurable(error: LabrigError) -> bool:
+    """Return whether a run with this error can be measured: needles were inserted and withdrawn."""
+    return isinstance(error, TrialsFailedError)
+
+
+def _show_failure(ended: FinishedRun, experiment: Experiment, attendant: Attendant) -> FinishedRun:
+    """Write the page of a run that failed, which says why; not after a fault of the disk, or a bug.
+
+    Nothing that goes wrong with the page hides why the run failed.
+    """
+    if ended.outcome.exit_status != "failed" or isinstance(ended.outcome.error, DiskError | BugError):
+        return ended
+    try:
+        return replace(ended, report=write_page(open_run(ended.path), experiment, None))
+    except (LabrigError, KeyboardInterrupt) as failure:
+        attendant.say(f"note: the page was not written: {failure}")
+        return ended
+
+
+def _end_interrupted(ended: FinishedRun, by: str, state: str) -> FinishedRun:
+    """Return a run that came to its end and was interrupted afterwards."""
+    message = f"{by} when the run had ended; {state}"
+    return replace(ended, outcome=Outcome("success", message, InterruptedRunError(message)))
+
+
+@dataclass(frozen=True)
+class RigJob:
+    """What is recorded on a rig: an experiment and its protocol, the rig, the end of its progress, and the command."""
+
+    experiment: Experiment
+    protocol: ExperimentProtocol
+    rig: RigDescription
+    work: float
+    command_line: tuple[str, ...]
+
+
+def record_on_rig(
+    job: RigJob,
+    attendant: Attendant,
+    begin: Callable[[Rig, Progress], Session],
+    conduct_on: Callable[[Session], Outcome],
+) -> FinishedRun:
+    """Open a rig without power, begin a record, conduct a run on it, and close the rig; signals stop the axes first.
+
+    Parameters
+    ----------
+    begin : callable
+        Opens the record.
+    conduct_on : callable
+        Makes the run, which may be paused meanwhile.
+    """
+    protocol, doing = job.protocol, " ".join(("labrig", *job.command_line[1:]))
+    opening = Opening(max_current_ma=protocol.current_limits_ma, power=False)
+    ended: FinishedRun | None = None
+    with attendant.watch() as watch:
+        try:
+            with (
+                attendant.open_rig(job.rig, doing, protocol.seed, opening) as (rig, interrupted),
+                attendant.progress(protocol.experiment, job.work) as progress,
+            ):
+                session = begin(rig, progress)
+                path = session.recorder.path
+                watch(path)
+                with attendant.take_requests(interrupted, path) as requests:
+                    session.dialogue.requests = requests
+                    outcome = conduct_on(session)
+                is_over = isinstance(outcome.error, BugError | TargetMissedError)
+                can_resume = session.dialogue.planned > 0 and not is_over
+                ended = FinishedRun(path, outcome, report_needle(rig, path), can_resume=can_resume)
+        except MachineError as failure:
+            if ended is None:
+                raise
+            return replace(ended, outcome=add_closing_failure(ended.outcome, failure))
+    return replace(ended, signal_name=interrupted())
+
+
+def _open_record(
+    order: RunOrder, plan: RunPlan, changes: CodeChanges, clock: Clock, devices: Mapping[str, object]
+) -> Recorder:
+    opened = RecordOrder(
+        order.experiment,
+        order.protocol,
+        order.rig,
+        order.runs_dir,
+        order.run_name,
+        order.command_line,
+        order.sources,
+        plan.trials,
+    )
+    return open_record(opened, changes, clock, devices)
+
+
+def write_page(run: Run, experiment: Experiment, result: AnyResult | None, *, private: bool = False) -> Path:
+    """Write `RUN/report.html` and return its path.
+
+    Parameters
+    ----------
+    private : bool
+        Leave out host, account, command line and the authors of notes.
+
+    Raises
+    ------
+    InputError
+        When a drive or camera of the run is not installed.
+    RecordError
+        When record or result are so damaged that nothing can be shown.
+    DiskError
+        When the page cannot be written.
+    """
+    # Imported late: the processes that measure are forked before matplotlib is loaded, and stay small.
+    from labrig.report.writing import write_report
+
+    require_devices_installed(str(run.path), run.plugin_packages)
+    if private:
+        run, result = run.without_personal_data(), None if result is None else result.without_personal_data()
+    protocol = load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model})
+    page = experiment.page(run, protocol, result)
+    return write_report(
+        run,
+        page,
+        result,
+        SystemClock().utc(),
+        kind=experiment.title,
+        can_resume=bool(run.manifest.get("trials_planned")),
+    )

@@ -57,11 +57,11 @@ if TYPE_CHECKING:
     from labrig.library.door import open_run as open_run
     from labrig.library.door import reanalyze as reanalyze
     from labrig.library.door import replay as replay
-    from labrig.library.door import report as report
     from labrig.library.door import resume as resume
     from labrig.library.door import run as run
     from labrig.library.door import run_campaign as run_campaign
     from labrig.library.door import view as view
+    from labrig.library.door import write_report as write_report
     from labrig.vision import calibrate_intrinsics as calibrate_intrinsics
     from labrig.vision import load_intrinsics as load_intrinsics
     from labrig.vision import load_plane as load_plane
@@ -73,7 +73,7 @@ _HANDED_OUT = {
     **dict.fromkeys(
         (
             "annotate_run", "check", "compare", "differences", "load_runs", "open_run", "reanalyze", "replay",
-            "report", "resume", "run", "run_campaign", "view",
+            "resume", "run", "run_campaign", "view", "write_report",
         ),
         "labrig.library.door",
     ),

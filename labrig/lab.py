@@ -27,7 +27,7 @@ SPECIMEN_SCHEMA = SPECIMENS / "specimen.schema.json"
 RUNS_DIR_VARIABLE = "LABRIG_RUNS_DIR"
 
 _PACKAGE = Path(__file__).parent
-_NOTEBOOK = "two-needles.ipynb"
+_NOTEBOOK = "first-sweep.ipynb"
 _IGNORED = """\
 # Records and what is made from them are kept by a backup, not by git.
 /data/runs/

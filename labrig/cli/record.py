@@ -51,7 +51,7 @@ def report(
 
     def report_run(path: Path) -> dict[str, object]:
         loaded = door.open_run(path)
-        page = door.report(loaded, result=result, private=private)
+        page = door.write_report(loaded, result=result, private=private)
         if not as_json:
             print_line(str(page))
         return add_damage({"report": str(page), "reason": None}, loaded.damage)

@@ -21,7 +21,8 @@ from labrig.analysis.engine import DEFAULT_WORKERS, open_process_pool
 from labrig.analysis.measurements import load_runs, open_measured_runs
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run, name_damage
-from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store, write_report
+from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store
+from labrig.campaign.run import write_report as write_campaign
 from labrig.devices.clocks import SystemClock
 from labrig.durable import free_bytes
 from labrig.errors import Problem, RecordError
@@ -64,11 +65,11 @@ __all__ = [
     "open_run",
     "reanalyze",
     "replay",
-    "report",
     "resume",
     "run",
     "run_campaign",
     "view",
+    "write_report",
 ]
 
 AnyRun: TypeAlias = Run | Path | str
@@ -361,10 +362,10 @@ def run_campaign(
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
     with open_store(loaded, folder) as store, open_process_pool(workers, "computed tasks") as pool:
         compute_campaign(loaded, store, pool)
-        return write_report(loaded, store)
+        return write_campaign(loaded, store)
 
 
-def report(run: AnyRun, *, result: int | None = None, private: bool = False) -> Path:
+def write_report(run: AnyRun, *, result: int | None = None, private: bool = False) -> Path:
     """Write the page of a run again, from its newest result or that number, and return its path.
 
     Parameters

@@ -49,22 +49,26 @@ def describe_decision(event: Event, length: str = "") -> str:
             return f"Paused {_tell_place(event)} by {event.by}{length}."
         case Skip() | Repeat():
             again = "was to be made again; it is left out of the evaluation"
-            return f"Trial {event.trial} {again if isinstance(event, Repeat) else 'was skipped'}."
+            return f"Trial {event.trial + 1} {again if isinstance(event, Repeat) else 'was skipped'}."
         case MarkBad():
-            return f"Trial {event.trial} was marked as bad and is left out of the evaluation: {event.reason}"
+            return (
+                f"Trial {event.trial + 1} was marked as bad and is left out of the evaluation: {event.reason}"
+            )
         case OperatorNote():
-            of_trial = "" if event.trial is None else f" on trial {event.trial}"
+            of_trial = "" if event.trial is None else f" on trial {event.trial + 1}"
             return f"Note{of_trial}: {event.text}"
         case Undo():
             return f"Taken back: {_UNDONE.get(event.undone, event.undone)}."
         case ConditionMet():
             does = "the run stops" if event.action == "stop_when" else "the run asks"
-            return f"Trial {event.trial}: {event.name} is {event.value:.4g}, {does} when {event.condition}."
+            return (
+                f"Trial {event.trial + 1}: {event.name} is {event.value:.4g}, {does} when {event.condition}."
+            )
     raise TypeError(f"{type(event).__name__} is no decision")
 
 
 def _tell_place(pause: Pause) -> str:
-    return "between two trials" if pause.trial is None else f"during trial {pause.trial}"
+    return "between two trials" if pause.trial is None else f"during trial {pause.trial + 1}"
 
 
 def _tell_length(duration_s: float | None) -> str:

@@ -109,11 +109,11 @@ def _describe_stop(event: Mapping[str, Any]) -> str:
 def _describe_trial_start(event: Mapping[str, Any]) -> str:
     hole = f", hole {event['hole'] + 1}" if "hole" in event else ""
     gel = f" in {event['specimen']}" if "specimen" in event else ""
-    return f"trial {event['trial']} begins{gel}{hole}"
+    return f"trial {event['trial'] + 1} begins{gel}{hole}"
 
 
 def _describe_trial_stop(event: Mapping[str, Any]) -> str:
-    return f"trial {event['trial']}: {event['exit_status']}"
+    return f"trial {event['trial'] + 1}: {event['exit_status']}"
 
 
 def _describe_question(event: Mapping[str, Any]) -> str:
@@ -157,8 +157,8 @@ def _describe_arrival(event: Mapping[str, Any]) -> str:
 def _describe_value(event: Mapping[str, Any]) -> str:
     name, value = event["name"], event["value"]
     if value is None:
-        return f"{name} of trial {event['trial']} could not be measured: {event['reason']}"
-    return f"{name} of trial {event['trial']} is {value:.4g}"
+        return f"{name} of trial {event['trial'] + 1} could not be measured: {event['reason']}"
+    return f"{name} of trial {event['trial'] + 1} is {value:.4g}"
 
 
 def _describe_decision(model: type[Event], event: Mapping[str, Any]) -> str:

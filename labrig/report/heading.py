@@ -178,7 +178,7 @@ def _warn_of_needle(run: Run, status: str) -> tuple[str, ...]:
     trials = _read_trials(run)
     if status == "success" or not trials or trials[-1].stop is not None:
         return ()
-    place = f"The needle may still be in tissue: the run stopped within trial {trials[-1].start.trial}"
+    place = f"The needle may still be in tissue: the run stopped within trial {trials[-1].start.trial + 1}"
     if run.states.empty:
         return (f"{place}, and the axes were never read.",)
     axes = run.states.iloc[-1]

@@ -476,7 +476,6 @@ def _read_record(place: FuzzPlace) -> int:
 _NOW = datetime(2026, 1, 1, tzinfo=UTC)
 _QUICK = (
     ("runs", "check", "RUN"),
-    ("runs", "check", "RUN", "--repair"),
     ("runs", "--runs-dir", "RUNS"),
     ("runs", "--runs-dir", "RUNS", "--where", "gelatin_percent=13 or trials_done>0", "--sort", "duration_s"),
     ("runs", "show", "RUN"),

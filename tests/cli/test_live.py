@@ -1,4 +1,4 @@
-"""`labrig run --live` and `--verbose`."""
+"""`labrig run --live`."""
 
 import subprocess
 import sys
@@ -21,26 +21,23 @@ _SHORT = (
 )
 
 
-def _run(labrig: Labrig, runs_dir: Path, *options: str) -> tuple[Path, str]:
+def _run(labrig: Labrig, runs_dir: Path, *options: str) -> Path:
     settings = [word for setting in _SHORT for word in ("--set", setting)]
     done = labrig(
         "run", SWEEP, "--rig", RIG, "--runs-dir", runs_dir, "--run-name", "run", *settings, *options
     )
     assert done.exit_code == 0, done.err
-    return runs_dir / "run", done.err
+    return runs_dir / "run"
 
 
 def test_a_run_shown_live_is_the_same_run(
     labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Record and replay are those of the run that nobody watched; view.rrd is kept, and each event is told."""
+    """Record and replay are those of the run that nobody watched; view.rrd is kept."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    watched, told = _run(labrig, tmp_path / "a", "--live", "--verbose")
-    alone, told_alone = _run(labrig, tmp_path / "b")
-    for sentence in ("run starts: steerability", "trial 1 begins in gel, hole 2", "run succeeded"):
-        assert told.count(sentence) == 1
-        assert sentence not in told_alone
+    watched = _run(labrig, tmp_path / "a", "--live")
+    alone = _run(labrig, tmp_path / "b")
     for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "protocol.yaml"):
         assert (watched / name).read_bytes() == (alone / name).read_bytes()
     assert (watched / "view.rrd").stat().st_size > 50_000
@@ -85,7 +82,5 @@ def test_live_alone_is_the_viewer(typed: list[str], completed: list[str]) -> Non
 
 def test_a_run_that_nobody_watches_loads_no_viewer() -> None:
     """Neither does the process that moves the axes when it is watched."""
-    code = (
-        "import sys, labrig.cli.pipeline, labrig.cli.live, labrig.cli.run; sys.exit('rerun' in sys.modules)"
-    )
+    code = "import sys, labrig.library.door, labrig.cli.attendant; sys.exit('rerun' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

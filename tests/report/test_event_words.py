@@ -26,7 +26,7 @@ from labrig.report.event_words import describe_event
             "operator: refused “shift to hole (A1, hole 3, position 16 mm)”",
             "WARN",
         ),
-        ({"kind": "skip", "t_s": 1.0, "trial": 3}, "Trial 3 was skipped.", "WARN"),
+        ({"kind": "skip", "t_s": 1.0, "trial": 3}, "Trial 4 was skipped.", "WARN"),
         ({"kind": "odd_one", "t_s": 1.0, "depth_mm": 1.25, "done": True}, "odd one: depth 1.25 mm, done yes", "INFO"),
         ({"kind": "move", "axis": "linear", "note": "old line"}, "move: axis linear, note old line", "DEBUG"),
     ],

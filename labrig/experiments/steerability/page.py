@@ -65,7 +65,7 @@ def _list_repetitions(run: Run) -> Iterator[str]:
             lost = starts[again.repeats]
             why = "made again" if lost.trial in run.decisions.repeated else "interrupted and repeated"
             yield (
-                f"trial {lost.trial} was {why} as trial {again.trial}, "
+                f"trial {lost.trial + 1} was {why} as trial {again.trial + 1}, "
                 f"{again.hole_position_mm:g} mm from the first entry point instead of {lost.hole_position_mm:g} mm"
             )
 

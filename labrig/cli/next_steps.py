@@ -3,9 +3,8 @@
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-from labrig.errors import InputError, LabrigError
+from labrig.errors import LabrigError
 from labrig.record.catalogue import RunSummary
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import EVENT_LINES, TRIAL_START, TRIAL_STOP, run_lock
@@ -32,7 +31,7 @@ def _find_next_step(summary: RunSummary) -> str:
     steps = []
     if withdraw := _find_withdrawal(summary.run):
         steps.append(f"take out a needle that is still in tissue: {withdraw}")
-    if can_resume(summary.protocol):
+    if summary.trials_planned:
         steps.append(f"continue it: labrig resume {place}")
     if not steps:
         steps.append(
@@ -51,18 +50,3 @@ def _find_withdrawal(run: Path) -> str:
     if is_simulated(manifest) or manifest.get("rig") is None or trials[-1:] != [TRIAL_START]:
         return ""
     return f"labrig devices withdraw {find_rig_option(manifest)} --run {shlex.quote(str(run))}"
-
-
-def can_resume(experiment: str | None) -> bool:
-    """Return whether an interrupted run of an experiment can be continued; the experiment must be installed."""
-    found: Any = _find_installed(experiment)
-    return found is not None and found.moves_rig
-
-
-def _find_installed(experiment: str | None) -> Any:
-    from labrig.experiments.declared import find_experiment
-
-    try:
-        return None if experiment is None else find_experiment(experiment)
-    except InputError:
-        return None

@@ -49,7 +49,8 @@ def _print(document: Mapping[str, Any], agreement: Agreement) -> None:
     print_verdict(agreement)
     place = document["first_difference"]
     if agreement.first is not None and place is not None:
-        where = f"after picture {_format(place['frame'])}, in trial {_format(None if place['trial'] is None else place['trial'] + 1)}"
+        trial = None if place["trial"] is None else place["trial"] + 1
+        where = f"after picture {_format(place['frame'])}, in trial {_format(trial)}"
         where = f"at t = {place['t_s']:.3f} s, {where}"
         print_deviation(agreement.first, where, ("in the record", "in the replay"))
         if not place["went_on"]:

@@ -646,7 +646,7 @@ class Session:
 
 
 def _describe_met(met: ConditionMet) -> str:
-    return f"{met.name} of trial {met.trial} is {met.value:.4g} ({met.action}: {met.condition})"
+    return f"{met.name} of trial {met.trial + 1} is {met.value:.4g} ({met.action}: {met.condition})"
 
 
 def _is_past(state: AxisReadback | None, passing: float | None = None) -> bool:

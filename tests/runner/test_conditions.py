@@ -44,7 +44,7 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
     assert [event.trial for event in run.read_events(ConditionMet)] == [value.trial for value in values]
     assert (met.trial, met.action, met.condition, met.value) == (0, "ask_when", text, values[0].value)
     assert (pause.by, pause.point) == ("ask_when", "trial_end")
-    told = f"radius_mm of trial 0 is {met.value:.4g} (ask_when: {text})"
+    told = f"radius_mm of trial 1 is {met.value:.4g} (ask_when: {text})"
     assert any(f"Paused after this insertion, because {told}" in asked for asked in person.asked)
     assert any(text in sentence for _, sentence in list_decisions(run))
     require_identical(run)
@@ -64,6 +64,6 @@ def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> 
         assert past.kept == 1
         at.recorder = reopen_run(run.path, "test")
         again = conduct_remainder(find_run_experiment(run), protocol, past, at.session)
-    assert "radius_mm of trial 1 is" in again.reason
+    assert "radius_mm of trial 2 is" in again.reason
     run = open_run(run.path)
     assert [len(run.read_events(kind)) for kind in (ValueMeasured, ConditionMet)] == [2, 2]

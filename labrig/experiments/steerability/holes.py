@@ -62,7 +62,7 @@ def describe_place(protocol: SteerabilityProtocol, trial: int, hole: Hole, repea
     if protocol.hole_order == "sequential":
         return f"hole {number} of {holes}"
     if repeats is not None:
-        return f"hole {number} (repeats trial {repeats})"
+        return f"hole {number} (repeats trial {repeats + 1})"
     return f"hole {number} ({ordinal(trial % holes + 1)} of {holes})"
 
 

@@ -122,7 +122,7 @@ def test_a_random_order_keeps_its_rest_and_repeats_last() -> None:
     assert [trial.number for trial in left] == [1, 2, 6, 3, 4, 5]
     assert (left[0], left[2].repeats) == (trials[1], 0)
     assert describe(drawn, left[0]) == f"hole {trials[1].what.number + 1} (2nd of 3)"
-    assert describe(drawn, left[2]) == "hole 4 (repeats trial 0)"
+    assert describe(drawn, left[2]) == "hole 4 (repeats trial 1)"
     assert describe(protocol(), list_planned(protocol())[4]) == "hole 2 of 3"
 
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -86,12 +87,25 @@ def compare(
             raise left_out[0].error
         compared = compare_runs(measured, left_out, quantity=quantity, by=by or (), unit=unit)
         folder = _write(compared, out, force=force)
-    document = {**compared.comparison.model_dump(mode="json"), "report": str(folder / "report.html")}
+    document = {
+        **compared.comparison.model_dump(mode="json"),
+        "differences": _list_differences(paths),
+        "report": str(folder / "report.html"),
+    }
     if as_json:
         print_json(document)
     else:
         _print(document)
     return failed[0] if failed else 0
+
+
+def _list_differences(paths: Sequence[Path]) -> list[dict[str, object]] | None:
+    """Return each value in which two runs differ; None of more runs, and of campaigns."""
+    from labrig.library.door import differences
+
+    if len(paths) != 2 or any(_find_campaign(path) for path in paths):
+        return None
+    return [asdict(difference) for difference in differences(*paths)]
 
 
 def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> list[Path]:
@@ -128,6 +142,7 @@ def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
     return create_under_free_name(now, what, lambda name: write(find_in_lab(COMPARISONS) / name))
 
 
+_MOST_SHOWN = 20
 _GROUP_HEADS = ("insertions", "specimens", "mean", "SD", "95 % interval", "with shared errors")
 _PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)")
 
@@ -143,6 +158,14 @@ def _print(document: Mapping[str, Any]) -> None:
         print_line(f"Welch's ANOVA  F({freedom}) = {test['f']:.3f}, p = {test['p']:.4g}")
     if document["pairs"]:
         print_table(_PAIR_HEADS, [_list_pair_cells(pair) for pair in document["pairs"]])
+    differing = [found for found in document["differences"] or () if found["section"] != "results"]
+    if differing:
+        print_table(
+            ("differs in", "", "a", "b"),
+            [(found["section"], found["key"], found["a"], found["b"]) for found in differing[:_MOST_SHOWN]],
+        )
+    if len(differing) > _MOST_SHOWN:
+        print_line(f"... and in {len(differing) - _MOST_SHOWN} more values: --json lists all")
     for sentence in document["warnings"]:
         say(f"note: {sentence}")
     print_line(f"report  {document['report']}")

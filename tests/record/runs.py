@@ -83,9 +83,9 @@ def interrupted_run(runs_dir: Path, name: str = "run", store: Store = "png") -> 
     return recorder.path
 
 
-def killed_run(runs_dir: Path, name: str = "run", *, trials: int = 2, **manifest: object) -> Path:
+def killed_run(runs_dir: Path, name: str = "run", *, trials: int = 2, trials_planned: int = 3) -> Path:
     """Return a run that was left in the middle of a trial, with no process that still holds it."""
-    recorder = begin(runs_dir / "writing", name, **manifest)
+    recorder = begin(runs_dir / "writing", name, trials_planned=trials_planned)
     recorder.can_frames(CAN_FRAMES)
     fill(recorder, trials)
     recorder.event("trial_start", 10.0 * trials, trial=trials, specimen="gel 10", hole=trials)

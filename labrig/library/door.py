@@ -37,7 +37,6 @@ from labrig.library.names import find_protocol_file, find_rig_file, require_run_
 from labrig.library.resumption import resume_run
 from labrig.library.sources import Sources
 from labrig.library.specimens import prepare_specimens, require_usable_specimens
-from labrig.library.view_file import make_view_file
 from labrig.record.difference import Difference, list_differences
 from labrig.record.notes import annotate_run
 from labrig.record.provenance import collect_provenance
@@ -389,6 +388,9 @@ def write_report(run: AnyRun, *, result: int | None = None, private: bool = Fals
 
 def view(run: AnyRun, *, attendant: Attendant = _SILENT) -> Path:
     """Write RUN/view.rrd, which the rerun viewer opens, and return its path. Raises `RecordError`."""
+    # Imported late, as the viewer's library is large.
+    from labrig.library.view_file import make_view_file
+
     return make_view_file(open_run(run), attendant.say)
 
 

@@ -61,9 +61,9 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
         ("other", "roll-zero", "simulated"),
     ):
         sources = {"rig": "the bench.yaml" if name != "other" else None}
-        recorder = begin(
-            tmp_path / "writing", name, experiment=experiment, devices={"kind": kind}, sources=sources
-        )
+        made = {"experiment": experiment, "devices": {"kind": kind}, "sources": sources}
+        planned = 3 if name == "a sweep" else 0
+        recorder = begin(tmp_path / "writing", name, trials_planned=planned, **made)  # type: ignore[arg-type]
         recorder.event("trial_start", 0.0, trial=0)
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
     said = labrig("runs", "--runs-dir", tmp_path / "runs").err

@@ -16,10 +16,11 @@ from labrig.cli.calibration_files import (
     report_refusal,
     require_writable,
 )
-from labrig.cli.options import InsertionOption, IntrinsicsOption, find_named_rig_file
+from labrig.cli.options import InsertionOption, IntrinsicsOption
 from labrig.cli.output import AsJson, print_line, show
 from labrig.cli.progress import show_working
 from labrig.errors import CalibrationRefusedError, InputError
+from labrig.library.names import find_named_rig_file
 from labrig.text import number
 
 if TYPE_CHECKING:

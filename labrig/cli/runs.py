@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.next_steps import list_next_steps
 from labrig.cli.options import (
     LocalRunsArgument,
     RunArgument,
@@ -68,6 +67,8 @@ def list_(
         print_json([_make_row(run) for run in every[:limit]])
     elif every:
         _print_runs(every[:limit])
+        from labrig.cli.next_steps import list_next_steps
+
         for line in list_next_steps([run.summary for run in every[:limit]]):
             say(line)
         if limit is not None and limit < len(every):

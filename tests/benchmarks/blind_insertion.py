@@ -153,6 +153,7 @@ def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> In
     record, world = EventList(), drawn.world
     session = _open_session(drawn, record)
     made = _make_insertion(drawn, settings, turning, session)
+    made.bevel.centre()
     session.move("linear", drawn.linear_mm, 10.0)
     made.path.append(session.read_positions())
     state, command = run_loop(made, *start_steering(settings))

@@ -4,8 +4,11 @@ The same fold of the events tells it while the run is made, when it is resumed, 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
+
+from pydantic import ValidationError
 
 from labrig.record.events import (
     Continue,
@@ -105,11 +108,15 @@ def count_trials_done(lines: Sequence[Mapping[str, object]]) -> int:
     A trial that was made again, or marked as bad, counts for nothing.
     """
     kinds = {model.kind: model for model in READ}
-    read = [kinds[str(line["kind"])].read(line) for line in lines if line.get("kind") in kinds]
+    read = []
+    for line in lines:
+        if line.get("kind") in kinds:
+            with suppress(ValidationError):  # of a damaged line; whoever reads its events names it
+                read.append(kinds[str(line["kind"])].read(line))
     decisions = fold_decisions(read)
     done = [
         line.get("trial")
         for line in lines
         if line.get("kind") == TrialStop.kind and line.get("exit_status") == "success"
     ]
-    return sum(not decisions.explain_left_out(int(str(trial))) for trial in done)
+    return sum(isinstance(trial, int) and not decisions.explain_left_out(trial) for trial in done)

@@ -3,6 +3,7 @@
 # make check  mypy, import-linter, deptry
 # make test-slow   the other tests: kills, full disks, clusters, the wheel, the manual, a foreign CANopen client
 # make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
+# make test-processors MANY=--many   compare hundreds of drawn plans, pictures and insertions, and whole campaigns
 # make coverage   all tests with branch coverage
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
@@ -11,7 +12,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.labrig-ready
 OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
-ROOMS := vision needle steering protocol record analysis simulation campaign experiments runner
+ROOMS := vision needle steering protocol record analysis simulation cli/test_kept_records.py
 
 .PHONY: run test check test-slow check-rooms test-processors coverage benchmarks manual clean
 .DELETE_ON_ERROR:
@@ -36,10 +37,10 @@ test-slow: $(READY) $(OUTSIDE)
 
 # What another Python could change, without the tests that start processes or wait in real time; CI runs it with a newer one.
 check-rooms: $(READY)
-	$(BIN)/pytest -n 3 --dist loadfile $(addprefix tests/,$(ROOMS))
+	$(BIN)/pytest -n 3 --dist loadfile -m "not slow" $(addprefix tests/,$(ROOMS))
 
 test-processors: $(READY)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors $(MANY)
 
 coverage: COVERAGE := --cov --cov-append --cov-report=term
 coverage: test test-slow

@@ -1,7 +1,8 @@
 """Run tests and probes in each environment, print the largest differences from the default one, and judge them.
 
-The exit code is 1 if a test fails, a number differs by more than `_MOST_SHARE` of its sigma, or more cases than
-`_MOST_OTHERWISE` of all are decided otherwise.
+The exit code is 1 if a test fails, a number differs by more than `_MOST_SHARE` of its sigma, more cases than
+`_MOST_OTHERWISE` of all are decided otherwise, or an example protocol does not replay identically where it was made.
+With `--many`, hundreds of drawn cases are compared in two environments (`tests.processors.many`), without the tests.
 """
 
 import json
@@ -20,13 +21,12 @@ from typing import Any
 from labrig.posix import count_usable_cores
 from labrig.record.processor import describe_change
 from tests.benchmarks.table import print_rows
-from tests.processors.environments import Environment, list_environments
+from tests.processors.environments import DEFAULT, Environment, list_environments
+from tests.processors.probes import EXAMPLE, EXAMPLES, REPLAYED
 
 _MOST_SHARE = 0.01
 _MOST_OTHERWISE = 0.02
 _TESTS = Path(__file__).parents[1]
-_WHOLE_FILES = ("cli/test_kept_records.py", "runner/test_replay.py")
-"""Every test of these files is run; of the others those that are marked `processors`."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,18 @@ class Comparison:
 
 def main() -> int:
     """Run everything, print it, and return the exit code."""
+    many = sys.argv[1:] == ["--many"]
     environments = list_environments()
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(count_usable_cores()) as pool:
-        made = list(pool.map(lambda each: _make(each, Path(folder)), environments))
+    if many:
+        environments = (environments[0], environments[-1])
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(count_usable_cores()) as pool:
+        folder = Path(name)
+        if not many:
+            examples = folder / "examples"
+            _require(_run(environments[0], "tests.processors.examples", str(examples)), "recording examples")
+            os.environ[EXAMPLES] = str(examples)
+        module = "tests.processors.many" if many else "tests.processors.probes"
+        made = list(pool.map(lambda each: _make(each, folder, module), environments))
     default, *others = made
     for environment, here in zip(environments, made, strict=True):
         _print_environment(environment, here, default)
@@ -84,26 +93,40 @@ def main() -> int:
     return 0 if passed and all(each.is_equivalent for each in compared.values()) else 1
 
 
-def _make(environment: Environment, folder: Path) -> Made:
+def _make(environment: Environment, folder: Path, module: str) -> Made:
     began_s = time.perf_counter()
     out = folder / f"{environment.name}.json"
-    probes = _run(environment, "tests.processors.probes", str(out))
-    if probes.returncode != 0:
-        raise RuntimeError(f"probes in the environment {environment.name} failed:\n{probes.stderr}")
+    _require(_run(environment, module, str(out)), f"probes in the environment {environment.name}")
     found = json.loads(out.read_text(encoding="utf-8"))
-    whole = [str(_TESTS / name) for name in _WHOLE_FILES]
-    marked = [str(path) for path in sorted(_TESTS.rglob("test_*.py")) if _has_marked(path)]
-    told = [
-        _run(environment, "pytest", "-q", "-p", "no:cacheprovider", *words)
-        for words in (whole, ["-m", "processors", *marked])
-    ]
-    lines = [line for done in told for line in done.stdout.splitlines()]
-    failures = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-    if any(done.returncode for done in told) and not failures:
-        failures = lines[-20:]
     cases = {case["name"]: case for case in found["cases"]}
-    ends = "; ".join(done.stdout.splitlines()[-1] for done in told)
+    failures, ends = ([], "") if module.endswith("many") else _test(environment)
+    if environment.name == DEFAULT:
+        failures += _find_not_identical(cases)
     return Made(found["processor"], cases, failures, ends, time.perf_counter() - began_s)
+
+
+def _require(done: "subprocess.CompletedProcess[str]", what: str) -> None:
+    if done.returncode != 0:
+        raise RuntimeError(f"{what} failed:\n{done.stderr}")
+
+
+def _test(environment: Environment) -> tuple[list[str], str]:
+    """Run the tests that are marked; return the lines of failures, and what pytest says at its end."""
+    marked = [str(path) for path in sorted(_TESTS.rglob("test_*.py")) if _has_marked(path)]
+    done = _run(environment, "pytest", "-q", "-p", "no:cacheprovider", "-m", "processors", *marked)
+    lines = done.stdout.splitlines()
+    failures = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
+    return failures or (lines[-20:] if done.returncode else []), lines[-1]
+
+
+def _find_not_identical(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the example protocols that do not replay identically, here where they were made."""
+    return [
+        f"{name}: not identical"
+        for name, case in cases.items()
+        if name.startswith(EXAMPLE)
+        and (case["decided"] != "agrees" or any(value for value, _ in case["numbers"][REPLAYED]))
+    ]
 
 
 def _has_marked(path: Path) -> bool:

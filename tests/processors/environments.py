@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from labrig.analysis.installation import describe_kernels
 
+DEFAULT = "default"
 _BLAS = "OPENBLAS_CORETYPE"
 _NUMPY = "NPY_DISABLE_CPU_FEATURES"
 _OPENCV = "OPENCV_CPU_DISABLE"
@@ -38,7 +39,7 @@ def list_environments() -> tuple[Environment, ...]:
     single = [Environment(name, {**_ALWAYS, **variables}) for name, variables in switches.items()]
     everything = {name: value for variables in switches.values() for name, value in variables.items()}
     return (
-        Environment("default", _ALWAYS),
+        Environment(DEFAULT, _ALWAYS),
         *single,
         *_without_avx512(numpy, opencv, str(found["features"])),
         Environment("all at once", {**_ALWAYS, **everything}),

@@ -5,6 +5,7 @@ A probe returns cases. To compare more, write another and add it to `PROBES`.
 
 import json
 import math
+import os
 import shutil
 import sys
 import tempfile
@@ -159,8 +160,8 @@ def repeat_insertions() -> Iterator[Case]:
     short = {"target.position_mm": [0, 6, 60], "obstacles": []}
     with tempfile.TemporaryDirectory() as folder:
         for rig, repetitions, settings in (
-            ("rig-reference", 14, {}),
-            ("rig-hard", 14, short),
+            ("rig-reference", 6, {}),
+            ("rig-hard", 6, short),
         ):
             file = write_campaign(Path(folder), repetitions=repetitions, depth="world", set=settings)
             loaded = load(file, RIGS / f"{rig}.yaml")
@@ -179,23 +180,35 @@ def repeat_insertions() -> Iterator[Case]:
                 yield Case(f"insertion {number} on {rig}", decided, numbers)
 
 
-def replay_kept_records() -> Iterator[Case]:
-    """Replay each kept record that a procedure made; its tolerances are a tenth of a sigma or more."""
-    for record in sorted(path for path in RECORDS.iterdir() if path.name != "import"):
-        run = open_run(record)
-        found = replay_run(run, find_run_experiment(run), load_run_protocol(run), lambda _done, _doing: None)
-        first = found.first_difference
-        share = max(found.agreement.shares.values(), default=0.0)
-        decided = "agrees" if first is None else f"different: {first.path}"
-        yield Case(f"replay {record.name}", decided, {"replay [share of tolerance]": [(share, _WHOLE)]})
+def replay_records() -> Iterator[Case]:
+    """Replay the kept records that a procedure made, and the example protocols."""
+    kept = [path for path in RECORDS.iterdir() if path.is_dir() and path.name != "import"]
+    for record in sorted(kept):
+        yield _replay(f"replay {record.name}", record)
+    for folder in sorted(Path(os.environ[EXAMPLES]).iterdir()):
+        yield _replay(f"{EXAMPLE} {folder.name}", folder / "run")
 
 
+def _replay(name: str, record: Path) -> Case:
+    """Return by what share of its tolerance, a tenth of a sigma or more, a replay differs at most."""
+    run = open_run(record)
+    found = replay_run(run, find_run_experiment(run), load_run_protocol(run), lambda _done, _doing: None)
+    first = found.first_difference
+    share = max(found.agreement.shares.values(), default=0.0)
+    decided = "agrees" if first is None else f"different: {first.path}"
+    return Case(name, decided, {REPLAYED: [(share, _WHOLE)]})
+
+
+EXAMPLES, EXAMPLE = "LABRIG_EXAMPLES", "example"
+"""The variable that names the folder of the recorded example protocols, and how the names of their cases begin."""
+
+REPLAYED = "replay [share of tolerance]"
 _WHOLE = 100.0
 """Makes a whole tolerance one hundredth of a sigma, which is what numbers may differ by here."""
 
 PROBES: tuple[Callable[[], Iterator[Case]], ...] = (
     measure_kept_records,
-    replay_kept_records,
+    replay_records,
     repeat_insertions,
 )
 

@@ -6,18 +6,20 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.opening import Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, RunFiles
-from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import RunPlan
 from labrig.runner.session import Session
@@ -26,6 +28,24 @@ from tests.devices.rigs import OpenedRig, large_rig, opened_rig, simulated_rig
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 EXAMPLES = sorted(path.stem for path in PROTOCOLS.glob("*.yaml") if not path.stem.startswith("campaign-"))
 """The names of the example protocols; campaigns, which repeat one of them, are not among them."""
+SHORTER = {
+    "steerability": ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]"),
+    "calibration": ("views=4",),
+    "roll-zero": (
+        "roll_zero.length_mm=12",
+        "roll_zero.torsion.depths_mm=[20, 26, 32]",
+        "roll_zero.torsion.further_mm=10",
+        "roll_zero.torsion.max_sd_deg=20",
+    ),
+    "insertion": (
+        "target.position_mm=[0, 3, 40]",
+        "obstacles=[]",
+        "insertion.frame_every_mm=4",
+        "roll_zero.rolls=4",
+        "roll_zero.length_mm=12",
+    ),
+}
+"""What makes long example protocols short enough for a test."""
 ONE_INSERTION = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
 
 
@@ -125,3 +145,22 @@ def plan_of(protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan
 def find_problems(protocol: ExperimentProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:
     """Return the problems of a protocol on a rig."""
     return plan_of(protocol, rig).problems
+
+
+def record_run(folder: Path, protocol: ExperimentProtocol, *overrides: str) -> Run:
+    """Record a run on the simulated rig."""
+    with bench(folder, protocol, overrides) as at:
+        _, run = at.conduct(protocol)
+    return run
+
+
+def record_example(folder: Path, name: str) -> Run:
+    """Record a run of an example protocol, shortened; a design moves nothing and needs no rig."""
+    protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))
+    if not isinstance(protocol, DesignProtocol):
+        return record_run(folder, protocol)
+    clock = SimulatedClock()
+    manifest = {"experiment": "design", "started": clock.utc()}
+    recorder = Recorder.create(folder, "run", manifest, RunFiles(dump_yaml(protocol)))
+    conduct_without_rig(find_experiment("design"), recorder, clock)
+    return open_run(recorder.path)

@@ -8,27 +8,33 @@ import pytest
 
 from labrig.clock import Clock
 from labrig.devices.camera import Exposure, PictureSource
-from labrig.devices.clocks import SimulatedClock
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import InputError, RecordError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
-from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.agreement import Deviation, Verdict
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
 from labrig.record.reader import Run, open_run
 from labrig.record.reopen import reopen_run
-from labrig.record.writer import Recorder, RunFiles
-from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
+from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.past import read_past
 from labrig.runner.replay import Replay, replay_run
 from labrig.runner.session import Session
 from tests.record.runs import killed_run
-from tests.runner.sessions import EXAMPLES, PROTOCOLS, RunBench, Told, Watched, bench, sweep
+from tests.runner.sessions import (
+    EXAMPLES,
+    PROTOCOLS,
+    SHORTER,
+    RunBench,
+    Told,
+    Watched,
+    bench,
+    record_example,
+    record_run,
+    sweep,
+)
 
 
 def replay(run: Run) -> Replay:
@@ -37,63 +43,21 @@ def replay(run: Run) -> Replay:
     return replay_run(again, find_run_experiment(again), load_run_protocol(again), Told())
 
 
-def record_run(tmp_path: Path, protocol: ExperimentProtocol, *overrides: str) -> Run:
-    """Record a run on the simulated rig."""
-    with bench(tmp_path, protocol, overrides) as at:
-        _, run = at.conduct(protocol)
-    return run
-
-
 @pytest.fixture(scope="module")
 def insertion(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A sweep of one insertion."""
     return record_run(tmp_path_factory.mktemp("runs"), sweep())
 
 
-SHORTER = {
-    "steerability": ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]"),
-    "calibration": ("views=4",),
-    "roll-zero": (
-        "roll_zero.length_mm=12",
-        "roll_zero.torsion.depths_mm=[20, 26, 32]",
-        "roll_zero.torsion.further_mm=10",
-        "roll_zero.torsion.max_sd_deg=20",
-    ),
-    "insertion": (
-        "target.position_mm=[0, 3, 40]",
-        "obstacles=[]",
-        "insertion.frame_every_mm=4",
-        "roll_zero.rolls=4",
-        "roll_zero.length_mm=12",
-    ),
-}
-"""What makes long example protocols short enough for a test."""
-
-
-@pytest.mark.processors
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_every_example_protocol_comes_again(tmp_path: Path, name: str) -> None:
     """The same processor gives every move, picture, question and event again, to the last bit."""
-    protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))
-    run = (
-        record_design(tmp_path, protocol)
-        if isinstance(protocol, DesignProtocol)
-        else record_run(tmp_path, protocol)
-    )
+    run = record_example(tmp_path, name)
     found = replay(run)
     assert (found.verdict, found.agreement.largest) == (Verdict.IDENTICAL, {})
     assert sum(found.counts.get(what, 0) for what in ("moves", "questions", "events")) == len(run.events)
     assert found.counts.get("pictures", 0) == len(run.frame_table)
     assert found.counts.get("readings", 0) == len(run.states)
-
-
-def record_design(tmp_path: Path, protocol: DesignProtocol) -> Run:
-    """Record a run that moves nothing."""
-    clock = SimulatedClock()
-    manifest = {"experiment": "design", "started": clock.utc()}
-    recorder = Recorder.create(tmp_path, "run", manifest, RunFiles(dump_yaml(protocol)))
-    conduct_without_rig(find_experiment("design"), recorder, clock)
-    return open_run(recorder.path)
 
 
 def test_nothing_is_written_by_a_replay(insertion: Run) -> None:

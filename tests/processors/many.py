@@ -9,7 +9,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,12 +29,6 @@ from tests.vision.warped_boards import SimulatedBoard, SimulatedCamera, draw_vie
 _PROBLEMS, _SPATIAL, _TUNNELS = 200, 40, 30
 _TIPS, _SHAFTS, _LENSES = 200, 40, 10
 _VIRTUAL, _WHOLE = 200, 20
-_PAPER: Mapping[str, Any] = {
-    "planner.method": "paper", "estimator.method": "paper", "estimator.radius_sd_mm": 0,
-    "estimator.cavity_every_mm": None, "estimator.slip_sd": 0, "policy.replan_every_mm": 20,
-    "policy.deviation_mm": None, "policy.near_mm": 0, "policy.final_mm": 0, "policy.backlash_mm": 0,
-    "policy.closing_mm": 0, "policy.turning": "back_and_forth",
-}  # fmt: skip
 
 
 def plan_paths() -> Iterator[Case]:
@@ -81,7 +74,7 @@ def insert_on_rigs() -> Iterator[Case]:
 
 def _insert(depth: str, repetitions: int, rig: str) -> Iterator[Case]:
     with tempfile.TemporaryDirectory() as folder:
-        arms = {"default": {}, "paper": _PAPER} if depth == "world" else {"default": {}}
+        arms = {"default": {}, "paper": {"policy": "paper"}} if depth == "world" else {"default": {}}
         file = write_campaign(Path(folder), repetitions=repetitions, depth=depth, arms=arms)
         for number, order in enumerate(CampaignTasks(load(file, RIGS / f"{rig}.yaml")).list_orders(0)):
             outcome = compute_task(order)

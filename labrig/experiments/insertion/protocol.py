@@ -1,9 +1,9 @@
 """The protocol of a planned, image-guided insertion."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
 from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.model import (
@@ -251,12 +251,39 @@ class Policy(Model):
         _DEFAULT.least_clearance_mm,
         description="If no path keeps clearance_mm, take a path that keeps this [mm].",
     )
+    max_off_axis_deg: Annotated[float, Field(gt=0, le=180)] = Field(
+        50.0,
+        description="Largest angle of a path to its start, if a path within it exists: a needle that leads far aside "
+        "has no curvature left for corrections. The paper has no limit [deg].",
+    )
     turning: Turning = Field(
         "compensated",
         description="How the bevel is turned against torsion of the needle. compensated: in the directions whose lags "
         "displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and "
         "back.",
     )
+
+
+_PAPER_POLICY = Policy(
+    replan_every_mm=20.0,
+    deviation_mm=None,
+    near_mm=0.0,
+    final_mm=0.0,
+    backlash_mm=0.0,
+    closing_mm=0.0,
+    max_off_axis_deg=180.0,
+    turning="back_and_forth",
+)
+_PAPER: Mapping[str, Mapping[str, object]] = {
+    "planner": {"method": "paper"},
+    "estimator": {"method": "paper", "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0},
+}
+"""What `policy: paper` says beyond its own section: section -> key -> value."""
+
+
+def _allow_paper(schema: dict[str, Any]) -> None:
+    """Let the schema of the section take the word too."""
+    schema["anyOf"] = [{"$ref": schema.pop("$ref")}, {"const": "paper"}]
 
 
 class OutOfPlane(Model):
@@ -312,7 +339,11 @@ class InsertionProtocol(JudgedProtocol):
     insertion: InsertionAdvance = Field(description="How the needle goes in and comes out.")
     planner: Planner = Field(description="How a path is planned.")
     estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
-    policy: Policy = Field(default_factory=Policy, description="When the path is replanned.")
+    policy: Policy = Field(
+        default_factory=Policy,
+        description="When the path is replanned; paper: the paper's planner, filter and policy, for comparison.",
+        json_schema_extra=_allow_paper,
+    )
     out_of_plane: OutOfPlane | None = Field(
         default_factory=OutOfPlane,
         description="What leads the needle out of the plane that the camera sees. The target is reached if the 95 % "
@@ -325,6 +356,20 @@ class InsertionProtocol(JudgedProtocol):
     sentinel: GridSentinel | None = Field(
         None, description="Grid pictures before and after the run; null for none."
     )
+
+    @field_validator("policy", mode="before")
+    @classmethod
+    def _read_policy(cls, policy: object) -> object:
+        return _PAPER_POLICY if policy == "paper" else policy
+
+    @model_validator(mode="after")
+    def _follow_paper(self) -> Self:
+        if self.policy is not _PAPER_POLICY:
+            return self
+        sections = {
+            name: getattr(self, name).model_copy(update=dict(values)) for name, values in _PAPER.items()
+        }
+        return self.model_copy(update=sections)
 
     @property
     def asked_places(self) -> int:
@@ -375,6 +420,7 @@ class InsertionProtocol(JudgedProtocol):
     def conflicts(self) -> Iterator[Conflict]:
         """Yield sizes that contradict each other, and a named block for insertions that take one each."""
         yield from self.find_condition_faults()
+        yield from self._find_keys_beside_paper()
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.specimen.block is not None and self.repetitions > 1:
             message = (
@@ -388,6 +434,14 @@ class InsertionProtocol(JudgedProtocol):
         if self.insertion.frame_every_mm > self.insertion.max_length_mm:
             message = f"frame_every_mm is {self.insertion.frame_every_mm:g}, above max_length_mm"
             yield Conflict("insertion.frame_every_mm", message, "1 is usual")
+
+    def _find_keys_beside_paper(self) -> Iterator[Conflict]:
+        """Yield keys that `policy: paper` decides."""
+        if self.policy is _PAPER_POLICY:
+            for name, values in _PAPER.items():
+                for key in values:
+                    if key in getattr(self, name).model_fields_set:
+                        yield Conflict(f"{name}.{key}", "policy: paper says what it is", "leave it out")
 
     def _find_marker_conflicts(self) -> Iterator[Conflict]:
         """Yield ids of markers that nothing describes, and markers that nothing is bound to."""

@@ -46,7 +46,7 @@ def make_insertion_settings(
     """
     planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
     values = policy.model_dump(exclude={"turning"})
-    deviation_mm = values.pop("deviation_mm")
+    deviation_mm, max_off_axis_deg = values.pop("deviation_mm"), values.pop("max_off_axis_deg")
     return SteeringSettings(
         problem=PlanProblem(
             target_mm=target_mm,
@@ -75,6 +75,7 @@ def make_insertion_settings(
         policy=SteeringPolicy(
             **values,
             deviation_mm=math.inf if deviation_mm is None else deviation_mm,
+            max_off_axis_rad=math.radians(max_off_axis_deg),
             observe_every_mm=protocol.insertion.frame_every_mm,
         ),
         method=planner.method,

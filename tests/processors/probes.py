@@ -52,7 +52,7 @@ def measure_kept_records() -> Iterator[Case]:
 
 def _read_calibration(name: str, result: Document) -> Case:
     lens, plane = result["intrinsics"], result["plane"]
-    sigma, crossing_mm = lens["sigma"], plane["crossing_noise_mm"]
+    sigma, crossing_mm = lens["sigma"], plane["rms_mm"]
     numbers = {
         "focal length [px]": [(lens[key], sigma[key]) for key in ("fx", "fy")],
         "centre [px]": [(lens[key], sigma[key]) for key in ("cx", "cy")],
@@ -67,7 +67,7 @@ def _read_calibration(name: str, result: Document) -> Case:
             for value in corner
         ],
         "plane [mm]": [(value, crossing_mm) for value in _map_corners(plane)],
-        "bend of paper [mm]": [(plane["bend"]["height_mm"], plane["bend"]["sigma_mm"])],
+        "flatness of paper [mm]": [(plane["flatness_mm"], crossing_mm)],
     }
     decided = [(view["image"], view["used"], view["reason"]) for view in lens["views"]]
     return Case(name, str((result["accepted"], result["reasons"], decided, plane["points"])), numbers)

@@ -28,6 +28,7 @@ from labrig.runner.virtual_sight import WorldSight
 from labrig.simulation.description import (
     GelDescription,
     NeedleDescription,
+    PrintedMarkerDescription,
     SheathDescription,
     WorldDescription,
     stream,
@@ -167,6 +168,7 @@ class _IdealWorld(World):
 
     def __init__(self, protocol: ExperimentProtocol) -> None:
         self.plane: PlaneMap | None = None
+        self._printed = tuple(_lay_markers(protocol))
         needle, sheath = getattr(protocol, "needle", None), getattr(protocol, "sheath", None)
         radius_mm = protocol.expected_radius_mm
         gels = tuple(
@@ -192,6 +194,10 @@ class _IdealWorld(World):
         y, z = self.plane.to_mm([pixel])[0]
         return 0.0, float(y), float(z)
 
+    def locate_markers(self) -> Mapping[int, tuple[PrintedMarkerDescription, tuple[float, float]]]:
+        """Return the markers that the protocol follows; none of them moves."""
+        return {marker.marker_id: (marker, (0.0, 0.0)) for marker in self._printed}
+
     def target_mark_px(self) -> tuple[float, float]:
         """Return a place straight ahead."""
         return self._find_px(0.0, 60.0)
@@ -205,6 +211,22 @@ class _IdealWorld(World):
             return 0.0, 0.0
         u, v = self.plane.to_px([[y, z]])[0]
         return float(u), float(v)
+
+
+def _lay_markers(protocol: ExperimentProtocol) -> Iterator[PrintedMarkerDescription]:
+    """Yield the markers that a protocol binds its places to, one beside the other."""
+    section, places = getattr(protocol, "markers", None), getattr(protocol, "places", {})
+    if section is None:
+        return
+    for number, marker_id in enumerate(dict.fromkeys(place.marker_id for place in places.values())):
+        if marker_id is not None:
+            yield PrintedMarkerDescription(
+                marker_id=marker_id,
+                dictionary=section.dictionary,
+                side_mm=section.side_mm,
+                position_mm=(-25.0 - 2.0 * section.side_mm * number, 40.0),
+                x_mm=section.x_mm,
+            )
 
 
 def _describe(

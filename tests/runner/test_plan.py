@@ -87,3 +87,20 @@ def test_a_current_above_that_of_the_rig_file_is_named_with_both() -> None:
     assert [problem.where for problem in problems] == ["max_current_ma.insertion"]
     assert problems[0].message == "900 mA is above the limit of the rig file, 800 mA"
     assert find_problems(protocol, large_rig()) == ()
+
+
+def test_a_bench_is_taken_to_have_the_markers_that_a_protocol_follows() -> None:
+    """Nobody knows before a run whether they are seen: they refuse nothing, and the insertion is planned to its end."""
+    bound = (
+        "target.position_mm=[0,2,20]",
+        "obstacles=[]",
+        "insertion.max_length_mm=30",
+        "target.marker_id=7",
+    )
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*bound, "markers={side_mm: 6}"])
+    without = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, list(bound[:3]))
+    rig = large_rig().model_copy(update={"world": None})
+    plan = plan_of(protocol, rig)
+    assert plan.refusal is None
+    assert "marker" not in " ".join(problem.message for problem in plan.problems)
+    assert plan.moves == pytest.approx(plan_of(without, rig).moves, rel=0.2)

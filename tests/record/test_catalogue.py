@@ -1,6 +1,6 @@
 """Lists of runs, and the language of `labrig runs --where`."""
 
-from collections.abc import Callable
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -157,22 +157,20 @@ def test_runs_are_sorted_by_a_field(runs_dir: Path) -> None:
         find_runs(runs_dir, sort="nonsense")
 
 
-def test_a_list_reads_one_small_file_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_list_reads_one_small_file_a_run(tmp_path: Path) -> None:
     """The manifest, and the notes if there are any; nothing is verified."""
     recorder = begin(tmp_path)
     fill(recorder)
     recorder.close("success", "", ENDED)
     opened: list[str] = []
-    import labrig.input_file as files
+    watching = True
 
-    def count(read: Callable[..., Any]) -> Callable[..., Any]:
-        def counted(path: Path) -> Any:
-            opened.append(path.name)
-            return read(path)
+    def watch(event: str, arguments: tuple[object, ...]) -> None:
+        if event == "open" and watching and str(arguments[0]).startswith(str(tmp_path)):
+            opened.append(Path(str(arguments[0])).name)
 
-        return counted
-
-    monkeypatch.setattr(files, "open_file", count(files.open_file))
+    sys.addaudithook(watch)
     (run,) = list_runs(tmp_path)
+    watching = False
     assert run.trials_done == 2
-    assert opened == ["manifest.json", "notes.json"]
+    assert opened == ["manifest.json"]

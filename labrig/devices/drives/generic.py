@@ -203,6 +203,30 @@ class Cia402Axis(Cia402Section):
         """Return what the EDS file and this section tell of the drive. Raises `InputError`."""
         path, named = self.files.get("eds"), self.objects.places()
         eds = read_own_eds("epos4.eds") if path is None else read_eds(path, self._folder)
+        return Model(
+            eds,
+            partial(_identify, eds),
+            settings={
+                co.HALT_OPTION: _HALT_BY_RAMP,
+                co.FOLLOWING_ERROR_TIMEOUT: self.following_error_timeout_ms,
+            },
+            stop_options=STOP_OPTIONS
+            | {
+                co.ABORT_CONNECTION: self.abort_connection_option,
+                co.QUICK_STOP_OPTION: self.quick_stop_option,
+            },
+            errors=EPOS4_ERRORS,
+            stated=self._list_stated(named),
+            current_ma=named.get("current_ma"),
+            current_limit_ma=named.get("current_limit_ma"),
+            home_position=named.get("home_position"),
+            home_here=self.home_here_method,
+            referenced_bit=self.referenced_bit,
+            analog=self.analog,
+        )
+
+    def _list_stated(self, named: Mapping[str, Place]) -> tuple[Stated, ...]:
+        """Return what the drive must say of its units and its encoder, as this section states it."""
         units = (
             (co.VELOCITY_UNIT, "velocity_unit", self.velocity_unit, self.velocity_factor, VELOCITY_CODES),
             (
@@ -223,27 +247,7 @@ class Cia402Axis(Cia402Section):
             counts = self.counts_per_turn
             raw = None if counts is None else round(counts)
             stated.append(Stated(named["counts_per_turn"], "counts_per_turn", counts, raw))
-        return Model(
-            eds,
-            partial(_identify, eds),
-            settings={
-                co.HALT_OPTION: _HALT_BY_RAMP,
-                co.FOLLOWING_ERROR_TIMEOUT: self.following_error_timeout_ms,
-            },
-            stop_options=STOP_OPTIONS
-            | {
-                co.ABORT_CONNECTION: self.abort_connection_option,
-                co.QUICK_STOP_OPTION: self.quick_stop_option,
-            },
-            errors=EPOS4_ERRORS,
-            stated=tuple(stated),
-            current_ma=named.get("current_ma"),
-            current_limit_ma=named.get("current_limit_ma"),
-            home_position=named.get("home_position"),
-            home_here=self.home_here_method,
-            referenced_bit=self.referenced_bit,
-            analog=self.analog,
-        )
+        return tuple(stated)
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield conflicts, also of a homing that no CiA 402 drive can do."""

@@ -35,7 +35,7 @@ check: $(READY)
 test-slow: $(READY) $(OUTSIDE)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile -m slow $(COVERAGE)
 
-# What another Python could change, without the tests that start processes or wait in real time; CI runs it with a newer one.
+# What another Python could change, without the tests that start processes or wait in real time: make check-rooms PYTHON=python3.13 VENV=.venv/newer
 check-rooms: $(READY)
 	$(BIN)/pytest -n 3 --dist loadfile -m "not slow" $(addprefix tests/,$(ROOMS))
 

@@ -125,6 +125,7 @@ Section = TypeVar("Section", bound=CameraDescription)
 _RATE_TOLERANCE = 0.01
 """Cameras state their rate as a fraction of integers; some report 29.97 for 30 Hz."""
 
+_NANOSECOND_S = 1e-9
 _MICROSECOND_S = 1e-6
 
 _PATIENCE_S, _PATIENCE_PICTURES = 3.0, 10
@@ -325,7 +326,8 @@ class Camera:
                 f"the camera gave a picture of {t_s:.3f} s, older than the command of {asked_s:.3f} s",
                 "check the times of the pictures, or unplug the camera and plug it in again",
             )
-        while (left_s := t_s - self._clock.now_s()) > 0:
+        # What is left of rounding, 1e-13 s, would not move a clock that stands at 1000 s.
+        while (left_s := t_s - self._clock.now_s()) > _NANOSECOND_S:
             self._clock.sleep(min(left_s, _LOOK_S))
             meanwhile()
         return t_s

@@ -24,7 +24,6 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "export record": ("export", "RUN", "--format", "record", "--out", "TABLES"),
     "annotate": ("runs", "annotate", "RUN", "--tag", "pilot", "--note", "cloudy"),
     "adopt": ("calibrate", "adopt", "RUN"),
-    "from-run": ("design", "--from-run", "RUN"),
 }
 
 

@@ -12,9 +12,8 @@ from tests.cli.conftest import Labrig
     [
         ("labrig resu", ["resume"]),
         ("labrig resume --li", ["--live"]),
-        ("labrig runs di", ["diff"]),
+        ("labrig runs sh", ["show"]),
         ("labrig resume ", ["last", "b", "a"]),
-        ("labrig runs diff a b", ["b"]),
         ("labrig run proto", []),
     ],
 )

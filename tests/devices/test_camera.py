@@ -65,6 +65,7 @@ def test_every_setting_is_made_and_read_back() -> None:
     assert set(CAMERA.settings()) == set(SimulatedCameraDescription.model_fields) - {
         "driver",
         "device",
+        "distance_mm",
         "focus",
         "store",
         "white_balance_k",

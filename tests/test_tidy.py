@@ -188,8 +188,9 @@ def test_calls_that_only_posix_has_stand_in_one_file() -> None:
             "a broad except",
             (
                 r"except (Base)?Exceptio[n]\b"
-                r"(?! as error:.*\n +(raise |failure = _report|exit_code = _report|fault = |future\.set_exception"
-                r"|why = |cause = |if self\.plugin)|:\n +self\._lock\.release)|except[:]"
+                r"(?! as error:.*\n +(raise (PluginError|self\.blame|experiment\.blame)|failure = _report"
+                r"|exit_code = _report|fault = |future\.set_exception|why = |cause = |if self\.plugin)"
+                r"|:\n +self\._lock\.release)|except[:]"
             ),
         ),
         ("a real sleep in a test", r"time\.slee[p]\("),

@@ -93,9 +93,11 @@ def test_the_limit_that_a_killed_labrig_left_is_no_limit_of_the_drive(tmp_path: 
     with opened_rig(simulated_rig(LIMIT)) as opened:
         open_again(opened, Opening(camera=False, max_current_ma={"linear": 300}), state).connect()
         assert limit_of(opened) == 300  # and nobody closes that rig
+        opened.drives["linear"].objects.values |= dict.fromkeys(od.CONFIGURATION, 7)
         rig = open_again(opened, needle=NeedleState(tmp_path / "state.json"))
         rig.connect()
         assert limit_of(opened) == 800
+        assert [opened.drives["linear"].objects.value(place) for place in od.CONFIGURATION] == [7, 7]
         rig.close()
         assert limit_of(opened) == 10_000
         assert not rig.state.current_limits

@@ -341,6 +341,7 @@ class Cia402Drive(DriveNode):
         """Set the limit of the output current, where the drive has one [mA]."""
         found = self._reports.current_limit
         if found is not None:
+            self._fingerprint = self.read_fingerprint()
             self.adjust({found[0]: round(limit_ma / found[1])})
 
     def lag(self) -> float | None:

@@ -145,9 +145,11 @@ class DriveNode:
 
     def adjust(self, settings: Mapping[Place, int]) -> tuple[Place, ...]:
         """Write the settings that differ, and return which; the drive keeps its fingerprint. Raises `DriveError`."""
+        # One that has restarted may be another drive: it keeps what it says now.
+        kept = self.read_fingerprint() if self.has_restarted else self._fingerprint
         written = tuple(place for place, value in settings.items() if self.ensure(place, value))
-        if written and self._fingerprint and not self.has_restarted:
-            for place, value in zip(self.model.fingerprint, self._fingerprint, strict=True):
+        if written and kept:
+            for place, value in zip(self.model.fingerprint, kept, strict=True):
                 self.ensure(place, value)
         return written
 

@@ -22,10 +22,9 @@ _PICTURES_A_MESSAGE = 4
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A picture that cannot be measured, and the reason; `damaged` if it is missing or was changed."""
+    """A picture that cannot be measured, and the reason."""
 
     reason: str
-    damaged: bool = False
 
 
 Measured = CurvatureMeasurement | Unreadable
@@ -110,7 +109,7 @@ def measure_picture(
     except (PictureError, RecordError) as error:
         # The folder on this computer is no part of a result.
         reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)
-        return Unreadable(reason, damaged=isinstance(error, RecordError))
+        return Unreadable(reason)
 
 
 def measure_image(

@@ -111,8 +111,8 @@ class Result(Model):
 class Stamp:
     """What is known of a result before anything is measured: parent, time, inputs and provenance.
 
-    `damage` is the damage of the record that shows before pictures are read: where, what. `left_out` counts the trials
-    that a person had left out.
+    `damage` lists the recorded files that are missing or were changed, pictures too: where, what. `left_out` counts the
+    trials that a person had left out.
     """
 
     parent: int | None
@@ -123,19 +123,9 @@ class Stamp:
     damage: Mapping[str, str]
     left_out: LeftOutTrials = NOTHING_LEFT_OUT
 
-    def fields(self, settings: Mapping[str, Any], pictures: Mapping[str, str] = _NONE) -> dict[str, Any]:
-        """Return the members that every result has.
-
-        Parameters
-        ----------
-        settings : Mapping
-            Settings of the measurement.
-        pictures : Mapping
-            Pictures that were missing or changed when they were read: file, fault.
-        """
-        # A missing picture was found before it was read; it is named once.
-        damage = {**self.damage, **pictures, **self.damage}
-        listed = tuple(f"{where}: {what}" for where, what in damage.items())
+    def fields(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the members that every result has; `settings` are those of the measurement."""
+        listed = tuple(f"{where}: {what}" for where, what in self.damage.items())
         return {**vars(self), "settings": dict(settings), "damage": listed}
 
 

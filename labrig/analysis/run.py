@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from labrig.analysis.calibration import load_mask_of_run
@@ -11,10 +12,11 @@ from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import AnyResult, LeftOutTrials, Stamp, load_result, write_result
-from labrig.errors import AnswerIsNoError, InputError, RecordError
+from labrig.errors import AnswerIsNoError, InputError, Problem, RecordError
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.check import find_damage
 from labrig.record.layout import hash_file
 from labrig.record.reader import Run
 from labrig.vision.mask import Mask
@@ -68,18 +70,19 @@ def analyze_run(
         )
     require_devices_installed(str(run.path), run.plugin_packages)
     protocol = _resolve_protocol(run, experiment, overrides)
+    damage = tuple(find_damage(run.path, run.manifest, read_pictures=True))
     stamp = Stamp(
         parent=_find_parent(run, experiment),
         created=created.isoformat(timespec="seconds"),
         overrides=tuple(overrides),
         inputs=_hash_inputs(run),
         provenance=dict(provenance),
-        damage={problem.where: problem.message for problem in run.damage},
+        damage={problem.where: problem.message for problem in damage},
         left_out=LeftOutTrials.of(run.decisions),
     )
     mask = load_mask_of_run(run) if mask is None else mask
     request = AnalysisRequest(stamp, mask, workers, progress)
-    with name_damage(run):
+    with name_damage(run.path, damage):
         findings = experiment.analyze(run, protocol, request)
     # The folder is made last, so that an analysis that fails leaves nothing behind.
     result = write_result(run.new_result_dir(), findings)
@@ -88,15 +91,15 @@ def analyze_run(
 
 
 @contextmanager
-def name_damage(run: Run) -> Iterator[None]:
+def name_damage(path: Path, damage: Sequence[Problem]) -> Iterator[None]:
     """Name the damage of a run where too little is left of it to be measured or shown. Raises `RecordError`."""
     try:
         yield
     except (AnswerIsNoError, InputError) as error:
-        if not run.damage:
+        if not damage:
             raise
-        first = run.damage[0]
-        message = f"{run.path} is damaged: {first.where}: {first.message}; {error.message}"
+        first = damage[0]
+        message = f"{path} is damaged: {first.where}: {first.message}; {error.message}"
         raise RecordError(message, first.hint) from error
 
 

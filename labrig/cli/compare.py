@@ -89,7 +89,7 @@ def compare(
         folder = _write(compared, out, force=force)
     document = {
         **compared.comparison.model_dump(mode="json"),
-        "differences": _list_differences(paths),
+        "differences": _list_differences(measured),
         "report": str(folder / "report.html"),
     }
     if as_json:
@@ -99,13 +99,15 @@ def compare(
     return failed[0] if failed else 0
 
 
-def _list_differences(paths: Sequence[Path]) -> list[dict[str, object]] | None:
+def _list_differences(measured: Sequence[Any]) -> list[dict[str, object]] | None:
     """Return each value in which two runs differ; None of more runs, and of campaigns."""
+    from labrig.analysis.measurements import MeasuredRun
     from labrig.library.door import differences
 
-    if len(paths) != 2 or any(_find_campaign(path) for path in paths):
+    runs = [one.run for one in measured if isinstance(one, MeasuredRun)]
+    if len(measured) != 2 or len(runs) != 2:
         return None
-    return [asdict(difference) for difference in differences(*paths)]
+    return [asdict(difference) for difference in differences(*runs)]
 
 
 def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> list[Path]:

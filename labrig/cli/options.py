@@ -9,6 +9,7 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from labrig.cli.output import say
+from labrig.errors import InputError
 from labrig.lab import RUNS, RUNS_DIR_VARIABLE, RunsDir, choose_runs_dir
 from labrig.library.names import (
     CAMPAIGN_PREFIX,
@@ -54,7 +55,10 @@ def choose_local_runs_dir(given: Path | None) -> RunsDir:
     if ":" in str(chosen.path):
         from labrig.record.remote import require_local
 
-        require_local(chosen.path)
+        try:
+            require_local(chosen.path)
+        except InputError as error:
+            raise error.reword(f"{error.message}, {chosen.reason}") from error
     return chosen
 
 

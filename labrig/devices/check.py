@@ -134,8 +134,8 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 
     def lens(path: Path) -> str:
         found = load_intrinsics(path)
+        intrinsics.append(found)  # the plane is judged on its own, also if this one cannot be used
         _require_usable(rig, found, path)
-        intrinsics.append(found)
         return f"{path.name}: {found.image_size[0]}x{found.image_size[1]} px, rms {found.rms_px:.3f} px"
 
     def plane(path: Path) -> str:

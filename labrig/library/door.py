@@ -380,7 +380,7 @@ def write_report(run: AnyRun, *, result: int | None = None, private: bool = Fals
         When record or result are so damaged that nothing can be shown.
     """
     opened = open_run(run)
-    with name_damage(opened):
+    with name_damage(opened.path, opened.damage):
         return write_page(
             opened, find_run_experiment(opened), load_run_result(opened, result), private=private
         )

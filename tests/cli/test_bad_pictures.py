@@ -54,7 +54,8 @@ def commands(picture: Path, sweep: SweepRun, out: Path) -> dict[str, tuple[objec
     return {
         "intrinsics": ("calibrate", "intrinsics", picture, "--board", "9x6", "--square-mm", 25),
         "plane": (
-            "calibrate", "plane", picture, "--intrinsics", lens, "--origin-px", 300, 200, "--insertion", "right",
+            "calibrate", "plane", picture, "--intrinsics", lens, "--px-per-mm", 10, "--origin-px", 300, 200,
+            "--insertion", "right",
         ),
         "template": ("calibrate", "template", picture, "--out", out, "--tip-px", 30, 30, "--heading-deg", 0),
         "curvature": ("measure", "curvature", picture, "--sheath-diameter-mm", 2, *mapping(sweep)),

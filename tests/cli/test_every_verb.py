@@ -1,7 +1,6 @@
 """Every example protocol, and imported pictures, through every command that takes a run."""
 
 import hashlib
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -168,23 +167,17 @@ def test_the_checksum_of_a_run_stays(run: Path, labrig: Labrig, made: Made) -> N
 def test_what_a_run_found_is_adopted_or_refused(
     made: Made, run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
 ) -> None:
-    """A calibration goes to the rig's files; of other runs, and of those without a radius, it is said that not.
-
-    A scale five times that of the rig's map is adopted only if the camera was moved. In test_design a sweep's radius
-    goes into a design.
-    """
+    """A calibration goes to the rig's files; it replaces one with --force alone; other runs have none."""
     rig = tmp_path / "rig.yaml"
     rig.write_text(RIG.read_text(encoding="utf-8"), encoding="utf-8")
     adopted = labrig("calibrate", "adopt", run, "--rig", rig)
     if made.name == "calibration":
         plane = tmp_path / "simulated-plane.json"
         assert (adopted.exit_code, plane.exists()) == (0, True)
-        other = {**json.loads(plane.read_text(encoding="utf-8")), "mm_per_px": 0.02}
-        plane.write_text(json.dumps(other), encoding="utf-8")
-        refused = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
-        assert (refused.exit_code, "give --camera-moved" in refused.err) == (1, True)
-        moved = labrig("calibrate", "adopt", run, "--rig", rig, "--force", "--camera-moved")
-        assert (moved.exit_code, "mm wide" in moved.out, "0.02000 mm/px" in moved.out) == (0, True, True)
+        again = labrig("calibrate", "adopt", run, "--rig", rig)
+        assert (again.exit_code, "replace the old calibration with --force" in again.err) == (2, True)
+        forced = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
+        assert (forced.exit_code, "mm wide" in forced.out) == (0, True)
     else:
         assert (adopted.exit_code, "holds no calibration" in adopted.err) == (4, True)
     is_sound(run, "success")

@@ -63,7 +63,7 @@ def test_the_folder_of_the_runs_may_be_set_for_a_session(
     monkeypatch.setenv(RUNS_DIR_VARIABLE, "s3://lab/runs")
     refused = labrig("run", "steerability")
     assert refused.exit_code == 2
-    assert "LABRIG_RUNS_DIR s3:" in refused.err
+    assert "as LABRIG_RUNS_DIR says" in refused.err
 
 
 def test_the_schemas_of_a_lab_folder_are_where_its_files_name_them(lab: Path) -> None:

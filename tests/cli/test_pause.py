@@ -55,7 +55,7 @@ def test_a_gel_is_made_with_a_pause_a_skip_a_repetition_and_an_undo(labrig: Labr
     )  # fmt: skip
     assert done.exit_code in {0, 1}, done.shown
     assert "Ctrl+C: pausing after this insertion; Ctrl+C again stops now" in done.shown
-    assert "hole 3 of 3, gel 1 of 1, about " in done.shown
+    assert "hole 3 of 3, gel 1 of 1" in done.shown
     assert left == {question: [] for question in KEYS}
     run = open_run(tmp_path / "r")
     kinds = [line["kind"] for line in run.lines("events")]

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from labrig.record.json_lines import decode_line
+from labrig.record.reader import open_run
 from tests.cli.conftest import ROOT, Labrig
 
 RECORD = ROOT / "tests" / "records" / "steerability"
@@ -53,7 +54,7 @@ def test_a_sweep_runs_whole_on_the_pictures_of_another(labrig: Labrig, tmp_path:
     sigma_mm = before["measurements"][-1]["sigma_radius_mm"]
     assert after["mean_radius_mm"] == pytest.approx(before["mean_radius_mm"], abs=0.01 * sigma_mm)
     assert [line["sha256"] for line in _frames(run)] == [line["sha256"] for line in _frames(RECORD)]
-    camera = json.loads((run / "manifest.json").read_text(encoding="utf-8"))["devices"]["camera"]
+    camera = open_run(run).devices["camera"]
     assert (camera["driver"], camera["device"], camera["recorded_pictures"]) == ("files", "pictures", True)
     assert "recorded pictures</span>" in (run / "report.html").read_text(encoding="utf-8")
     assert after.get("truth") is None

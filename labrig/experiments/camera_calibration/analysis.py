@@ -1,6 +1,7 @@
 """The camera's lens and the steering plane, from the pictures of a camera calibration run."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -36,11 +37,10 @@ Named = tuple[str, Picture]
 
 @dataclass(frozen=True)
 class _Pictures:
-    """The photographs of the board and of the graph paper, and what is wrong with each damaged one."""
+    """The photographs of the board and of the graph paper."""
 
     boards: tuple[Named, ...]
     papers: tuple[Named, ...]
-    damaged: Mapping[str, str]
 
 
 def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequest) -> Findings:
@@ -53,12 +53,9 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
     plane, plane_reasons = _calibrate_plane(run, pictures.papers, lens, protocol)
     stamp = request.stamp
     content = CalibrationResult(
-        **stamp.fields(
-            {"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}, pictures.damaged
-        ),
+        **stamp.fields({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
         accepted=_is_accepted(lens) and _is_accepted(plane),
         reasons=(
-            *pictures.damaged.values(),
             *lens_reasons,
             *(plane_reasons if plane is None else plane.reasons),
         ),
@@ -96,19 +93,15 @@ def _read_camera(run: Run) -> dict[str, Any]:
 
 
 def _read_pictures(run: Run, progress: Progress | None) -> _Pictures:
-    """Read the pictures. A picture that is missing or was changed is left out and listed as damaged."""
+    """Read the pictures. A picture that is missing or was changed is left out."""
     found: dict[str, list[Named]] = {role: [] for role in CalibrationRole}
-    damaged: dict[str, str] = {}
     for number, line in enumerate(run.frame_lines, start=1):
-        try:
+        with suppress(RecordError):  # the stamp of the result names it
             found.get(line.role or "", []).append((line.file, run.read_frame(line.frame)))
-        except RecordError as error:
-            # The folder on this computer is no part of a result.
-            damaged[line.file] = error.message.replace(f"{run.path}/", "")
         if progress is not None:
             progress(number, len(run.frame_lines))
     boards, papers = (tuple(found[role]) for role in CalibrationRole)
-    return _Pictures(boards, papers, damaged)
+    return _Pictures(boards, papers)
 
 
 def _calibrate_lens(

@@ -119,8 +119,7 @@ def measure_curvature(
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
         **request.stamp.fields(
-            {**_describe_settings(settings), "roll_sd_deg": roll_sd_deg, **_describe_mask(mask)},
-            _find_damaged(pictures, measured),
+            {**_describe_settings(settings), "roll_sd_deg": roll_sd_deg, **_describe_mask(mask)}
         ),
         specimens=specimens,
         mean_radius_mm=average_means(specimens),
@@ -162,15 +161,6 @@ def _describe_settings(settings: CurvatureSettings) -> dict[str, float | None]:
 
 def _describe_mask(mask: Mask | None) -> dict[str, str]:
     return {} if mask is None else {"mask": mask.kept_name, "mask_sha256": mask.sha256}
-
-
-def _find_damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
-    """Return what is wrong with each damaged picture, by its file."""
-    return {
-        picture.line.file: measurement.reason
-        for picture, measurement in zip(pictures, measured, strict=True)
-        if isinstance(measurement, Unreadable) and measurement.damaged
-    }
 
 
 def _list_trials(run: Run) -> list[SpecimenTrialStart]:

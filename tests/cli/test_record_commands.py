@@ -55,7 +55,7 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
     assert [(row["parent"], Path(row["analysis"]).name) for row in own] == [(1, "003"), (1, "003")]
     again = labrig("reanalyze", *runs, "--json").json()
     assert [(row["parent"], row["first_difference"]) for row in again] == [(3, None), (3, None)]
-    printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=4").out
+    printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=3").out
     assert len(re.findall(r"first in frame \d+: measurements\.0\.", printed)) == 2
     assert "old: analysis/004, the run's own settings" in printed
     assert "new: analysis/005, analysis.window_start_mm=6" in printed

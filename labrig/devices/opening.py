@@ -112,12 +112,12 @@ def prepare_drives(
             )
 
     faults: dict[Axis, DriveFaultError] = {}
-    raise_together([*try_all(axes, identify), *_find_shared_cob_ids(axes)])
+    raise_together(try_all(axes, identify))
     raise_together(try_all(axes, guard))
     raise_together(
         [*try_all(axes, find_faults), *_reset_faults(faults, description, opening, needle, confirms)]
     )
-    raise_together([*try_all(axes, configure), *_find_shared_cob_ids(axes)])
+    raise_together(try_all(axes, configure))
     _find_references(axes, needle)
     return identities
 
@@ -156,34 +156,6 @@ def _restore_current_limit(axis: Axis, left_ma: Mapping[str, tuple[int, int]]) -
         return found_ma
     axis.drive.set_current_limit(own_ma)
     return own_ma
-
-
-def _find_shared_cob_ids(axes: Sequence[Axis]) -> list[MachineError]:
-    """Return an error for each COB-ID of process data that two drives would both send or both obey.
-
-    A drive that does not answer is left out: it has failed already, or the next step finds it silent.
-    """
-    owners: dict[tuple[int, int], str] = {}
-    failures: list[MachineError] = []
-    for axis in axes:
-        try:
-            both_ways = axis.drive.cob_ids()
-        except MachineError:
-            continue
-        for way, cob_ids in enumerate(both_ways):
-            for cob_id in sorted(cob_ids):
-                other = owners.setdefault((way, cob_id), axis.name)
-                if other != axis.name:
-                    failures.append(_shared_cob_id_error(cob_id, other, axis.name))
-    return failures
-
-
-def _shared_cob_id_error(cob_id: int, first: str, second: str) -> MachineError:
-    return DriveError(
-        f"the drives of {first} and {second} share the COB-ID 0x{cob_id:03X}",
-        "restore the default PDO COB-IDs of each drive with the program of its manufacturer and save them; then, with "
-        "no needle in tissue, power it off and on",
-    )
 
 
 def _find_references(axes: Sequence[Axis], needle: NeedleState) -> None:

@@ -132,12 +132,6 @@ class DriveConformance:
             assert json.dumps(identity.document())
             assert all(data[0] == 0x40 for data in _sent_requests(bench.opened.link))
 
-    def test_it_shares_no_process_data_with_another_drive(self) -> None:
-        """It reports the COB-IDs that it sends and those that it obeys, and none is both."""
-        with self._bench() as bench:
-            sent, obeyed = bench.drive.cob_ids()
-            assert not sent & obeyed
-
     def test_power_is_off_after_configuring(self) -> None:
         """The settings are ready for the record; reading for a move is refused without power."""
         with self._bench() as bench:
@@ -145,11 +139,6 @@ class DriveConformance:
             bench.drive.configure(bench.opened.heartbeat, None)
             assert json.dumps(bench.drive.describe())
             assert _refuses(bench.drive.read)
-
-    def test_it_obeys_nobody_elses_process_data(self) -> None:
-        """A configured drive takes commands by request alone."""
-        with self._ready() as bench:
-            assert not bench.drive.cob_ids()[1]
 
     def test_the_target_of_a_move_can_be_read_back(self) -> None:
         """It is the rounded one that was sent, or None from a drive that does not tell."""

@@ -97,21 +97,19 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
 
 
 def test_all_failures_of_all_drives_are_reported_together() -> None:
-    """A silent drive, a wrong encoder and fingerprint, and a COB-ID used twice are in one error."""
+    """A silent drive, and a wrong encoder and fingerprint of another, are in one error."""
     with _rig(
         "axes.rotation.configuration_fingerprint=[1, 2]", "axes.rotation.encoder_pulses_per_turn=512"
     ) as opened:
         drives = opened.drives
         drives["insertion"].unplug()
         drives["rotation"].set_encoder(500)
-        drives["rotation"].objects.put(co.RECEIVE_PDO_COB_IDS[0], 0x203)
         with pytest.raises(DriveError) as refusal:
             opened.rig.connect()
         for words in (
             "(node 1) did not answer",
             "(node 2) has encoder_pulses_per_turn 500 (0x2210:01), the rig file says 512",
             "(node 2) has the configuration fingerprint [0, 0]",
-            "the drives of rotation and linear share the COB-ID 0x203",
         ):
             assert words in refusal.value.message
 

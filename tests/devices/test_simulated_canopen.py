@@ -111,20 +111,6 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Can
     assert bench.frames(0x085) == [bytes(8)]
 
 
-def test_a_status_change_is_sent_by_itself_when_operational(bench: CanopenBench) -> None:
-    """TxPDO 1 sends the statusword on change; PRE-OPERATIONAL has no PDOs in either direction."""
-    bench.send(0x205, b"\x06\0")
-    assert bench.frames(0x185) == []
-    bench.nmt(0x01)
-    bench.clock.sleep(0.01)
-    assert bench.frames(0x185) == [b"\x40\x07"]
-    bench.send(0x205, b"\x06\0")
-    bench.clock.sleep(0.01)
-    assert bench.frames(0x185) == [b"\x21\x07"]
-    bench.clock.sleep(1.0)
-    assert bench.frames(0x185) == []
-
-
 def test_a_remapped_pdo_comes_on_sync(bench: CanopenBench) -> None:
     """Position and following error in a PDO at each SYNC."""
     mapping = co.TPDO_MAPS[2]
@@ -268,17 +254,6 @@ def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
     assert heard == [0x705]
     drive.unplug()
     bus.shutdown()
-
-
-def test_every_receive_pdo_is_valid_by_default(bench: CanopenBench) -> None:
-    """RxPDO 2 as it comes sets mode and controlword; a mode that the drive lacks is dropped, a short frame an error."""
-    bench.nmt(0x01)
-    bench.send(0x300 + NODE, bytes([0x00, 0x00, 0x03]))
-    assert bench.read(co.MODE) == 1
-    bench.send(0x300 + NODE, bytes([0x06, 0x00, 0x06]))
-    assert (bench.read(co.CONTROLWORD), bench.read(co.MODE)) == (6, 6)
-    bench.send(0x300 + NODE, b"\x06")
-    assert bench.frames(0x085)[0][:2] == b"\x10\x82"
 
 
 def test_an_emergency_goes_out_under_its_own_cob_id(bench: CanopenBench) -> None:

@@ -37,6 +37,6 @@ def test_a_blocked_drive_shows_its_current_and_an_uncoupled_one_none() -> None:
         opened.drives["insertion"].block()
         opened.drives["linear"].uncouple()
         opened.hardware.clock.sleep(0.05)
-        currents = [opened.drives[name].read_current_ma() for name in ("insertion", "linear")]
+        currents = [opened.drives[name]._read_current_ma() for name in ("insertion", "linear")]
         assert currents[0] > 1000
         assert currents[1] == 0.0

@@ -6,7 +6,7 @@ import can
 import pytest
 
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.canopen_node import NmtState
+from labrig.devices.simulated.node import NmtState
 from labrig.devices.supervisor import Check, Supervisor
 from labrig.errors import LabrigError, SafetyStopError
 from tests.devices.beats import listening
@@ -61,7 +61,7 @@ STRIKES: dict[str, Callable[[OpenedRig], object]] = {
     "a signal": lambda opened: setattr(opened.signal, "name", "SIGINT"),
     "another master": _command,
     "a drive": lambda opened: opened.drives["linear"].fail(0x4210),
-    "an NMT state": lambda opened: opened.drives["linear"].enter(NmtState.PRE_OPERATIONAL),
+    "an NMT state": lambda opened: setattr(opened.drives["linear"], "nmt_state", NmtState.PRE_OPERATIONAL),
 }
 
 

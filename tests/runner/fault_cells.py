@@ -36,9 +36,9 @@ from labrig.devices.operator import (
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.canopen_node import NmtState
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
+from labrig.devices.simulated.node import NmtState
 from labrig.errors import (
     BusError,
     BusPassiveError,
@@ -245,7 +245,6 @@ class Cell:
 
 _OBJECTS = read_own_eds("epos2.eds").objects
 _START = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x3F))
-_START_RELATIVE = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x7F), (co.CONTROLWORD, 0x0F))
 _HOME_HERE = ((co.HOMING_METHOD, 35), (co.MODE, 6), (co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x1F))
 
 
@@ -262,7 +261,8 @@ def _change_target(cell: Cell) -> None:
 def _creep(cell: Cell) -> None:
     """Move the idle linear axis inside its drive, and leave the target there as it was."""
     target = epos2_drives(cell.hardware)["linear"].objects.value(co.TARGET_POSITION)
-    cell.put("linear", (co.TARGET_POSITION, 4000), *_START_RELATIVE, (co.TARGET_POSITION, target))
+    there = (co.TARGET_POSITION, target + 4000)
+    cell.put("linear", there, *_START, (co.CONTROLWORD, 0x0F), (co.TARGET_POSITION, target))
 
 
 def _hang(duration_s: float) -> Callable[[Cell], None]:
@@ -362,7 +362,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
         "analog-1", 2500.0
     ),
     "door opened": lambda cell: epos2_drives(cell.hardware)["linear"].set_input("general-A", 0.0),
-    "node becomes pre-operational": lambda cell: cell.drive.enter(NmtState.PRE_OPERATIONAL),
+    "node becomes pre-operational": lambda cell: setattr(cell.drive, "nmt_state", NmtState.PRE_OPERATIONAL),
 }
 """How each fault of the table is made to happen."""
 
@@ -579,11 +579,8 @@ def _mend(cell: Cell) -> set[str]:
     cell.hardware.wire.restore()
     off_and_on = set()
     for name, drive in epos2_drives(cell.hardware).items():
-        drive.recover()
-        drive.restore_power_stage()
-        drive.unblock()
+        drive.mend()
         drive.forced_inputs &= 1 << Epos2Axis.digital_inputs["general-A"]
-        drive._beatless = False
         if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
             off_and_on.add(name)
             drive.restart()

@@ -140,9 +140,6 @@ class Drive(Protocol):
             that answer at once. Names all reasons together.
         """
 
-    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the COB-IDs of process data that the drive sends, and that it obeys: no two drives share one."""
-
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
         """Stop the axis, switch power off, write the settings of its section, and make the drive stop by itself.
 

@@ -220,17 +220,9 @@ class DriveNode:
                 f"help, compare them in {self.model.tool} and enter the new fingerprint in the rig file",
             )
 
-    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the COB-IDs of process data that the drive sends, and that it obeys."""
-        return self._list_cob_ids(SENT_IDS), self._list_cob_ids(OBEYED_IDS)
-
     def pdos(self, indices: range) -> list[Place]:
         """Return the COB-IDs of the PDOs at these indices."""
         return [place for place in self.model.eds.objects if place.subindex == 1 and place.index in indices]
-
-    def _list_cob_ids(self, indices: range) -> frozenset[int]:
-        values = map(self.upload, self.pdos(indices))
-        return frozenset(value & 0x7FF for value in values if not value & co.PDO_INVALID)
 
     def send_nmt(self, command: int) -> None:
         """Send an NMT command to this node; NMT is not answered."""

@@ -12,15 +12,15 @@ What is decided here
 - `clock: real` rehearses a bench: the same drives and the same world in the computer's time, in the thread that
   supervises, which tells them of it whenever it sends a frame, takes a picture or waits. So a labrig that hangs
   stops those drives too. A person is asked, and what they confirm is done in the world.
-- A script injects faults of the bus (`bus`), of the node (`canopen_node`) or of the motor (`cia402`), which
+- A script injects faults of the bus (`bus`), of the node (`node`) or of the motor (`cia402`), which
   decide what follows.
 - Where documents are ambiguous, the simulation takes the dangerous reading: releasing Halt resumes the old
   target, a drive moves towards a target beyond the software limits until it passes the limit, an axis moves on
-  through NMT stop and reset communication, a new target velocity acts at once, and a homing search without a stop
-  never ends.
+  through NMT stop and reset communication, and a homing search without a stop never ends.
 - Unsure, for want of a device to compare with: whether the errors that only the EPOS2 has (0x5114, 0xFF0C to 0xFF12)
   brake, as here, or switch the power stage off at once; the order in which a mapping may be written; the bits of
   0x2071:01; ranges of 0x2070; the default of 0x6007; whether the attained bit of a homing outlives power off, as here.
-- Left out is what labrig's driver does not use: other modes than profile position and homing, PDOs on request, node
-  guarding, storing, homing to index or home switch alone. SDO block transfer is refused, as by the drive.
+- Left out is what labrig's driver does not use: other modes than profile position and homing, set-points that wait or
+  are relative, PDOs that are received, requested or sent on change, node guarding, storing, homing to the home switch
+  alone. SDO block transfer is refused, as by the drive.
 """

@@ -11,13 +11,11 @@ from labrig.devices.drives.eds import find_bounds
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import (
-    CHANGE_IMMEDIATELY,
     FAULT_RESET,
     HALT,
     HOMING_ATTAINED,
     NEW_SETPOINT,
     QUICK_STOP,
-    RELATIVE,
     REMOTE,
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
@@ -25,15 +23,26 @@ from labrig.devices.drives.states import (
 )
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.canopen_node import CanopenNode, NmtState
 from labrig.devices.simulated.drive_journal import DriveEvent, DriveJournal
 from labrig.devices.simulated.homing import HomingMove, plan_homing
+from labrig.devices.simulated.node import CanopenNode, NmtState
 from labrig.devices.simulated.sdo_server import SdoAbortError
 from labrig.devices.simulated.shaft import Mechanics, MotorShaft
 from labrig.devices.trapezoid import Limits
 
 _PROFILE_POSITION, _HOMING = 1, 6
 _POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
+_STATUS = {
+    DriveState.SWITCH_ON_DISABLED: 0x40,
+    DriveState.READY_TO_SWITCH_ON: 0x21,
+    DriveState.SWITCHED_ON: 0x23,
+    DriveState.OPERATION_ENABLED: 0x37,
+    DriveState.QUICK_STOP_ACTIVE: 0x17,
+    DriveState.FAULT_REACTION: 0x0F,
+    DriveState.FAULT: 0x08,
+}
+"""What the statusword says of each state."""
+
 _REFERENCED = 0x8000
 """Bit of the statusword that a drive of maxon sets while it has its reference."""
 
@@ -45,17 +54,14 @@ _NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
 """Values of 0x6007; 2 switches power off."""
 
 _POWER_OFF, _SLOW_DOWN = 0, 1
-"""Values of 0x605B, 0x605C and 0x605E: power off at once, or after braking with the profile deceleration."""
+"""Values of 0x605E: power off at once, or after braking with the profile deceleration."""
 
 _STAYS_IN_QUICK_STOP = 5
 """From this value of 0x605A on, power stays on at the end of a quick stop."""
 
-_COUNTING_S = 0.001
-"""Time in which a drive counts its encoder to measure the speed."""
-
 _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
-_NEGATIVE_SWITCH, _POSITIVE_SWITCH, _HOME_SWITCH = 0x0001, 0x0002, 0x0004
+_NEGATIVE_SWITCH, _POSITIVE_SWITCH = 0x0001, 0x0002
 
 
 @dataclass(frozen=True)
@@ -64,8 +70,8 @@ class Behaviour:
 
     Parameters
     ----------
-    state_bits : mapping of DriveState to int
-        What the statusword says of each state.
+    status_bits : int
+        Bits of the statusword that are always set.
     homing_methods : frozenset of int
         Homing methods that it takes; others are refused as out of range.
     switch_errors : mapping of int to int
@@ -88,7 +94,7 @@ class Behaviour:
         Whether software limits of zero both are none.
     """
 
-    state_bits: Mapping[DriveState, int]
+    status_bits: int
     homing_methods: frozenset[int]
     switch_errors: Mapping[int, int]
     position_limit_error: int
@@ -138,19 +144,9 @@ class SimulatedCia402Drive(CanopenNode):
         self._section, self._fixed = section, fixed
         self._behaviour = behaviour
         self._model = section.model()
-        self._inputs_by_name = section.digital_inputs
         scale = section.scale()
         self._speed_units, self._acceleration_units = scale.speed_units, scale.acceleration_units
         self._pulses = round(scale.counts_per_turn) // behaviour.counts_per_pulse
-        super().__init__(
-            wire,
-            node_id,
-            clock,
-            eds=self._model.eds,
-            fixed=fixed,
-            while_unpowered=behaviour.while_unpowered,
-            fingerprint=self._model.fingerprint,
-        )
         self.journal = DriveJournal()
         self.forced_inputs = 0
         self._analog_mv: dict[str, float] = {}
@@ -159,14 +155,16 @@ class SimulatedCia402Drive(CanopenNode):
         self._ready_s = clock.now_s()
         self._shaft = MotorShaft(mechanics, clock.now_s())
         self._state = DriveState.SWITCH_ON_DISABLED
-        self._state_at_rest: DriveState | None = None
         self._errors: list[int] = []
         self._target = 0.0
-        self._waiting_target: float | None = None
         self._stretches: list[HomingMove] = []
         self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
         self._moving = False
         self._inputs = 0
+        eds, fingerprint = self._model.eds, self._model.fingerprint
+        super().__init__(
+            wire, node_id, clock, eds, fixed=fixed, live=self._list_live_objects(), fingerprint=fingerprint
+        )
         self._values = self.objects.value
         self._note("boot", "power on")
         self.boot()
@@ -175,11 +173,6 @@ class SimulatedCia402Drive(CanopenNode):
     def shaft_counts(self) -> float:
         """Where the motor's shaft stands, whatever the counter has been set to."""
         return self._shaft.position
-
-    @property
-    def speed_quadcounts_s(self) -> float:
-        """How fast the shaft turns, with its sign."""
-        return 0.0 if self._shaft.stuck else self._shaft.velocity
 
     @property
     def is_moving(self) -> bool:
@@ -191,40 +184,30 @@ class SimulatedCia402Drive(CanopenNode):
         """Whether homing is under way."""
         return self._homing
 
+    def is_powered(self) -> bool:
+        """Tell whether the power stage is on."""
+        return self._state in _POWERED
+
     # What its product decides
 
-    def counts_per_turn(self) -> int:
-        """Return the counts a turn of the motor."""
+    def _counts_per_turn(self) -> int:
         encoder = self._behaviour.encoder
         pulses = self._pulses if encoder is None else self._values(encoder)
         return self._behaviour.counts_per_pulse * pulses
 
-    def counts_per_speed_unit(self) -> float:
-        """Return the counts a second at one unit of speed."""
-        return self.counts_per_turn() / self._speed_units
-
-    def position_limits(self) -> tuple[float, float]:
-        """Return the software limits [counts]."""
+    def _position_limits(self) -> tuple[float, float]:
         low, high = self.objects.values[co.LOWER_LIMIT], self.objects.values[co.UPPER_LIMIT]
         if low == high == 0 and self._behaviour.zero_is_no_limit:
             return -math.inf, math.inf
         return low, high
 
-    def stays_in_quick_stop(self) -> bool:
-        """Tell whether power stays on at the end of a quick stop, which transition 16 can then leave."""
-        return self.objects.values.get(co.QUICK_STOP_OPTION, _STAYS_IN_QUICK_STOP) >= _STAYS_IN_QUICK_STOP
-
-    def current_limit_ma(self) -> float:
+    def _current_limit_ma(self) -> float:
         """Return the output current limit [mA]; none by default."""
         if self._model.current_limit_ma is not None:
             return float(self._values(self._model.current_limit_ma))
         values = self.objects.values
         rated_ma = values.get(co.RATED_CURRENT, 0)
         return values.get(co.MAX_CURRENT, 0) * rated_ma / 1000 if rated_ma else math.inf
-
-    def is_powered(self) -> bool:
-        """Tell whether the power stage is on."""
-        return self._state in _POWERED
 
     def lose_master(self, t_s: float) -> None:
         """Do what the abort connection option code says when the heartbeat of the computer has ended."""
@@ -235,15 +218,13 @@ class SimulatedCia402Drive(CanopenNode):
             self.send_emergency(_HEARTBEAT_ERROR, _find_register(_HEARTBEAT_ERROR))
             self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
 
+    # What tests and fault scripts do to it
+
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
+        mechanics, behaviour = self._shaft.mechanics, self._behaviour
         SimulatedCia402Drive(
-            self._section,
-            self._wire,
-            self._clock,
-            self._shaft.mechanics,
-            behaviour=self._behaviour,
-            fixed=self._fixed,
+            self._section, self._wire, self._clock, mechanics, behaviour=behaviour, fixed=self._fixed
         )
 
     def set_encoder(self, pulses: int) -> None:
@@ -251,8 +232,6 @@ class SimulatedCia402Drive(CanopenNode):
         self._pulses = 4 * pulses // self._behaviour.counts_per_pulse
         if self._behaviour.encoder is not None:
             self.objects.set_fixed(self._behaviour.encoder, self._pulses)
-
-    # What tests and fault scripts do to it
 
     def fail(self, code: int) -> None:
         """Go to fault with an error code: tell it by EMCY, and brake or lose power as the code has it."""
@@ -263,10 +242,6 @@ class SimulatedCia402Drive(CanopenNode):
         self.lasting_errors.add(code)
         self.fail(code)
 
-    def restore_power_stage(self) -> None:
-        """Give the supply of the power stage back; the fault still has to be reset."""
-        self.lasting_errors.clear()
-
     def block(self) -> None:
         """Block the shaft where it stands."""
         self._shaft.jam()
@@ -275,38 +250,42 @@ class SimulatedCia402Drive(CanopenNode):
         """Let the motor lose its shaft: it lags, and no current shows why."""
         self._shaft.uncouple()
 
+    def mend(self) -> None:
+        """Take away what blocks the shaft, give the power stage its supply back, and listen, send and beat again."""
+        self.recover()
+        self.lasting_errors.clear()
+        self._shaft.free()
+
     def set_input(self, name: str, value: float) -> None:
         """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""
-        bit = self._inputs_by_name.get(name)
+        bit = self._section.digital_inputs.get(name)
         if bit is None:
             self._analog_mv[name] = value
         else:
             self.forced_inputs = self.forced_inputs & ~(1 << bit) | bool(value) << bit
             self.tick()
 
+    def press(self, inputs: int) -> None:
+        """Hold switches closed, by their bits."""
+        self.forced_inputs |= inputs
+        self.tick()
+
     def shift_counter(self, counts: float) -> None:
         """Let position and demand jump, and the shaft stand: an encoder that counts wrong, or another zero."""
         self._shaft.shift_counter(self._clock.now_s(), counts)
         self._target += counts
 
-    def unblock(self) -> None:
-        """Take the blockage away."""
-        self._shaft.free()
-
-    def press(self, inputs: int) -> None:
-        """Hold switches closed: the bits of 0x2071:01."""
-        self.forced_inputs |= inputs
-        self.tick()
-
     def restart(self) -> None:
         """Lose power and come back: settings, reference and counter are lost, the shaft stays where it is."""
         now_s = self._clock.now_s()
         self._shaft.hold(now_s)
-        self._shaft.zero, before = self._shaft.position, self._moving
+        self._shaft.zero = self._shaft.position
         self._shaft.count_from(now_s, 0.0)
-        self._state, self._state_at_rest = DriveState.SWITCH_ON_DISABLED, None
-        self._forget()
-        self._moving = before
+        self._state = DriveState.SWITCH_ON_DISABLED
+        self._errors.clear()
+        self._stretches.clear()
+        self._target = 0.0
+        self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
         self.objects.load()
         self.nmt_state = NmtState.OFF
         self._ready_s = now_s + self._boot_time_s
@@ -314,12 +293,6 @@ class SimulatedCia402Drive(CanopenNode):
         self._note_stillness(now_s)
         if not self._boot_time_s:
             self.boot()
-
-    def _forget(self) -> None:
-        self._errors.clear()
-        self._target, self._waiting_target = 0.0, None
-        self._stretches.clear()
-        self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
 
     # Time
 
@@ -342,17 +315,12 @@ class SimulatedCia402Drive(CanopenNode):
         if not self._shaft.is_at_rest(now_s) or self._homing:
             return
         self._note_stillness(self._shaft.profile.end_s)
-        if self._state is DriveState.QUICK_STOP_ACTIVE and not self.stays_in_quick_stop():
+        option = self.objects.values.get(co.QUICK_STOP_OPTION, _STAYS_IN_QUICK_STOP)
+        if self._state is DriveState.QUICK_STOP_ACTIVE and option < _STAYS_IN_QUICK_STOP:
             self._change_state(0)
         elif self._state is DriveState.FAULT_REACTION:
             self._set_state(DriveState.FAULT)
             self._hold()
-        elif self._state_at_rest is not None:
-            self._set_state(self._state_at_rest)
-            self._hold()
-        elif self._waiting_target is not None:
-            self._target, self._waiting_target = self._waiting_target, None
-            self._start_move(now_s)
 
     def _note_stillness(self, t_s: float) -> None:
         if self._moving:
@@ -361,14 +329,13 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _watch(self, now_s: float) -> None:
         """Notice software limits and following error, at the instant at which they were passed."""
-        objects, shaft = self.objects.values, self._shaft
+        shaft, window = self._shaft, self.objects.values[co.MAX_FOLLOWING_ERROR]
         demand, actual = shaft.at(now_s)
-        low, high = self.position_limits()
+        low, high = self._position_limits()
         if not (low <= demand <= high and low <= actual <= high):
             passed_s = shaft.find_first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
             self._raise_error(self._behaviour.position_limit_error, passed_s)
             return
-        window = objects[co.MAX_FOLLOWING_ERROR]
         seeks_stop = self._homing and bool(self._stretches) and self._stretches[0].to_stop
         if abs(demand - actual) > window != _FOLLOWING_ERROR_OFF and not seeks_stop:
             self._raise_error(
@@ -378,13 +345,11 @@ class SimulatedCia402Drive(CanopenNode):
     def _read_switches(self, *, seeks_switch: bool) -> None:
         before, self._inputs = self._inputs, self._read_inputs()
         pressed = self._inputs & ~before
-        if pressed:
-            mask = self._behaviour.switch_mask
-            pressed &= _NEGATIVE_SWITCH | _POSITIVE_SWITCH if mask is None else self._values(mask)
         if not pressed or seeks_switch or self._state not in _POWERED:
             return
+        mask = self._behaviour.switch_mask
         for bit, code in self._behaviour.switch_errors.items():
-            if pressed & bit:
+            if pressed & bit & (bit if mask is None else self._values(mask)):
                 self.fail(code)
 
     def _read_inputs(self) -> int:
@@ -393,21 +358,27 @@ class SimulatedCia402Drive(CanopenNode):
             word |= _NEGATIVE_SWITCH
         if mechanics.positive_switch is not None and place >= mechanics.positive_switch:
             word |= _POSITIVE_SWITCH
-        if mechanics.home_switch is not None and place >= mechanics.home_switch:
-            word |= _HOME_SWITCH
         return word
 
-    def read_analog_mv(self, name: str) -> int:
-        """Return the voltage at an analog input [mV]; 0 where nothing is wired."""
-        wired = self._shaft.mechanics.analog_mv.get(name)
-        forced_mv = self._analog_mv.get(name)
-        return round(forced_mv if forced_mv is not None else 0.0 if wired is None else wired())
+    def _read_masked_inputs(self) -> int:
+        mask = self._model.input_mask
+        return self._read_inputs() & (-1 if mask is None else self._values(mask))
 
-    def read_current_ma(self) -> float:
+    def _read_analog_mv(self, name: str) -> int:
+        """Return the voltage at an analog input [mV]; 0 where nothing is wired."""
+        wired = self._shaft.mechanics.analog_mv.get(name, lambda: 0.0)
+        return round(self._analog_mv[name] if name in self._analog_mv else wired())
+
+    def _read_current_ma(self) -> float:
         """Return the motor current [mA]; 0 without power."""
         if not self.is_powered():
             return 0.0
-        return self._shaft.current_ma(self.counts_per_turn(), self.current_limit_ma())
+        return self._shaft.current_ma(self._counts_per_turn(), self._current_limit_ma())
+
+    def _read_current_per_mille(self) -> int:
+        """Return the motor current in thousandths of the rated one, or in mA; the torque has the same number."""
+        rated_ma = self.objects.values.get(co.RATED_CURRENT, 0)
+        return round(self._read_current_ma() * (1000 / rated_ma if rated_ma else 1))
 
     def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
         at_s = self._clock.now_s() if t_s is None else t_s
@@ -415,53 +386,32 @@ class SimulatedCia402Drive(CanopenNode):
 
     # Objects
 
-    def live_objects(self) -> dict[Place, Callable[[], int]]:
-        """Return the objects whose value is made when it is read."""
+    def _list_live_objects(self) -> dict[Place, Callable[[], int]]:
+        """Return the objects whose value is made when it is read, each within its range."""
         model = self._model
         live: dict[Place | None, Callable[[], int]] = {
             co.STATUSWORD: self._statusword,
             co.POSITION_ACTUAL: lambda: round(self._shaft.actual),
-            co.POSITION_DEMAND: lambda: round(self._shaft.demand),
             co.MODE_DISPLAY: lambda: self._values(co.MODE),
-            co.VELOCITY_ACTUAL: self._measure_velocity,
-            co.VELOCITY_SENSOR: self._measure_velocity,
-            co.VELOCITY_DEMAND: lambda: round(self._shaft.velocity / self.counts_per_speed_unit()),
             co.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
             co.CURRENT_ACTUAL: self._read_current_per_mille,
             co.TORQUE_ACTUAL: self._read_current_per_mille,
-            model.current_ma: lambda: round(self.read_current_ma()),
+            model.current_ma: lambda: round(self._read_current_ma()),
             model.following_error: lambda: round(self._shaft.demand - self._shaft.actual),
             model.inputs: self._read_masked_inputs,
-            **{place: partial(self.read_analog_mv, name) for name, place in model.analog.items()},
+            **{place: partial(self._read_analog_mv, name) for name, place in model.analog.items()},
         }
-        bounds = {place: find_bounds(variable) for place, variable in model.eds.objects.items()}
+        known = model.eds.objects
         return {
-            place: partial(_clip, read, *bounds[place])
+            place: partial(_clip, read, *find_bounds(known[place]))
             for place, read in live.items()
-            if place is not None and place in bounds
+            if place is not None and place in known
         }
 
-    def _read_masked_inputs(self) -> int:
-        mask = self._model.input_mask
-        return self._read_inputs() & (-1 if mask is None else self._values(mask))
-
-    def _read_current_per_mille(self) -> int:
-        """Return the motor current in thousandths of the rated one, or in mA; the torque has the same number."""
-        rated_ma = self.objects.values.get(co.RATED_CURRENT, 0)
-        return round(self.read_current_ma() * (1000 / rated_ma if rated_ma else 1))
-
-    def _measure_velocity(self) -> int:
-        """Return the speed as a drive measures it: the counts of the last whole millisecond.
-
-        It alternates between two neighbours: a real EPOS2 with 1024 counts per turn shows 59 and 117 rpm at 100 rpm.
-        """
-        end_s = math.floor(self._clock.now_s() / _COUNTING_S) * _COUNTING_S
-        before, after = (round(self._shaft.at(t_s)[1]) for t_s in (end_s - _COUNTING_S, end_s))
-        return round((after - before) / _COUNTING_S / self.counts_per_speed_unit())
-
-    def _operates(self) -> bool:
-        """Tell whether operation is enabled, and not about to be left at standstill."""
-        return self._state is DriveState.OPERATION_ENABLED and self._state_at_rest is None
+    def _refuse(self, place: Place) -> int | None:
+        if place in self._behaviour.while_unpowered and self.is_powered():
+            return sdo_server.WRONG_STATE
+        return super()._refuse(place)
 
     def _on_write(self, place: Place, value: int, before: int) -> None:
         super()._on_write(place, value, before)
@@ -470,18 +420,20 @@ class SimulatedCia402Drive(CanopenNode):
         elif place == co.MODE:
             self._change_mode(value, before)
         elif place == co.HOMING_METHOD and value not in self._behaviour.homing_methods:
-            self.objects.values[place] = before
-            raise SdoAbortError(sdo_server.OUT_OF_RANGE)
+            self._take_back(place, before)
         elif place == co.ERROR_COUNT:
             self.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
         elif place == self._behaviour.encoder and value != before:
             self._referenced = False
             self.fail(_SENSOR_ERROR)
 
+    def _take_back(self, place: Place, before: int) -> None:
+        self.objects.values[place] = before
+        raise SdoAbortError(sdo_server.OUT_OF_RANGE)
+
     def _change_mode(self, mode: int, before: int) -> None:
         if mode not in {_PROFILE_POSITION, _HOMING}:
-            self.objects.values[co.MODE] = before
-            raise SdoAbortError(sdo_server.OUT_OF_RANGE)
+            self._take_back(co.MODE, before)
         if mode != before:
             self._acknowledged = False
             self._stop_homing()
@@ -493,18 +445,17 @@ class SimulatedCia402Drive(CanopenNode):
     def _obey_nmt(self, command: int) -> None:
         match command:
             case 0x01:
-                self.enter(NmtState.OPERATIONAL)
+                self.nmt_state = NmtState.OPERATIONAL
             case 0x02:
-                self.enter(NmtState.STOPPED)
+                self.nmt_state = NmtState.STOPPED
             case 0x80:
-                self.enter(NmtState.PRE_OPERATIONAL)
+                self.nmt_state = NmtState.PRE_OPERATIONAL
             case 0x81:
                 self.restart()
                 return
             case 0x82:
-                self._errors = [
-                    code for code in self._errors if code not in self._behaviour.reset_communication_first
-                ]
+                first = self._behaviour.reset_communication_first
+                self._errors = [code for code in self._errors if code not in first]
                 self.objects.load(only_communication=True)
                 self.boot()
         self._note("nmt", f"0x{command:02X}")
@@ -512,12 +463,11 @@ class SimulatedCia402Drive(CanopenNode):
     # State machine
 
     def _statusword(self) -> int:
-        word = self._behaviour.state_bits[self._state]
+        word = _STATUS[self._state] | self._behaviour.status_bits
         word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
         word |= _REFERENCED if self._referenced else 0
-        mode = self._values(co.MODE)
         word |= TARGET_REACHED if self._has_arrived() else 0
-        if mode == _HOMING:
+        if self._values(co.MODE) == _HOMING:
             word |= HOMING_ATTAINED if self._attained else 0
             return word | (_MODE_SPECIFIC if self._homing_failed else 0)
         word |= _MODE_SPECIFIC if _FOLLOWING_ERROR in self._errors else 0
@@ -525,10 +475,10 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _has_arrived(self) -> bool:
         """Tell bit 10: the profile is over, and inside the window if there is one for as long as its time."""
-        now_s, profile = self._clock.now_s(), self._shaft.profile
+        now_s, due_s = self._clock.now_s(), self._shaft.profile.end_s
         if self._homing or self._homing_failed:
             return False
-        due_s, window = profile.end_s, self.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
+        window = self.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
         if window != co.WINDOW_OFF:
             if abs(self._shaft.demand - self._shaft.actual) > window:
                 return False
@@ -540,7 +490,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _set_state(self, state: DriveState) -> None:
         if state is not self._state:
-            self._state, self._state_at_rest = state, None
+            self._state = state
             self._note("state", state.name)
 
     def _obey(self, word: int, before: int) -> None:
@@ -550,43 +500,33 @@ class SimulatedCia402Drive(CanopenNode):
             return
         if self._state is not DriveState.FAULT_REACTION:
             self._change_state(word)
-        if self._operates():
-            self._operate(word, before)
+        if self._state is DriveState.OPERATION_ENABLED:
+            if self._values(co.MODE) == _HOMING:
+                self._obey_homing_mode(word, before)
+            else:
+                self._obey_position_mode(word, before)
 
     def _change_state(self, word: int) -> None:
-        powered, self._state_at_rest = self._state in _POWERED, None
-        enables = word & 0x0F == 0x0F
+        """Make the transition that a controlword asks for; without power the axis stands where it is."""
+        powered = self.is_powered()
         if not word & 0x02:
             self._set_state(DriveState.SWITCH_ON_DISABLED)
         elif not word & 0x04:
             self._quick_stop()
         elif self._state is DriveState.QUICK_STOP_ACTIVE:
-            if enables and self.stays_in_quick_stop():
-                self._set_state(DriveState.OPERATION_ENABLED)  # transition 16
-        elif word & 0x0F in {0x06, 0x0E}:
-            self._leave_operation(DriveState.READY_TO_SWITCH_ON, co.SHUTDOWN_OPTION)
-        elif enables and self._state is not DriveState.SWITCH_ON_DISABLED:
-            self._set_state(DriveState.OPERATION_ENABLED)  # transitions 3 and 4 may be combined
-        elif self._state is not DriveState.SWITCH_ON_DISABLED:
-            self._leave_operation(DriveState.SWITCHED_ON, co.DISABLE_OPTION)
-        if powered != (self._state in _POWERED):
+            return
+        elif not word & 0x01:
+            self._set_state(DriveState.READY_TO_SWITCH_ON)
+        elif self._state is not DriveState.SWITCH_ON_DISABLED:  # transitions 3 and 4 may be combined
+            self._set_state(DriveState.OPERATION_ENABLED if word & 0x08 else DriveState.SWITCHED_ON)
+        if powered != self.is_powered():
             self._hold()
-
-    def _leave_operation(self, state: DriveState, option: Place) -> None:
-        """Go to a state without power, after braking if the option code says so (transitions 5 and 8)."""
-        moves = self._state is DriveState.OPERATION_ENABLED and not self._is_at_rest()
-        if moves and self._values(option) == _SLOW_DOWN:
-            self._stop_homing()
-            self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
-            self._state_at_rest = state
-        else:
-            self._set_state(state)
 
     def _hold(self) -> None:
         """Stand still: power has come or gone."""
         now_s = self._clock.now_s()
         self._stop_homing()
-        self._waiting_target, self._acknowledged = None, False
+        self._acknowledged = False
         self._shaft.hold(now_s)
         self._note_stillness(now_s)
 
@@ -598,35 +538,19 @@ class SimulatedCia402Drive(CanopenNode):
         elif self._state is not DriveState.QUICK_STOP_ACTIVE:
             self._set_state(DriveState.SWITCH_ON_DISABLED)
 
-    def _operate(self, word: int, before: int) -> None:
-        mode = self._values(co.MODE)
-        if mode == _HOMING:
-            self._obey_homing_mode(word, before)
-        else:
-            self._obey_position_mode(word, before)
-
     # Modes
 
     def _obey_position_mode(self, word: int, before: int) -> None:
         if not word & NEW_SETPOINT:
-            self._acknowledged = self._waiting_target is not None
+            self._acknowledged = False
         elif not before & NEW_SETPOINT:
-            self._take_set_point(word)
+            self._target, self._acknowledged = float(self._values(co.TARGET_POSITION)), True
+            self._note("set-point", f"{self._target:.0f}")
+            if not word & HALT:
+                self._start_move(self._clock.now_s())
         if word & HALT and not before & HALT:
             self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
         elif before & HALT and not word & HALT:
-            self._start_move(self._clock.now_s())
-
-    def _take_set_point(self, word: int) -> None:
-        start = round(self._shaft.demand) if word & RELATIVE else 0
-        target = float(start + self._values(co.TARGET_POSITION))
-        self._acknowledged = True
-        if not (word & CHANGE_IMMEDIATELY or self._is_at_rest()):
-            self._waiting_target = target
-            return
-        self._target, self._waiting_target = target, None
-        self._note("set-point", f"{target:.0f}")
-        if not word & HALT:
             self._start_move(self._clock.now_s())
 
     def _obey_homing_mode(self, word: int, before: int) -> None:
@@ -642,7 +566,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._attained = self._homing_failed = False
         self._note("homing", f"method {method}")
         offset = 0 if self._model.home_offset is None else self._values(self._model.home_offset)
-        self._stretches = list(plan_homing(method, self._shaft, self.counts_per_turn(), offset))
+        self._stretches = list(plan_homing(method, self._shaft, self._counts_per_turn(), offset))
         self._homing = True
         if self._stretches:
             self._start_homing_move(self._clock.now_s())
@@ -690,18 +614,18 @@ class SimulatedCia402Drive(CanopenNode):
         up = min(highest, self._values(acceleration or co.PROFILE_ACCELERATION))
         down = min(highest, self._values(acceleration or co.PROFILE_DECELERATION))
         speed_units = min(self._values(speed), self._values(co.MAX_PROFILE_VELOCITY))
-        scale = self.counts_per_turn() / self._acceleration_units
-        return Limits(speed_units * self.counts_per_speed_unit(), up * scale, down * scale)
+        per_turn = self._counts_per_turn()
+        scale = per_turn / self._acceleration_units
+        return Limits(speed_units * per_turn / self._speed_units, up * scale, down * scale)
 
     def _start_move(self, t_s: float) -> None:
         self._shaft.go(t_s, self._target, self._read_limits(co.PROFILE_VELOCITY))
         self._moving = self._moving or not self._is_at_rest()
 
     def _brake(self, place: Place, t_s: float) -> None:
-        self._waiting_target = None
         if self._moving:
             self._note("brake", str(place), t_s)
-        self._shaft.brake(t_s, self._values(place) * self.counts_per_turn() / self._acceleration_units)
+        self._shaft.brake(t_s, self._values(place) * self._counts_per_turn() / self._acceleration_units)
 
     # Faults
 
@@ -720,32 +644,26 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _react(self, code: int, t_s: float) -> None:
         """Brake, or switch the power stage off at once, whichever the error and 0x605E ask for."""
+        option = self._values(co.FAULT_REACTION)
         self._homing_failed = self._homing_failed or self._homing
         self._stop_homing()
-        if self._state not in _POWERED or self._loses_power(code):
+        loses_power = option == _POWER_OFF or code in self._behaviour.disabling_errors | self.lasting_errors
+        if loses_power or not self.is_powered():
             self._hold()
             self._set_state(DriveState.FAULT)
         elif self._state is not DriveState.FAULT_REACTION:
-            slows_down = self._values(co.FAULT_REACTION) == _SLOW_DOWN
-            self._brake(co.PROFILE_DECELERATION if slows_down else co.QUICK_STOP_DECELERATION, t_s)
+            self._brake(co.PROFILE_DECELERATION if option == _SLOW_DOWN else co.QUICK_STOP_DECELERATION, t_s)
             self._moving = True
             self._set_state(DriveState.FAULT_REACTION)
 
-    def _loses_power(self, code: int) -> bool:
-        """Tell whether an error switches the power stage off at once."""
-        powerless = self._values(co.FAULT_REACTION) == _POWER_OFF
-        return powerless or code in self._behaviour.disabling_errors | self.lasting_errors
-
     def _reset_fault(self) -> None:
-        kept = (
-            self._behaviour.reset_communication_first | self._behaviour.reset_node_first | self.lasting_errors
-        )
+        behaviour = self._behaviour
+        kept = behaviour.reset_communication_first | behaviour.reset_node_first | self.lasting_errors
         self._errors = [code for code in self._errors if code in kept]
-        if self._errors:
-            return
-        self._set_state(DriveState.SWITCH_ON_DISABLED)
-        self.objects.values[co.ERROR_REGISTER] = 0
-        self.send_emergency(0, 0)
+        if not self._errors:
+            self._set_state(DriveState.SWITCH_ON_DISABLED)
+            self.objects.values[co.ERROR_REGISTER] = 0
+            self.send_emergency(0, 0)
 
 
 def _find_register(code: int) -> int:

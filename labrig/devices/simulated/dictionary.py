@@ -13,14 +13,9 @@ from labrig.devices.simulated.sdo_server import SdoAbortError
 _DEVICE_NAME = Place(0x1008)
 """A string, and so in no table of numbers."""
 
-_COB_IDS = (
-    *co.RECEIVE_PDO_COB_IDS,
-    *co.TRANSMIT_PDO_COB_IDS,
-    co.EMERGENCY_ID,
-    Place(0x1200, 1),
-    Place(0x1200, 2),
-)
-_MAPPINGS = {place: mapping for mapping in (*co.RPDO_MAPS, *co.TPDO_MAPS) for place in mapping}
+MAPPINGS = {place: mapping for mapping in co.TPDO_MAPS for place in mapping}
+"""An object that says what a transmit PDO carries -> all of that PDO, the number of its objects first."""
+
 _PROCESS_DATA = frozenset({co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.ERROR_COUNT})
 """Written all the time, so no part of the configuration that a fingerprint vouches for."""
 
@@ -38,14 +33,17 @@ class ObjectDictionary:
         What this drive has instead of the defaults, and keeps through every reset.
     live : mapping of Place to callable
         Objects whose value is made when it is read.
-    written : callable
-        Told (place, value, value before) after each write.
-    is_powered, is_pre_operational : callable
-        Some objects can be written only without power, others only in this NMT state.
-    while_unpowered : frozenset of Place
-        Those that can be written only without power.
     fingerprint : tuple of Place
         Those that are cleared when a setting changes.
+    refuse : callable
+        Returns the abort code if an object cannot be written now, whatever the value.
+    written : callable
+        Told (place, value, value before) after each write.
+
+    Attributes
+    ----------
+    variables : mapping of Place to ODVariable
+        The objects, with those that it lacks: motion needs them, and nobody can ask.
     """
 
     def __init__(
@@ -54,26 +52,21 @@ class ObjectDictionary:
         node_id: int,
         fixed: Mapping[Place, int],
         live: Mapping[Place, Callable[[], int]],
-        written: Callable[[Place, int, int], None],
         *,
-        is_powered: Callable[[], bool],
-        is_pre_operational: Callable[[], bool],
-        while_unpowered: frozenset[Place] = frozenset(),
-        fingerprint: tuple[Place, ...] = (),
+        fingerprint: tuple[Place, ...],
+        refuse: Callable[[Place], int | None],
+        written: Callable[[Place, int, int], None],
     ) -> None:
         self._name = eds.product_name.encode("ascii", "replace")
         self._objects = self._mappable = eds.objects
         self._indices = {place.index for place in eds.objects} | {_DEVICE_NAME.index}
-        # What this drive lacks has other defaults behind the scenes: motion needs them, and nobody can ask.
-        every = {**read_own_eds("epos2.eds").objects, **eds.objects}
-        self._defaults = {p: find_default(v) + node_id * (p in _COB_IDS) for p, v in every.items()}
+        self.variables = {**read_own_eds("epos2.eds").objects, **eds.objects}
+        self._defaults = {p: find_default(v) + node_id * v.relative for p, v in self.variables.items()}
         self._fixed = dict(fixed)
         self._live = live
-        self._written = written
-        self._is_powered = is_powered
-        self._is_pre_operational = is_pre_operational
-        self._while_unpowered = while_unpowered
         self._fingerprint = fingerprint
+        self._refuse = refuse
+        self._written = written
         self.values: dict[Place, int] = {}
         self.load()
 
@@ -96,10 +89,6 @@ class ObjectDictionary:
         live = self._live.get(place)
         return self.values[place] if live is None else live()
 
-    def find(self, place: Place) -> ODVariable | None:
-        """Return the object at a place, or None."""
-        return self._objects.get(place)
-
     def read(self, place: Place) -> bytes:
         """Return the bytes of an object. Raises `SdoAbortError`."""
         if place == _DEVICE_NAME:
@@ -111,10 +100,8 @@ class ObjectDictionary:
 
     def write(self, place: Place, data: bytes) -> None:
         """Write an object, after all checks. Raises `SdoAbortError`."""
-        if place == _DEVICE_NAME:
-            raise SdoAbortError(sdo_server.READ_ONLY)
-        variable = self._require(place)
-        if not variable.writable:
+        variable = None if place == _DEVICE_NAME else self._require(place)
+        if variable is None or not variable.writable:
             raise SdoAbortError(sdo_server.READ_ONLY)
         if len(data) != count_bytes(variable):
             longer = len(data) > count_bytes(variable)
@@ -138,34 +125,27 @@ class ObjectDictionary:
         return variable
 
     def _check(self, place: Place, value: int, bounds: tuple[int, int]) -> None:
-        if place in self._while_unpowered and self._is_powered():
-            raise SdoAbortError(sdo_server.WRONG_STATE)
+        if (code := self._refuse(place)) is not None:
+            raise SdoAbortError(code)
         low, high = bounds
         if not low <= value <= high:
             raise SdoAbortError(sdo_server.TOO_LOW if value < low else sdo_server.TOO_HIGH)
         if place == co.ERROR_COUNT and value:
             raise SdoAbortError(sdo_server.TOO_HIGH)
-        limits = self.values | {place: value}
-        if place in {co.LOWER_LIMIT, co.UPPER_LIMIT} and limits[co.LOWER_LIMIT] > limits[co.UPPER_LIMIT]:
-            raise SdoAbortError(sdo_server.MAXIMUM_BELOW_MINIMUM)
-        if place in _MAPPINGS:
-            self._check_mapping(place, value, _MAPPINGS[place])
+        if place in {co.LOWER_LIMIT, co.UPPER_LIMIT}:
+            limits = self.values | {place: value}
+            if limits[co.LOWER_LIMIT] > limits[co.UPPER_LIMIT]:
+                raise SdoAbortError(sdo_server.MAXIMUM_BELOW_MINIMUM)
+        if place in MAPPINGS:
+            self._check_mapping(place, value, MAPPINGS[place])
 
     def _check_mapping(self, place: Place, value: int, mapping: tuple[Place, ...]) -> None:
-        if not self._is_pre_operational():
-            raise SdoAbortError(sdo_server.NMT_STATE)
         if place.subindex == 0:
             if sum(self.values[entry] & 0xFF for entry in mapping[1 : value + 1]) > 64:
                 raise SdoAbortError(sdo_server.PDO_LENGTH)
-            return
-        if self.values[mapping[0]]:
+        elif self.values[mapping[0]]:
             raise SdoAbortError(sdo_server.WRONG_STATE)
-        mapped = self._mappable.get(Place(value >> 16, value >> 8 & 0xFF))
-        needs_write = mapping in co.RPDO_MAPS
-        if value and (
-            mapped is None
-            or mapped.index < 0x2000
-            or len(mapped) != value & 0xFF
-            or (needs_write and not mapped.writable)
-        ):
-            raise SdoAbortError(sdo_server.NOT_MAPPABLE)
+        else:
+            mapped = self._mappable.get(Place(value >> 16, value >> 8 & 0xFF))
+            if value and (mapped is None or mapped.index < 0x2000 or len(mapped) != value & 0xFF):
+                raise SdoAbortError(sdo_server.NOT_MAPPABLE)

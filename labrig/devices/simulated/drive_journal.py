@@ -28,10 +28,6 @@ class DriveEvent:
     text: str
     shaft_counts: float
 
-    def document(self) -> dict[str, object]:
-        """Return it ready for JSON."""
-        return {"t_s": self.t_s, "kind": self.kind, "text": self.text, "shaft_quadcounts": self.shaft_counts}
-
 
 class DriveJournal:
     """The last events of a drive, oldest first."""

@@ -6,7 +6,6 @@ from labrig.clock import Clock
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.states import DriveState
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import Behaviour, SimulatedCia402Drive
 from labrig.devices.simulated.shaft import Mechanics
@@ -18,15 +17,7 @@ _MOTOR_TYPE = Place(0x6402)
 _EPOS2_24_5, _SOFTWARE_TRIED = 0x6220, 0x2122
 
 EPOS2 = Behaviour(
-    state_bits={
-        DriveState.SWITCH_ON_DISABLED: 0x0140,
-        DriveState.READY_TO_SWITCH_ON: 0x0121,
-        DriveState.SWITCHED_ON: 0x0123,
-        DriveState.OPERATION_ENABLED: 0x0137,
-        DriveState.QUICK_STOP_ACTIVE: 0x0117,
-        DriveState.FAULT_REACTION: 0x010F,
-        DriveState.FAULT: 0x0108,
-    },
+    status_bits=0x0100,
     homing_methods=frozenset({-4, -3, -2, -1, 1, 2, 17, 18, 35}),
     switch_errors={0x0001: 0xFF06, 0x0002: 0xFF07},
     position_limit_error=0xFF09,
@@ -44,16 +35,7 @@ EPOS2 = Behaviour(
 )
 
 CIA402 = Behaviour(
-    state_bits={
-        DriveState.NOT_READY: 0x0000,
-        DriveState.SWITCH_ON_DISABLED: 0x0050,
-        DriveState.READY_TO_SWITCH_ON: 0x0031,
-        DriveState.SWITCHED_ON: 0x0033,
-        DriveState.OPERATION_ENABLED: 0x0037,
-        DriveState.QUICK_STOP_ACTIVE: 0x0017,
-        DriveState.FAULT_REACTION: 0x001F,
-        DriveState.FAULT: 0x0018,
-    },
+    status_bits=0x0010,
     homing_methods=frozenset({1, 2, 17, 18, 35, 37}),
     switch_errors={0x0001: 0x8A80, 0x0002: 0x8A81},
     position_limit_error=0x8A82,
@@ -78,7 +60,6 @@ def simulate_epos2(
     """Return an EPOS2 of this hardware and software version on a wire."""
     (node_id,), scale = section.nodes, section.scale()
     fixed = {
-        Place(0x2000): node_id,
         _ENCODER_PULSES: round(scale.counts_per_turn) // EPOS2.counts_per_pulse,
         _HARDWARE: hardware,
         _SOFTWARE: software,

@@ -25,8 +25,6 @@ class Mechanics:
         Hard stops.
     negative_switch, positive_switch : float or None
         Limit switches: the negative one is active at or below its place, the positive one at or above.
-    home_switch : float or None
-        Active at or above this.
     motor : Motor
         The motor and its load.
     analog_mv : mapping of str to callable
@@ -37,7 +35,6 @@ class Mechanics:
     upper_stop: float | None = None
     negative_switch: float | None = None
     positive_switch: float | None = None
-    home_switch: float | None = None
     motor: Motor = field(default_factory=Motor)
     analog_mv: Mapping[str, Callable[[], float]] = field(default_factory=dict)
 

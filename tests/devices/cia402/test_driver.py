@@ -10,7 +10,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.states import ENABLE, QUICK_STOP, DriveState, decode_state
+from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.units import AxisScale
@@ -73,21 +73,6 @@ def test_safety_settings_are_written_and_read_back(bare: ProfileDriveOnABus) -> 
     assert isinstance(dead_man, dict)
     assert dead_man["0x6007:00"] == 1
     assert {"0x6067:00", "0x605D:00", "0x607C:00"}.isdisjoint(settings | dead_man)
-
-
-@pytest.mark.parametrize(("option", "state"), [(2, 0x07), (6, 0x27)])
-def test_transition_16_needs_a_quick_stop_that_keeps_power(
-    bare: ProfileDriveOnABus, option: int, state: int
-) -> None:
-    """From 5 on the quick stop option code lets enable operation lead back; below it the stop is brought to its end."""
-    bare.driver.configure(HEARTBEAT, None)
-    bare.driver.enable()
-    bare.driver.adjust({co.QUICK_STOP_OPTION: option})
-    bare.driver.start_profile(100_000, 100)
-    bare.clock.sleep(0.2)
-    bare.driver.download(co.CONTROLWORD, QUICK_STOP)
-    bare.driver.download(co.CONTROLWORD, ENABLE)
-    assert bare.driver.statusword() & 0x6F == state
 
 
 @pytest.mark.parametrize(("option", "faulted"), [(1, True), (3, False)])
@@ -355,7 +340,7 @@ def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) ->
     ready.node.cut_power_stage()
     with pytest.raises(DriveFaultError, match="its cause is still there"):
         ready.driver.reset_fault()
-    ready.node.restore_power_stage()
+    ready.node.mend()
     ready.driver.reset_fault()
     ready.driver.enable()
 

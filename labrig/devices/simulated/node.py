@@ -1,4 +1,4 @@
-"""The CANopen side of a simulated drive (CiA 301): NMT, boot-up, SDO, PDO, EMCY, heartbeats, SYNC."""
+"""The CANopen side of a simulated drive (CiA 301): NMT, boot-up, SDO, reports at SYNC, EMCY, heartbeats."""
 
 import math
 import struct
@@ -11,18 +11,18 @@ import can
 
 from labrig.clock import Clock
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.eds import Eds
+from labrig.devices.drives.eds import Eds, make_form
 from labrig.devices.drives.objects import Place
+from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.dictionary import ObjectDictionary
-from labrig.devices.simulated.pdo import PdoEngine
+from labrig.devices.simulated.dictionary import MAPPINGS, ObjectDictionary
 from labrig.devices.simulated.sdo_server import SdoServer
 
-_PDO_INDICES = frozenset(
-    {co.SYNC_ID.index}
-    | {place.index for place in (*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)}
-    | {mapping[0].index for mapping in (*co.RPDO_MAPS, *co.TPDO_MAPS)}
-)
+_SYNC = 0x080
+_LAST_SYNCHRONOUS = 240
+"""Highest transmission type of a PDO that is sent at SYNC."""
+
+_REPORT_PLACES = frozenset((*co.TRANSMIT_PDO_COB_IDS, *co.TPDO_TYPES, *MAPPINGS))
 
 
 class NmtState(IntEnum):
@@ -45,7 +45,9 @@ class CanopenNode(ABC):
         Its node id.
     clock : Clock
         Its time.
-    eds, fixed, while_unpowered, fingerprint
+    eds : Eds
+        Its objects.
+    fixed, live, fingerprint
         As `ObjectDictionary` takes them.
     """
 
@@ -54,10 +56,10 @@ class CanopenNode(ABC):
         wire: InProcessWire,
         node_id: int,
         clock: Clock,
-        *,
         eds: Eds,
+        *,
         fixed: Mapping[Place, int],
-        while_unpowered: frozenset[Place] = frozenset(),
+        live: Mapping[Place, Callable[[], int]],
         fingerprint: tuple[Place, ...] = (),
     ) -> None:
         self.node_id = node_id
@@ -68,30 +70,14 @@ class CanopenNode(ABC):
         self._ignored = 0
         self._clock = clock
         self._next_beat_s = math.inf
-        self._heard_s: dict[int, float] = {}
+        self._heard_s: float | None = None
         self.objects = ObjectDictionary(
-            eds,
-            node_id,
-            fixed,
-            self.live_objects(),
-            self._on_write,
-            is_powered=self.is_powered,
-            is_pre_operational=lambda: self.nmt_state is NmtState.PRE_OPERATIONAL,
-            while_unpowered=while_unpowered,
-            fingerprint=fingerprint,
+            eds, node_id, fixed, live, fingerprint=fingerprint, refuse=self._refuse, written=self._on_write
         )
         self._sdo = SdoServer(self.objects.read, self.objects.write)
-        self.pdo = PdoEngine(self.objects, self.send, self.fail)
+        self._read_settings()
         self._wire = wire
         self._bus = InProcessBus(wire, self._on_frame)
-
-    @abstractmethod
-    def live_objects(self) -> dict[Place, Callable[[], int]]:
-        """Return the objects whose value is made when it is read."""
-
-    @abstractmethod
-    def is_powered(self) -> bool:
-        """Tell whether the power stage is on: some objects cannot be written then."""
 
     @abstractmethod
     def tick(self) -> None:
@@ -104,10 +90,6 @@ class CanopenNode(ABC):
     @abstractmethod
     def lose_master(self, t_s: float) -> None:
         """React to the end of the computer's heartbeat, which was missed at this instant."""
-
-    @abstractmethod
-    def fail(self, code: int) -> None:
-        """Go to fault with an error code, such as that of a PDO of the wrong length."""
 
     # What it sends
 
@@ -127,16 +109,9 @@ class CanopenNode(ABC):
     def boot(self) -> None:
         """Announce the node, and become pre-operational."""
         self.nmt_state = NmtState.PRE_OPERATIONAL
-        self.pdo.configure()
         self.send(0x700 + self.node_id, b"\0")
-        self._heard_s.clear()
-        self._watch_heartbeats()
-
-    def enter(self, state: NmtState) -> None:
-        """Change the NMT state."""
-        if state is NmtState.OPERATIONAL and self.nmt_state is not NmtState.OPERATIONAL:
-            self.pdo.configure()
-        self.nmt_state = state
+        self._heard_s = None
+        self._read_settings()
 
     def send_due(self, now_s: float) -> None:
         """Send what is due, and notice a master that has been silent for too long."""
@@ -148,35 +123,47 @@ class CanopenNode(ABC):
             self._next_beat_s = round(self._next_beat_s + period_s, 6)
             if not self._beatless:
                 self.send(0x700 + self.node_id, bytes([self.nmt_state]))
-        for node, heard_s in tuple(self._heard_s.items()):
-            deadline_s = heard_s + self._consumed[node]
-            if now_s > deadline_s:
-                del self._heard_s[node]
-                self.lose_master(deadline_s)
-        if self.nmt_state is NmtState.OPERATIONAL:
-            self.pdo.send_changes()
+        if self._heard_s is not None and now_s > (deadline_s := self._heard_s + self._patience_s):
+            self._heard_s = None
+            self.lose_master(deadline_s)
 
-    def _watch_heartbeats(self) -> None:
-        """Read the times of both heartbeats again; a master is missed only after its next one."""
+    def _send_reports(self) -> None:
+        for can_id, (form, places) in self._reports.items():
+            self.send(can_id, form.pack(*map(self.objects.value, places)))
+
+    def _read_settings(self) -> None:
+        """Read both heartbeats and the reports again; a master is missed only after its next beat."""
         values = self.objects.values
-        watched = (values[co.CONSUMER_HEARTBEAT], values[co.CONSUMER_HEARTBEAT_2])
-        self._consumed = {value >> 16 & 0x7F: (value & 0xFFFF) / 1000 for value in watched if value & 0xFFFF}
-        self._heard_s = {node: t for node, t in self._heard_s.items() if node in self._consumed}
+        watched = values[co.CONSUMER_HEARTBEAT]
+        self._master_id = 0x700 + (watched >> 16 & 0x7F) if watched & 0xFFFF else -1
+        self._patience_s = (watched & 0xFFFF) / 1000
+        self._heard_s = None if self._master_id < 0 else self._heard_s
         self._next_beat_s = self._clock.now_s() if values[co.PRODUCER_HEARTBEAT] else math.inf
+        self._read_reports()
+
+    def _read_reports(self) -> None:
+        """Read which PDOs are sent at SYNC, and what they carry."""
+        values, known, self._reports = self.objects.values, self.objects.variables, {}
+        for cob_id, kind, mapping in zip(co.TRANSMIT_PDO_COB_IDS, co.TPDO_TYPES, co.TPDO_MAPS, strict=True):
+            if values[cob_id] & co.PDO_INVALID or not 0 < values[kind] <= _LAST_SYNCHRONOUS:
+                continue
+            codes = [values[place] for place in mapping[1 : values[mapping[0]] + 1]]
+            places = [Place(code >> 16, code >> 8 & 0xFF) for code in codes]
+            self._reports[values[cob_id] & 0x7FF] = (make_form(known[place] for place in places), places)
 
     # What tests and fault scripts do to it
 
-    def mute(self, frames: int | None = None) -> None:
+    def mute(self, frames: float = math.inf) -> None:
         """Drop the next frames that this node sends, or all of them."""
-        self._mute_frames = math.inf if frames is None else frames
+        self._mute_frames = frames
 
     def deafen(self) -> None:
         """Receive nothing."""
         self._deaf = True
 
     def recover(self) -> None:
-        """Receive and send again."""
-        self._mute_frames, self._deaf = 0, False
+        """Receive, send and beat again."""
+        self._mute_frames, self._deaf, self._beatless = 0, False, False
 
     def abort_next(self, code: int, index: int | None = None) -> None:
         """Refuse the next SDO request, or the next one for an object, with an abort code."""
@@ -196,11 +183,16 @@ class CanopenNode(ABC):
 
     # What it hears
 
+    def _refuse(self, place: Place) -> int | None:
+        """Return the abort code if an object cannot be written now, whatever the value."""
+        is_mapping = place in MAPPINGS and self.nmt_state is not NmtState.PRE_OPERATIONAL
+        return sdo_server.NMT_STATE if is_mapping else None
+
     def _on_write(self, place: Place, value: int, before: int) -> None:  # noqa: ARG002 - a drive needs them
-        if place in {co.CONSUMER_HEARTBEAT, co.CONSUMER_HEARTBEAT_2, co.PRODUCER_HEARTBEAT}:
-            self._watch_heartbeats()
-        elif place.index in _PDO_INDICES:
-            self.pdo.configure()
+        if place in {co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT}:
+            self._read_settings()
+        elif place in _REPORT_PLACES:
+            self._read_reports()
 
     def _on_frame(self, message: can.Message) -> None:
         is_data = not (message.is_extended_id or message.is_error_frame or message.is_remote_frame)
@@ -214,12 +206,11 @@ class CanopenNode(ABC):
             if len(data) == 2 and data[1] in {0, self.node_id}:
                 self.tick()
                 self._obey_nmt(data[0])
-        elif can_id >= 0x700:
-            if can_id - 0x700 in self._consumed:
-                self._heard_s[can_id - 0x700] = self._clock.now_s()
-        elif self.nmt_state is NmtState.OPERATIONAL and self.pdo.listens_to(can_id):
+        elif can_id == self._master_id:
+            self._heard_s = self._clock.now_s()
+        elif can_id == _SYNC and self.nmt_state is NmtState.OPERATIONAL:
             self.tick()
-            self.pdo.take(can_id, data)
+            self._send_reports()
 
     def _on_sdo(self, request: bytes) -> None:
         if self.nmt_state is NmtState.STOPPED:
@@ -230,8 +221,6 @@ class CanopenNode(ABC):
         response = self._take_scripted_abort(request) or self._sdo.answer(request)
         if response is not None:
             self.send(0x580 + self.node_id, response)
-        if self.nmt_state is NmtState.OPERATIONAL:
-            self.pdo.send_changes()
 
     def _take_scripted_abort(self, request: bytes) -> bytes | None:
         if not self._aborts or len(request) != 8:

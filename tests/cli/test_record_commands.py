@@ -58,7 +58,7 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
     printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=3").out
     assert len(re.findall(r"first in frame \d+: measurements\.0\.", printed)) == 2
     assert "old: analysis/004, the run's own settings" in printed
-    assert "new: analysis/005, analysis.window_start_mm=6" in printed
+    assert "new: analysis/005, analysis.window_start_mm=3" in printed
 
 
 def test_the_runs_that_fit_a_condition_are_reanalyzed(labrig: Labrig, tmp_path: Path) -> None:

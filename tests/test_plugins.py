@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.drives.drive import find_drive_kind
+from labrig.devices.axis_description import AxisDescription
+from labrig.devices.driver_section import find_section
 from labrig.errors import InputError, MachineError, PluginError
 from labrig.plugins import CAMERAS, DRIVES, find_plugin, find_plugins
 from tests.installing import install_package
@@ -67,13 +68,13 @@ def test_a_plugin_for_another_interface_is_refused(site: Path) -> None:
 
 
 def test_a_plugin_of_another_kind_is_refused(site: Path) -> None:
-    """A drive that is no DriveKind is named, with what it is."""
+    """What is no section of an axis is named."""
     code = "class Stage:\n    interface = 1\n\nSTAGE = Stage()\n"
     install_package(site, "lab-stage", "[labrig.drives]\nstage = lab_stage:STAGE\n", "lab_stage", code)
     with pytest.raises(
-        PluginError, match=r"stage of package lab-stage 1\.5 is a Stage, expected a DriveKind"
+        PluginError, match=r"stage of package lab-stage 1\.5 is no section .* subclass of AxisDescription"
     ):
-        find_drive_kind("stage")
+        find_section(DRIVES, "stage", AxisDescription)
 
 
 def test_an_installation_without_labrigs_own_says_what_to_run(site: Path) -> None:

@@ -1,6 +1,6 @@
 """Plugins that are installed and cannot be used: named by `check`, `devices check` and `schema`, fatal to nothing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from labrig.errors import InputError
 from labrig.plugins import CAMERAS, EXPERIMENTS, find_plugins
@@ -15,24 +15,20 @@ def find_plugin_faults(*groups: str) -> Iterator[InputError]:
         When labrig's own plugins are missing.
     """
     for group in groups:
-        find = _finder(group)
         for name in find_plugins(group):
             try:
-                find(name)
+                _find(group, name)
             except InputError as error:
                 yield error
 
 
-def _finder(group: str) -> Callable[[str], object]:
-    """Return what finds a plugin of a group and verifies that it is of the right type."""
+def _find(group: str, name: str) -> object:
+    """Find a plugin of a group, and verify that it is of the right type."""
+    from labrig.devices.axis_description import AxisDescription
+    from labrig.devices.camera import CameraDescription
+    from labrig.devices.driver_section import find_section
+    from labrig.experiments.declared import find_experiment
+
     if group == EXPERIMENTS:
-        from labrig.experiments.declared import find_experiment
-
-        return find_experiment
-    if group == CAMERAS:
-        from labrig.devices.camera import find_camera_kind
-
-        return find_camera_kind
-    from labrig.devices.drives.drive import find_drive_kind
-
-    return find_drive_kind
+        return find_experiment(name)
+    return find_section(group, name, CameraDescription if group == CAMERAS else AxisDescription)

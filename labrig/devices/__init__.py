@@ -6,9 +6,9 @@ What is decided here
   and so does `replayed.rig.ReplayedRig`, which answers what the rig of a record answered.
 - The rig file says whether a rig is real or simulated, and only `hardware.make_hardware` asks. The seam is at the
   wire: a simulated drive is a CANopen node on a bus inside the process, driven by the driver of real drives.
-- A kind of drive is a `DriveKind`, which an entry point of the group `labrig.drives` names, behind the interface
-  `Drive`. CiA 402 drives have one driver (`drives/cia402`); a product is an EDS file and a `Model` (`drives/epos2`,
-  `drives/generic`).
+- A section of the rig file opens what it describes: `AxisDescription` a `Drive`, `CameraDescription` a `PictureSource`.
+  Entry points of the groups `labrig.drives` and `labrig.cameras` name the classes. CiA 402 drives have one driver
+  (`drives/cia402`); a product is an EDS file and a `Model` (`drives/epos2`, `drives/generic`).
 - Positions are mm or rad above `Drive` and counts of the motor below; speeds are rounded to the drive's integers, and
   the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.
@@ -30,8 +30,8 @@ What is decided here
   again when the rig is closed, or opened after a labrig that was killed.
 - One labrig uses a rig at a time, by a lock on its state and one on its bus, which holds among all accounts;
   `labrig devices stop` sends it SIGTERM, and stops every drive over the bus afterwards in any case.
-- Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera (`uvc/`,
-  `files`) stands behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
+- Each setting of the camera is read back, and one that was not accepted closes the rig. Kinds of camera are
+  `uvc/`, `files` and `simulated`.
 - A picture is never older than its command. If the camera gives the time of exposure, positions of the axes are
   interpolated between the readings before and after it; the bound of that time is recorded with the picture.
 - One thread supervises: it talks to the drives, looks for signals, and alone sends heartbeats (`heartbeat`), also

@@ -4,16 +4,34 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
+from canopen.objectdictionary import ODVariable
 from pydantic import Field, PrivateAttr
 
-from labrig.devices.can_description import HeartbeatDescription
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription, NodeId
+from labrig.devices.check_result import CheckResult
+from labrig.devices.drives.drive import Drive
 from labrig.devices.input_channel import ChannelName, InputChannel
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
+from labrig.plugins import INTERFACE
 from labrig.protocol.model import Conflict, LimitMa, Model
 
 AXES = ("insertion", "rotation", "linear")
 """Every axis of the instrument."""
+
+DEFAULT_DRIVER = "epos2"
+"""Driver of an axis section without the key `driver`."""
+
+_A_SCREW: Mapping[str, object] = {
+    "unit": "mm", "gear_ratio": 1.0, "lead_mm": 1.0, "limits": (-100.0, 100.0), "max_speed": 20.0,
+    "acceleration": 50.0, "quick_stop_deceleration": 200.0, "position_window": 0.01, "max_following_error": 1.0,
+}  # fmt: skip
+"""An axis without a gear."""
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -39,7 +57,8 @@ class AxisDescription(Model):
     """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad.
 
     A kind of drive derives its section from this: its name as the type and default of `driver`, keys of its own, the
-    methods that say so here, and what the class attributes tell.
+    methods that say so here, and what the class attributes tell. An entry point of the group `labrig.drives` names the
+    class.
 
     Attributes
     ----------
@@ -49,26 +68,31 @@ class AxisDescription(Model):
         Keys without which nothing can be converted; null where nobody has entered them yet.
     where_to_find : mapping of str to str
         Where each of them is found.
-    file_keys : tuple of str
-        Keys that name a file beside the rig file, of which every run keeps a copy.
     count_unit : str
         What the drive counts positions in.
     digital_inputs : mapping of str to int
         Digital inputs of the drive by name -> its bit in the word that holds them.
+    factory_settings : mapping of str to object
+        Keys of its own as they are for a drive that comes from its maker.
+    interface : int
+        Version of the interface for which it is written.
     """
 
+    interface: ClassVar[int] = INTERFACE
+    factory_settings: ClassVar[Mapping[str, object]] = {}
     homing_directions: ClassVar[Mapping[int, int]] = {}
     needed: ClassVar[tuple[str, ...]] = ("gear_ratio", "lead_mm")
     where_to_find: ClassVar[Mapping[str, str]] = {
         "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
         "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
     }
-    file_keys: ClassVar[tuple[str, ...]] = ()
     count_unit: ClassVar[str] = "counts"
     digital_inputs: ClassVar[Mapping[str, int]] = {}
 
     driver: str
     """Kind of drive."""
+    node_id: NodeId
+    """CANopen node id of the drive, as set by its switches."""
     unit: Literal["mm", "rad"]
     """mm for an axis that travels, rad for one that turns."""
     gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None
@@ -115,11 +139,44 @@ class AxisDescription(Model):
         placed._folder = folder  # noqa: SLF001 - of this class; not a field, so that it enters neither file nor record
         return placed
 
+    @classmethod
+    def example(cls, node_id: int) -> Self:
+        """Return a section for a drive with factory settings, on a screw without a gear."""
+        return cls.model_validate({**_A_SCREW, **cls.factory_settings, "node_id": node_id})
+
+    # What each kind of drive has of its own
+
+    def open(self, link: CanLink, axis: str, clock: Clock) -> Drive:
+        """Return the drive of the axis of this name; the section may be incomplete."""
+        raise NotImplementedError
+
+    def check(
+        self, link: CanLink, axis: str, clock: Clock, heartbeat: HeartbeatDescription
+    ) -> Iterable[CheckResult]:
+        """Yield results of `labrig devices check`; nothing is written, and no `LabrigError` raised."""
+        raise NotImplementedError
+
+    def find_object(self, index: int, subindex: int) -> ODVariable | None:  # noqa: ARG002 - for drives that have some
+        """Return an object of the drive, None if unknown: a foreign command is named by it."""
+        return None
+
+    def simulate(
+        self,
+        wire: InProcessWire,  # noqa: ARG002 - for kinds that can be simulated
+        clock: Clock,  # noqa: ARG002
+        mechanics: Mechanics,  # noqa: ARG002
+        boot_time_s: float = 0.0,  # noqa: ARG002
+    ) -> SimulatedNode:
+        """Return a simulated drive on a wire. Raises `InputError` if this kind has none."""
+        raise InputError(
+            f"drives of kind {self.driver} cannot be simulated",
+            "choose another driver, or a rig of kind bench",
+        )
+
     @property
     def files(self) -> dict[str, Path]:
-        """The files beside the rig file that this section names, by its keys."""
-        named = {key: getattr(self, key) for key in self.file_keys}
-        return {key: self._folder / name for key, name in named.items() if name is not None}
+        """The files beside the rig file that this section names, by its keys; every run keeps a copy of each."""
+        return {}
 
     def problems(self, heartbeat: HeartbeatDescription) -> Iterator[Conflict]:  # noqa: ARG002 - for kinds that have some
         """Yield what is wrong with files that this section names, or with its settings for such a drive."""
@@ -133,11 +190,6 @@ class AxisDescription(Model):
     @property
     def analog_inputs(self) -> tuple[str, ...]:
         """Names of the analog inputs that the drive has."""
-        return ()
-
-    @property
-    def nodes(self) -> tuple[int, ...]:
-        """Node ids that the drive has on the bus; no two axes share one. A drive off the bus has none."""
         return ()
 
     @property

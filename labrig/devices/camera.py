@@ -1,6 +1,6 @@
 """The camera: its section of the rig file, its settings, and whether pictures are what the file promises.
 
-`CameraKind` is what a package declares by an entry point to add a kind of camera.
+An entry point of the group `labrig.cameras` names the class of such a section.
 """
 
 import math
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from labrig.clock import Clock
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.worker import SAME_THREAD, StillBusyError, Worker
 from labrig.errors import CameraError, InputError
-from labrig.plugins import CAMERAS, find_plugin
+from labrig.plugins import INTERFACE
 from labrig.protocol.model import Model
 from labrig.simulation.world import World
 from labrig.vision.calibration_file import read_camera
@@ -42,6 +42,9 @@ others change brightness, colour and rate."""
 
 class CameraDescription(Model):
     """The camera and each of its settings; one that it does not take, or does not read back, is refused."""
+
+    interface: ClassVar[int] = INTERFACE
+    """Version of the interface for which it is written."""
 
     rig_kinds: ClassVar[frozenset[RigKind]] = frozenset({"bench"})
     """Kinds of rig that may have such a camera."""
@@ -75,6 +78,20 @@ class CameraDescription(Model):
     def reported(self) -> tuple[str, ...]:
         """Return the settings that are not made, and that the camera is asked for all the same."""
         return ()
+
+    def open(self, context: "CameraContext") -> "PictureSource":
+        """Open the camera. Raises `CameraError` when there is none."""
+        raise NotImplementedError
+
+    def check(self, camera: "Camera") -> Iterator[CheckResult]:
+        """Yield the results of `devices check` for the opened camera. Raises `CameraError`."""
+        frame = camera.capture()
+        height, width = frame.image.shape[:2]
+        yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
+        if frame.t_bound_s is not None:
+            value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
+            yield CheckResult("camera time", CheckStatus.PASS, value)
+        yield check_rate(camera.measure_rate_hz(_RATE_PICTURES), self.rate_hz)
 
 
 class ControlledCameraDescription(CameraDescription):
@@ -120,7 +137,6 @@ class ControlledCameraDescription(CameraDescription):
 
 
 _T = TypeVar("_T")
-Section = TypeVar("Section", bound=CameraDescription)
 
 _RATE_TOLERANCE = 0.01
 """Cameras state their rate as a fraction of integers; some report 29.97 for 30 Hz."""
@@ -426,57 +442,6 @@ class CameraContext:
     clock: Clock
     folder: Path = Path()
     world: World | None = None
-
-
-class CameraKind(Generic[Section]):
-    """A kind of camera; the entry point names an instance.
-
-    Attributes
-    ----------
-    name : str
-        Name of the entry point, as in `camera.driver` of a rig file.
-    interface : int
-        Version of this interface for which it is written.
-    settings : type of CameraDescription
-        Model of its section of the rig file.
-    """
-
-    name: ClassVar[str]
-    interface: ClassVar[int] = 1
-    settings: type[Section]
-
-    def open(self, section: Section, context: CameraContext) -> PictureSource:
-        """Open the camera.
-
-        Raises
-        ------
-        CameraError
-            When there is no such camera.
-        """
-        raise NotImplementedError
-
-    def check(self, section: Section, camera: Camera) -> Iterator[CheckResult]:
-        """Yield the results of `devices check` for a camera with accepted settings. Raises `CameraError`."""
-        frame = camera.capture()
-        height, width = frame.image.shape[:2]
-        yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
-        if frame.t_bound_s is not None:
-            value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
-            yield CheckResult("camera time", CheckStatus.PASS, value)
-        yield check_rate(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
-
-
-def find_camera_kind(name: str) -> CameraKind[Any]:
-    """Return the kind of camera that has this name in rig files.
-
-    Raises
-    ------
-    InputError
-        When no installed package has one, or several have.
-    PluginError
-        When its package cannot be imported, is written for another interface, or declares something else.
-    """
-    return find_plugin(CAMERAS, name).load_as(CameraKind)
 
 
 def check_rate(measured_hz: float | None, asked_hz: float) -> CheckResult:

@@ -12,12 +12,11 @@ import numpy as np
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
-from labrig.devices.camera import Camera, find_camera_kind, list_other_changes, require_calibrated_camera
+from labrig.devices.camera import Camera, list_other_changes, require_calibrated_camera
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.drives.drive import find_drive_kind
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import motion_log_path, read_last_motion
@@ -88,18 +87,19 @@ def check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iter
     except LabrigError as error:
         yield failed("bus", error)
         for name, axis in rig.axes.items():
-            nodes = ", ".join(f"node {node}" for node in axis.nodes)
-            yield CheckResult(f"drive {name}", CheckStatus.FAIL, f"{nodes} not reached".strip(), "see bus")
+            yield CheckResult(
+                f"drive {name}", CheckStatus.FAIL, f"node {axis.node_id} not reached", "see bus"
+            )
         return
     stack.callback(link.close)
     yield _listen(rig, link, hardware.clock, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from find_drive_kind(axis.driver).check(link, axis, name, hardware.clock, rig.can.heartbeat)
+        yield from axis.check(link, name, hardware.clock, rig.can.heartbeat)
 
 
 def _listen(rig: RigDescription, link: CanLink, clock: Clock, bus: str) -> CheckResult:
     """Listen for another master: no rig is opened beside one."""
-    nodes = {node: name for name, axis in rig.axes.items() for node in axis.nodes}
+    nodes = {axis.node_id: name for name, axis in rig.axes.items()}
     try:
         BusWatch(link, nodes, rig.can.heartbeat, CommandFormatter(rig)).listen(clock)
     except SecondMasterError as error:
@@ -117,7 +117,7 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
             CheckStatus.PASS,
             ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items()),
         )
-        yield from find_camera_kind(rig.camera.driver).check(rig.camera, camera)
+        yield from rig.camera.check(camera)
         for path in rig.calibration_paths().values():
             require_calibrated_camera(rig.camera, path, camera.settings.reported)
     except LabrigError as error:

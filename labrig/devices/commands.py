@@ -1,7 +1,6 @@
 """CAN frames in words: which axis, which object, which value."""
 
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drives.drive import find_drive_kind
 from labrig.devices.drives.eds import count_bytes
 from labrig.devices.drives.objects import LOWER_LIMIT, TARGET_POSITION, UPPER_LIMIT, Place
 from labrig.devices.rig_file import RigDescription
@@ -19,7 +18,7 @@ class CommandFormatter:
     """
 
     def __init__(self, rig: RigDescription) -> None:
-        self._axes = {node: (name, axis) for name, axis in rig.axes.items() for node in axis.nodes}
+        self._axes = {axis.node_id: (name, axis) for name, axis in rig.axes.items()}
 
     def __call__(self, can_id: int, data: bytes) -> str:
         """Return a frame as a phrase."""
@@ -34,7 +33,7 @@ class CommandFormatter:
     def _describe_question(self, node: int, data: bytes) -> str:
         name, axis = self._axes.get(node, (f"node {node}", None))
         place = Place(int.from_bytes(data[1:3], "little"), data[3])
-        found = None if axis is None else find_drive_kind(axis.driver).find_object(axis, *place)
+        found = None if axis is None else axis.find_object(*place)
         if axis is None or found is None:
             return f"{name}: object {place} = {data[4:].hex()}"
         what = f"{name}: {found.name} ({place})"

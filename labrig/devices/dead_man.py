@@ -8,7 +8,7 @@ from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
-from labrig.devices.drives.drive import STILL_POLL_S, open_drive
+from labrig.devices.drives.drive import STILL_POLL_S
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import make_hardware
 from labrig.devices.heartbeat import HeartbeatClock
@@ -77,7 +77,7 @@ def _try_axis(
     distance: float,
 ) -> CheckResult:
     beating = HeartbeatClock(clock, link, heartbeat)
-    drive = open_drive(link, axis, name, beating)
+    drive = axis.open(link, name, beating)
     drive.identify()
     drive.configure(heartbeat, axis.max_current_ma)
     try:

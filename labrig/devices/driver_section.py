@@ -2,24 +2,40 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
-from typing import Any, Protocol, cast
+from typing import TypeVar
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, SchemaValidator, core_schema
 
 from labrig.errors import InputError, PluginError
-from labrig.plugins import Plugin, find_plugin, find_plugins
+from labrig.plugins import find_plugin, find_plugins
 from labrig.protocol.model import Conflict, ConflictError, Model
 from labrig.protocol.schema import JsonSchema
 
 _KEY = "driver"
+_Section = TypeVar("_Section", bound=Model)
 
 
-class _Kind(Protocol):
-    """The object that the entry point of a driver names."""
+def find_section(group: str, name: str, base: type[_Section]) -> type[_Section]:
+    """Return the model of the sections with this driver; it has been imported.
 
-    settings: type[Model]
+    Raises
+    ------
+    InputError
+        When no installed package has one, or several have.
+    PluginError
+        When its package cannot be imported, is written for another interface, or declares something else.
+    """
+    plugin = find_plugin(group, name)
+    found = plugin.load()
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise PluginError(
+            f"{plugin} is no section of a rig file, expected a subclass of {base.__name__}",
+            f"install another version of {plugin.package}; see {base.__module__}",
+        )
+    return found
 
 
 class DriverSection:
@@ -49,17 +65,13 @@ class DriverSection:
 
     def __get_pydantic_json_schema__(self, _schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         """Return the schema of a section: one of those of the installed drivers."""
-        models = {plugin.name: _load_model(plugin).__pydantic_core_schema__ for plugin in self._find_usable()}
+        models = {name: model.__pydantic_core_schema__ for name, model in self._list_usable()}
         return handler(core_schema.tagged_union_schema(dict(models), _KEY))
 
-    def _find_usable(self) -> Iterator[Plugin]:
+    def _list_usable(self) -> Iterator[tuple[str, type[Model]]]:
         for name in find_plugins(self._group):
-            try:
-                plugin = find_plugin(self._group, name)
-                _load_model(plugin)
-            except InputError:
-                continue
-            yield plugin
+            with suppress(InputError):
+                yield name, find_section(self._group, name, self._base)
 
     def _validate(self, value: object) -> Model:
         if isinstance(value, self._base):
@@ -68,7 +80,7 @@ class DriverSection:
             raise PydanticCustomError("model_type", "expected a section")
         name = str(value.get(_KEY, self._default))
         try:
-            model = _load_model(find_plugin(self._group, name))
+            model = find_section(self._group, name, self._base)
         except InputError as error:
             if name not in find_plugins(self._group):
                 raise PydanticCustomError("union_tag_invalid", "unknown driver") from error
@@ -81,17 +93,6 @@ class DriverSection:
 def _make_validator(name: str, model: type[Model]) -> SchemaValidator:
     """Return the validator of the section of a driver; errors name the driver on the path to the key."""
     return SchemaValidator(core_schema.tagged_union_schema({name: model.__pydantic_core_schema__}, _KEY))
-
-
-def _load_model(plugin: Plugin) -> type[Model]:
-    kind = cast("_Kind", plugin.load())
-    settings: Any = getattr(kind, "settings", None)
-    if not (isinstance(settings, type) and issubclass(settings, Model)):
-        raise PluginError(
-            f"{plugin} has no model of its settings",
-            f"ask the makers of {plugin.package} for a version that has",
-        )
-    return settings
 
 
 def _dump_section(section: Model, info: core_schema.SerializationInfo) -> dict[str, object]:

@@ -21,7 +21,6 @@ from labrig.devices.camera import (
     Camera,
     CameraContext,
     CameraDescription,
-    CameraKind,
     Exposure,
     Picture,
     RigKind,
@@ -61,6 +60,17 @@ class FilesCameraDescription(CameraDescription):
     def settings(self) -> dict[str, Setting]:
         """Return the required size of the pictures; they have a rate of their own."""
         return {"width_px": self.width_px, "height_px": self.height_px}
+
+    def open(self, context: CameraContext) -> "FilesSource":
+        """Open the folder. Raises `CameraError`."""
+        period_s = None if self.times is None else 1.0 / self.rate_hz
+        return FilesSource(context.folder / self.source, period_s, context.clock)
+
+    def check(self, camera: Camera) -> Iterator[CheckResult]:
+        """Yield that pictures arrive and are recorded ones."""
+        height, width = camera.capture().image.shape[:2]
+        value = f"{width}x{height} px, recorded pictures of {self.address}: they never steer"
+        yield CheckResult("camera picture", CheckStatus.PASS, value)
 
 
 class FilesSource:
@@ -125,25 +135,8 @@ class FilesSource:
         """Do nothing: no file is open."""
 
 
-class FilesCamera(CameraKind[FilesCameraDescription]):
-    """Recorded pictures in place of a camera."""
-
-    name = "files"
-    settings = FilesCameraDescription
-
-    def open(self, section: FilesCameraDescription, context: CameraContext) -> FilesSource:
-        """Open the folder. Raises `CameraError`."""
-        period_s = None if section.times is None else 1.0 / section.rate_hz
-        return FilesSource(context.folder / section.source, period_s, context.clock)
-
-    def check(self, section: FilesCameraDescription, camera: Camera) -> Iterator[CheckResult]:
-        """Yield that pictures arrive and are recorded ones."""
-        height, width = camera.capture().image.shape[:2]
-        value = f"{width}x{height} px, recorded pictures of {section.address}: they never steer"
-        yield CheckResult("camera picture", CheckStatus.PASS, value)
-
-
-CAMERA = FilesCamera()
+CAMERA = FilesCameraDescription
+"""What the entry point names."""
 
 
 def _list_pictures(folder: Path) -> tuple[Path, ...]:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
-from labrig.devices.camera import Camera, CameraContext, PictureSource, close_source, find_camera_kind
+from labrig.devices.camera import Camera, CameraContext, PictureSource, close_source
 from labrig.devices.clocks import SystemClock
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.operator import Operator
@@ -79,7 +79,7 @@ class BenchHardware:
     def open_source(self) -> PictureSource:
         """Open the camera. Raises `CameraError`."""
         context = CameraContext(self.clock, self._rig.folder)
-        return find_camera_kind(self._rig.camera.driver).open(self._rig.camera, context)
+        return self._rig.camera.open(context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: the truth of a bench is unknown."""

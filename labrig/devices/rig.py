@@ -14,7 +14,7 @@ from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.commands import CommandFormatter
-from labrig.devices.drives.drive import Homing, Identity, open_drive, try_all, wait_for_all
+from labrig.devices.drives.drive import Homing, Identity, try_all, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
@@ -118,7 +118,7 @@ class Rig:
         self._camera: Camera | None = None
         if source is not None:
             self._camera = Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
-        nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
+        nodes = {axis.description.node_id: axis.name for axis in self.axes}
         self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
         self._checks = RigChecks(self._axes, self._watch, self._heartbeat, interrupted, opening)
         self._supervisor = Supervisor(self._checks.ordered)
@@ -129,7 +129,7 @@ class Rig:
 
     def _open_axes(self, link: CanLink) -> dict[str, Axis]:
         return {
-            name: Axis(name, axis, open_drive(link, axis, name, self._heartbeat), self._heartbeat)
+            name: Axis(name, axis, axis.open(link, name, self._heartbeat), self._heartbeat)
             for name, axis in self.description.axes.items()
             if name in self._opening.axes
         }

@@ -11,11 +11,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr
 
-from labrig.devices.axis_description import AxisDescription
+from labrig.devices.axis_description import DEFAULT_DRIVER, AxisDescription
 from labrig.devices.camera import CameraDescription, RigKind
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.driver_section import DriverSection
-from labrig.devices.drives.drive import DEFAULT_DRIVER
 from labrig.devices.fault_script import FaultDescription
 from labrig.errors import InputError
 from labrig.plugins import CAMERAS, DRIVES, Plugin, find_plugin
@@ -56,14 +55,13 @@ class AxesDescription(Model):
                         f"input {channel} is also one of axis {other}",
                         "give every input a name of its own",
                     )
-            for node_id in axis.nodes:
-                other = owners.setdefault(node_id, name)
-                if other != name:
-                    yield Conflict(
-                        f"{name}.node_id",
-                        f"node_id {node_id} is also that of axis {other}",
-                        "give every drive a node id of its own, by its DIP switches",
-                    )
+            other = owners.setdefault(axis.node_id, name)
+            if other != name:
+                yield Conflict(
+                    f"{name}.node_id",
+                    f"node_id {axis.node_id} is also that of axis {other}",
+                    "give every drive a node id of its own, by its DIP switches",
+                )
             expected = "rad" if name == "rotation" else "mm"
             if axis.unit != expected:
                 yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
@@ -146,7 +144,7 @@ class RigDescription(Model):
             yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
         computer = self.can.heartbeat.computer_node_id
         for name, axis in self.axes.items():
-            if computer in axis.nodes:
+            if computer == axis.node_id:
                 yield Conflict(
                     f"axes.{name}.node_id",
                     f"node_id {computer} is that under which the computer beats",

@@ -13,14 +13,16 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 from labrig.clock import Clock
-from labrig.devices.axis_description import AXES, AxisDescription
+from labrig.devices.axis_description import AXES, DEFAULT_DRIVER, AxisDescription
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.clocks import SystemClock
-from labrig.devices.drives.drive import DEFAULT_DRIVER, find_drive_kind, open_drive, try_all, wait_for_all
+from labrig.devices.driver_section import find_section
+from labrig.devices.drives.drive import try_all, wait_for_all
 from labrig.devices.exclusive import find_owner
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
+from labrig.plugins import DRIVES
 from labrig.posix import ask_to_end
 from labrig.protocol.yaml_tree import load_tree
 from labrig.record.lock import LockOwner
@@ -116,12 +118,10 @@ def _make_section(values: object) -> AxisDescription | None:
     """Return a section by which a drive can be reached; None if its node is not known."""
     if not isinstance(values, dict):
         return None
-    with suppress(InputError):
-        kind = find_drive_kind(str(values.get("driver", DEFAULT_DRIVER)))
-        node_id = values.get("node_id")
-        if kind.example is not None and isinstance(node_id, int):
-            section: AxisDescription = kind.example_section(node_id)
-            return section
+    node_id = values.get("node_id")
+    with suppress(InputError, ValidationError):
+        section = find_section(DRIVES, str(values.get("driver", DEFAULT_DRIVER)), AxisDescription)
+        return section.example(node_id) if isinstance(node_id, int) else None
     return None
 
 
@@ -170,7 +170,7 @@ def stop_drives(target: StopTarget, link: CanLink, clock: Clock) -> tuple[str, .
     Every drive is told to stop before any answer is awaited. Each gets a quick stop and is watched until it stands
     still; then NMT stop goes to all. Raises as `stop_rig`.
     """
-    drives = [open_drive(link, section, name, clock) for name, section in target.sections.items()]
+    drives = [section.open(link, name, clock) for name, section in target.sections.items()]
     done = [f"opened {target.can.interface} {target.can.channel} directly".replace("  ", " ")]
     missing = [name for name in AXES if name not in target.sections]
     failures = [f"the node of axis {name} is not known" for name in missing]

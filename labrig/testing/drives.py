@@ -14,13 +14,15 @@ from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drives.drive import STILL_POLL_S, Drive, Homing, find_drive_kind, open_drive
+from labrig.devices.driver_section import find_section
+from labrig.devices.drives.drive import STILL_POLL_S, Drive, Homing
 from labrig.devices.drives.states import DriveState
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import DriveError
+from labrig.plugins import DRIVES
 
 _ANSWER_TIMEOUT_S = 0.12
 _POLL_S = 0.01
@@ -47,10 +49,10 @@ def simulated_drive(
     driver: str, node_id: int = 1, section: AxisDescription | None = None
 ) -> Iterator[OpenedDrive]:
     """Put the simulated drive of a kind on a bus inside the process; the default is its example section."""
-    kind, clock, wire = find_drive_kind(driver), SimulatedClock(), InProcessWire()
-    section = section or kind.example_section(node_id)
+    clock, wire = SimulatedClock(), InProcessWire()
+    section = section or find_section(DRIVES, driver, AxisDescription).example(node_id)
     link = attach(wire, clock, _ANSWER_TIMEOUT_S)
-    node = kind.simulate(section, wire, clock, Mechanics())
+    node = section.simulate(wire, clock, Mechanics())
     clock.on_advance(node.tick)
     yield OpenedDrive(link, section, clock)
     link.close()
@@ -63,7 +65,7 @@ class _Bench:
     def __init__(self, opened: OpenedDrive) -> None:
         self.opened = opened
         self.clock = HeartbeatClock(opened.clock, opened.link, opened.heartbeat)
-        self.drive: Drive = open_drive(opened.link, opened.section, "tested", self.clock)
+        self.drive: Drive = opened.section.open(opened.link, "tested", self.clock)
         scale = opened.section.scale()
         self.speed = scale.to_speed(scale.speed_units_below(opened.section.max_speed / 2))
         self.window = opened.section.position_window + 1 / scale.counts_per_unit

@@ -75,7 +75,7 @@ def epos2_node(
     software: int = 0x2122,
 ) -> SimulatedCia402Drive:
     """Put a simulated EPOS2 on a wire."""
-    section = DRIVE.example_section(node_id).model_copy(update={"encoder_pulses_per_turn": encoder_pulses})
+    section = DRIVE.example(node_id).model_copy(update={"encoder_pulses_per_turn": encoder_pulses})
     return simulate_epos2(section, wire, clock, mechanics, boot_time_s, hardware=hardware, software=software)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import can
 import pytest
 
-from labrig.devices.drives.drive import DEFAULT_DRIVER
+from labrig.devices.axis_description import DEFAULT_DRIVER
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.serving import ServedDrives, open_bus

@@ -238,10 +238,10 @@ def test_a_rig_is_stopped_by_a_file_with_other_faults(tmp_path: Path, old: str, 
         load_rig(path)
     target = read_stop_target(path)
     assert target.can == simulated_rig().can
-    assert {name: section.nodes for name, section in target.sections.items()} == {
-        "insertion": (1,),
-        "rotation": (2,),
-        "linear": (3,),
+    assert {name: section.node_id for name, section in target.sections.items()} == {
+        "insertion": 1,
+        "rotation": 2,
+        "linear": 3,
     }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from labrig.devices.camera import CameraContext, find_camera_kind
+from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig, rig_schema
 from labrig.errors import FileFormatError
@@ -20,13 +20,15 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from labrig.devices.camera import Exposure
-from labrig.devices.camera import CameraKind
 from labrig.devices.camera import CameraDescription
 
 class Section(CameraDescription):
     rig_kinds: ClassVar[frozenset[str]] = frozenset({"simulated", "bench"})
     driver: Literal["lab-grey"]
     grey_level: int
+
+    def open(self, context):
+        return Source(self)
 
 class Source:
     exposures = 0
@@ -48,14 +50,7 @@ class Source:
     def close(self):
         pass
 
-class Grey(CameraKind):
-    name = "lab-grey"
-    settings = Section
-
-    def open(self, section, context):
-        return Source(section)
-
-CAMERA = Grey()
+CAMERA = Section
 """
 SECTION = (
     "camera:\n  driver: lab-grey\n  width_px: 1280\n  height_px: 720\n  rate_hz: 30\n  grey_level: 7\n\n"
@@ -94,7 +89,7 @@ def test_it_is_chosen_by_name_and_has_its_own_keys(site: Path, tmp_path: Path) -
     """No file of labrig names it."""
     _install(site, "lab_grey", "lab_grey_camera_1", MODULE)
     section = load_rig(_rig_file(tmp_path)).camera
-    exposure = find_camera_kind(section.driver).open(section, CameraContext(SimulatedClock())).read()
+    exposure = section.open(CameraContext(SimulatedClock())).read()
     assert exposure is not None
     assert exposure.image.mean() == 7.0
     assert "lab-grey" in _drivers()
@@ -137,8 +132,8 @@ def test_a_name_that_two_packages_claim_is_refused(site: Path, tmp_path: Path) -
             "import a_module_that_is_not_there\n",
             "cannot be imported: ModuleNotFoundError",
         ),
-        ("lab_grey_camera_6", f"{MODULE}\nGrey.interface = 2\n", "is written for interface 2"),
-        ("lab_grey_camera_7", "class CAMERA:\n    interface = 1\n", "has no model of its settings"),
+        ("lab_grey_camera_6", f"{MODULE}\nSection.interface = 2\n", "is written for interface 2"),
+        ("lab_grey_camera_7", "class CAMERA:\n    interface = 1\n", "is no section of a rig file"),
     ],
 )
 def test_a_package_that_fails_affects_only_its_camera(

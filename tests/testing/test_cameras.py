@@ -7,9 +7,7 @@ import pytest
 
 from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.files import CAMERA as FILES
 from labrig.devices.files import FilesCameraDescription
-from labrig.devices.simulated.camera import CAMERA as SIMULATED
 from labrig.devices.simulated.camera import SimulatedCameraDescription
 from labrig.devices.uvc.source import UvcSource
 from labrig.simulation.world import World
@@ -34,7 +32,7 @@ class TestSimulated(CameraConformance):
         rig, clock = simulated_rig(), SimulatedClock()
         assert rig.world is not None
         assert isinstance(rig.camera, SimulatedCameraDescription)
-        source = SIMULATED.open(rig.camera, CameraContext(clock, world=World(rig.world, seed=1)))
+        source = rig.camera.open(CameraContext(clock, world=World(rig.world, seed=1)))
         return OpenedCamera(source, rig.camera, clock)
 
 
@@ -80,7 +78,7 @@ class _Files(CameraConformance):
             rate_hz=20.0,
             times=self.times,
         )
-        return OpenedCamera(FILES.open(section, CameraContext(clock, self.folder)), section, clock)
+        return OpenedCamera(section.open(CameraContext(clock, self.folder)), section, clock)
 
 
 class TestFolder(_Files):

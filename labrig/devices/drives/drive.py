@@ -1,4 +1,4 @@
-"""`Drive`, a drive in the units of its axis; `DriveKind`, what a package declares to add a kind of drive.
+"""`Drive`, a drive in the units of its axis, and what is done with several at once.
 
 What is decided here
 --------------------
@@ -16,25 +16,13 @@ What is decided here
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
-
-from canopen.objectdictionary import ODVariable
+from typing import Protocol, TypeVar
 
 from labrig.clock import Clock
-from labrig.devices.axis_description import AxisDescription
-from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.check_result import CheckResult
 from labrig.devices.drives.states import DriveState
 from labrig.devices.input_channel import InputValue
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.simulated.simulated_node import SimulatedNode
-from labrig.errors import DriveError, DriveFaultError, InputError, MachineError
-from labrig.plugins import DRIVES, INTERFACE, find_plugin
-
-DEFAULT_DRIVER = "epos2"
-"""Kind of drive of an axis section without the key `driver`, as in older rig files."""
+from labrig.errors import DriveError, DriveFaultError, MachineError
 
 STILL_COUNTS = 2
 """Dither of a servo at rest [counts]."""
@@ -122,7 +110,7 @@ class Homing:
 
 
 class Drive(Protocol):
-    """One drive. A `DriveKind` opens it; opening subscribes to its reports, and neither reads nor writes."""
+    """One drive. Its section of the rig file opens it; that subscribes to its reports, and neither reads nor writes."""
 
     @property
     def name(self) -> str:
@@ -280,92 +268,7 @@ class Drive(Protocol):
         """Return what the inputs read that the rig file names, by its names for them."""
 
 
-Section = TypeVar("Section", bound=AxisDescription)
 _Thing = TypeVar("_Thing")
-
-
-@dataclass(frozen=True)
-class DriveKind(Generic[Section]):
-    """A kind of drive; what an entry point of the group `labrig.drives` names.
-
-    Parameters
-    ----------
-    name : str
-        Its name in `driver:` of a rig file, and of the entry point.
-    settings : type of AxisDescription
-        The model of an axis section in a rig file with this driver.
-    open : callable
-        (link, section, name of the axis, clock) -> Drive.
-    check : callable
-        (link, section, name of the axis, clock, heartbeat) -> results of `labrig devices check`; writes nothing and
-        raises no `LabrigError`.
-    find_object : callable
-        (section, index, subindex) -> the object of the drive, None if unknown; a foreign command is named by it.
-    simulated_node : callable or None
-        (section, wire, clock, mechanics, boot time [s]) -> a simulated drive on the wire. None if there is none: then
-        a simulated rig refuses this kind.
-    example : callable or None
-        Node id -> a section for a simulated drive alone on a bus; required with `simulated_node`.
-    interface : int
-        Version of this interface for which the kind is written.
-    """
-
-    name: str
-    settings: type[Section]
-    open: Callable[[CanLink, Section, str, Clock], Drive]
-    check: Callable[[CanLink, Section, str, Clock, HeartbeatDescription], Iterable[CheckResult]]
-    find_object: Callable[[Section, int, int], ODVariable | None]
-    simulated_node: Callable[[Section, InProcessWire, Clock, Mechanics, float], SimulatedNode] | None = None
-    example: Callable[[int], Section] | None = None
-    interface: int = INTERFACE
-
-    def simulate(
-        self,
-        section: Section,
-        wire: InProcessWire,
-        clock: Clock,
-        mechanics: Mechanics,
-        boot_time_s: float = 0.0,
-    ) -> SimulatedNode:
-        """Return a simulated drive on a wire.
-
-        Raises
-        ------
-        InputError
-            When this kind has none.
-        """
-        if self.simulated_node is None:
-            raise self._without_simulation()
-        return self.simulated_node(section, wire, clock, mechanics, boot_time_s)
-
-    def example_section(self, node_id: int) -> Section:
-        """Return a section for a simulated drive alone on a bus. Raises `InputError` as `simulate` does."""
-        if self.example is None:
-            raise self._without_simulation()
-        return self.example(node_id)
-
-    def _without_simulation(self) -> InputError:
-        return InputError(
-            f"drives of kind {self.name} cannot be simulated", "choose another driver, or a rig of kind bench"
-        )
-
-
-def find_drive_kind(name: str) -> DriveKind[Any]:
-    """Return the kind of drive that has this name in rig files.
-
-    Raises
-    ------
-    InputError
-        When no installed package has one, or several have.
-    PluginError
-        When its package cannot be imported, is written for another interface, or declares something else.
-    """
-    return find_plugin(DRIVES, name).load_as(DriveKind)
-
-
-def open_drive(link: CanLink, section: AxisDescription, axis: str, clock: Clock) -> Drive:
-    """Return the drive of an axis, of the kind that its section names."""
-    return find_drive_kind(section.driver).open(link, section, axis, clock)
 
 
 def raise_together(failures: Sequence[MachineError]) -> None:

@@ -1,4 +1,4 @@
-"""The kind of drive `epos2`: maxon EPOS2 over CANopen.
+"""The driver `epos2`: maxon EPOS2 over CANopen.
 
 What is decided here
 --------------------
@@ -19,18 +19,20 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from labrig.clock import Clock
 from labrig.devices.axis_description import HomingDescription
-from labrig.devices.can_description import NodeId
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.check import check_axis
-from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.drive import DriveKind, Identity
+from labrig.devices.drives.drive import Identity
 from labrig.devices.drives.eds import read_own_eds
 from labrig.devices.drives.errors import EPOS2_ERRORS
-from labrig.devices.drives.model import Asked, Cia402Section, Model, Stated, find_object
+from labrig.devices.drives.model import Asked, Model, Stated
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.kinds import simulate_epos2
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
 from labrig.protocol.model import Conflict
@@ -100,14 +102,15 @@ class Epos2Homing(HomingDescription):
     """Motor current that counts as having reached the stop [mA]."""
 
 
-class Epos2Axis(Cia402Section):
+class Epos2Axis(ProductSection):
     """One axis with an EPOS2 of maxon. Lengths are mm, or rad where `unit` is rad."""
 
+    factory_settings: ClassVar[Mapping[str, object]] = {"encoder_pulses_per_turn": 500}
     homing_directions = HOMING_DIRECTIONS
-    needed = ("encoder_pulses_per_turn", *Cia402Section.needed)
+    needed = ("encoder_pulses_per_turn", *ProductSection.needed)
     where_to_find: ClassVar[Mapping[str, str]] = {
         "encoder_pulses_per_turn": "lines of the encoder on the motor: data sheet, or 0x2210:01 in EPOS Studio",
-        **Cia402Section.where_to_find,
+        **ProductSection.where_to_find,
     }
     count_unit = "quadcounts"
     digital_inputs: ClassVar[Mapping[str, int]] = {
@@ -118,8 +121,6 @@ class Epos2Axis(Cia402Section):
 
     driver: Literal["epos2"] = "epos2"
     """Kind of drive."""
-    node_id: NodeId
-    """CANopen node id of the drive, as set by its DIP switches."""
     encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] | None
     """Encoder lines per turn of the motor; a quadcount is a quarter of a line. null: unknown [-]."""
     hardware_version: Annotated[int, Field(ge=0, lt=2**16)] | None = None
@@ -134,14 +135,15 @@ class Epos2Axis(Cia402Section):
     """Limit switches that are wired and must stop the drive. By default it ignores them."""
 
     @property
-    def nodes(self) -> tuple[int, ...]:
-        """The node id."""
-        return (self.node_id,)
-
-    @property
     def analog_inputs(self) -> tuple[str, ...]:
         """Names of the analog inputs of the drive."""
         return tuple(ANALOG_INPUTS)
+
+    def simulate(
+        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
+    ) -> SimulatedNode:
+        """Return a simulated EPOS2 24/5 on a wire."""
+        return simulate_epos2(self, wire, clock, mechanics, boot_time_s)
 
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
         """Return the conversion to quadcounts (quarters of an encoder line) and rpm."""
@@ -245,29 +247,5 @@ def _refuse(drive: Asked, found: str, way_out: str = "") -> DriveError:
     )
 
 
-def _example(node_id: int) -> Epos2Axis:
-    """Return a section for a drive with factory settings, on a screw without a gear."""
-    return Epos2Axis(
-        node_id=node_id,
-        unit="mm",
-        encoder_pulses_per_turn=500,
-        gear_ratio=1.0,
-        lead_mm=1.0,
-        limits=(-100.0, 100.0),
-        max_speed=20.0,
-        acceleration=50.0,
-        quick_stop_deceleration=200.0,
-        position_window=0.01,
-        max_following_error=1.0,
-    )
-
-
-DRIVE = DriveKind(
-    name="epos2",
-    settings=Epos2Axis,
-    open=Cia402Drive,
-    check=check_axis,
-    find_object=find_object,
-    simulated_node=simulate_epos2,
-    example=_example,
-)
+DRIVE = Epos2Axis
+"""What the entry point names."""

@@ -1,4 +1,4 @@
-"""The kind of drive `cia402`: any CiA 402 drive in profile position mode; its EDS file states which objects it has.
+"""The driver `cia402`: any CiA 402 drive in profile position mode; its EDS file states which objects it has.
 
 What is decided here
 --------------------
@@ -14,22 +14,26 @@ What is decided here
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
+from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
-from labrig.devices.can_description import HeartbeatDescription, NodeId
+from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.check import check_axis
-from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.drive import DriveKind, Identity
+from labrig.devices.drives.drive import Identity
 from labrig.devices.drives.eds import Eds, find_bounds, read_eds, read_own_eds
 from labrig.devices.drives.errors import EPOS4_ERRORS
-from labrig.devices.drives.model import STOP_OPTIONS, Asked, Cia402Section, Model, Stated, find_object
+from labrig.devices.drives.model import STOP_OPTIONS, Asked, Model, Stated
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.kinds import simulate_cia402
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError, InputError
 from labrig.protocol.model import Conflict
@@ -112,7 +116,7 @@ class ObjectsOfMaker(Section):
         return {key: Place(int(at[2:6], 16), int(at[7:], 16)) for key, at in named.items() if at is not None}
 
 
-class Cia402Axis(Cia402Section):
+class Cia402Axis(ProductSection):
     """One axis with any CiA 402 drive in profile position mode. Lengths are mm, or rad where `unit` is rad."""
 
     homing_directions: ClassVar[Mapping[int, int]] = {HOMING_HERE: 0, 1: -1, 2: +1, 17: -1, 18: +1}
@@ -121,7 +125,20 @@ class Cia402Axis(Cia402Section):
         "counts_per_turn": "counts of 0x6064 per turn of the motor: four per encoder line, unless the drive scales",
         **AxisDescription.where_to_find,
     }
-    file_keys: ClassVar[tuple[str, ...]] = ("eds",)
+    factory_settings: ClassVar[Mapping[str, object]] = {
+        "driver": "cia402",
+        "eds": None,
+        "counts_per_turn": 2000.0,
+        "velocity_unit": "rpm",
+        "acceleration_unit": "rpm/s",
+        "referenced_bit": 15,
+        "objects": {
+            "home_position": "0x30B0:00",
+            "counts_per_turn": "0x3000:05",
+            "current_ma": "0x30D1:01",
+            "current_limit_ma": "0x3001:02",
+        },
+    }
     digital_inputs: ClassVar[Mapping[str, int]] = {
         "negative-limit": 0,
         "positive-limit": 1,
@@ -131,8 +148,6 @@ class Cia402Axis(Cia402Section):
 
     driver: Literal["cia402"]
     """cia402: any CiA 402 drive over CANopen."""
-    node_id: NodeId
-    """CANopen node id of the drive."""
     eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_check_name)] | None
     """EDS file of the drive, in the folder of the rig file or below. Sizes and access of the objects come
     from it, and the drive must be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."""
@@ -164,9 +179,15 @@ class Cia402Axis(Cia402Section):
     """Objects of the manufacturer that labrig may use."""
 
     @property
-    def nodes(self) -> tuple[int, ...]:
-        """The node id."""
-        return (self.node_id,)
+    def files(self) -> dict[str, Path]:
+        """The EDS file, if it is not labrig's own."""
+        return {} if self.eds is None else {"eds": self._folder / self.eds}
+
+    def simulate(
+        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
+    ) -> SimulatedNode:
+        """Return a simulated drive on a wire, with the objects of the EDS file."""
+        return simulate_cia402(self, wire, clock, mechanics, boot_time_s)
 
     @property
     def analog(self) -> dict[str, Place]:
@@ -361,40 +382,5 @@ def _identify(eds: Eds, drive: Asked) -> Identity:
     return Identity(eds.product_name, drive.find(co.SERIAL_NUMBER), found, doubt)
 
 
-def _example(node_id: int) -> Cia402Axis:
-    """Return a section for an EPOS4 with factory settings, on a screw without a gear."""
-    return Cia402Axis(
-        driver="cia402",
-        node_id=node_id,
-        eds=None,
-        unit="mm",
-        counts_per_turn=2000.0,
-        gear_ratio=1.0,
-        lead_mm=1.0,
-        velocity_unit="rpm",
-        acceleration_unit="rpm/s",
-        limits=(-100.0, 100.0),
-        max_speed=20.0,
-        acceleration=50.0,
-        quick_stop_deceleration=200.0,
-        position_window=0.01,
-        max_following_error=1.0,
-        referenced_bit=15,
-        objects=ObjectsOfMaker(
-            home_position="0x30B0:00",
-            counts_per_turn="0x3000:05",
-            current_ma="0x30D1:01",
-            current_limit_ma="0x3001:02",
-        ),
-    )
-
-
-DRIVE = DriveKind(
-    name="cia402",
-    settings=Cia402Axis,
-    open=Cia402Drive,
-    check=check_axis,
-    find_object=find_object,
-    simulated_node=simulate_cia402,
-    example=_example,
-)
+DRIVE = Cia402Axis
+"""What the entry point names."""

@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
-from canopen.objectdictionary import ODVariable
-
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing, Identity
@@ -13,7 +11,7 @@ from labrig.devices.drives.eds import Eds
 from labrig.devices.drives.errors import Emergency
 from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
-from labrig.errors import DriveError, InputError
+from labrig.errors import DriveError
 
 STOP_OPTIONS = {
     co.ABORT_CONNECTION: 1,  # a fault
@@ -200,16 +198,8 @@ class Model:
 
 
 class Cia402Section(AxisDescription):
-    """The section of an axis with a CiA 402 drive; a product derives its own from it."""
+    """The section of an axis with a CiA 402 drive; a product derives its own from `section.ProductSection`."""
 
     def model(self) -> Model:
         """Return what is known of the drive. Raises `InputError` if its EDS file cannot be read."""
         raise NotImplementedError
-
-
-def find_object(section: Cia402Section, index: int, subindex: int) -> ODVariable | None:
-    """Return an object of the drive of an axis; None if it has none there, or if its EDS file cannot be read."""
-    try:
-        return section.model().eds.objects.get(Place(index, subindex))
-    except InputError:
-        return None

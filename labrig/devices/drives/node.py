@@ -68,7 +68,7 @@ class DriveNode:
     """
 
     def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
-        (self.node_id,) = section.nodes
+        self.node_id = section.node_id
         self.name = f"drive of axis {axis} (node {self.node_id})"
         self.axis = axis
         self.section = section

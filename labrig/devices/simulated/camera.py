@@ -5,7 +5,6 @@ from typing import ClassVar, Literal
 from labrig.clock import Clock
 from labrig.devices.camera import (
     CameraContext,
-    CameraKind,
     ControlledCameraDescription,
     Exposure,
     RigKind,
@@ -80,14 +79,7 @@ class SimulatedCameraDescription(ControlledCameraDescription):
     driver: Literal["simulated"]
     """simulated: draws what the rig's world shows."""
 
-
-class SimulatedCamera(CameraKind[SimulatedCameraDescription]):
-    """The simulated camera."""
-
-    name = "simulated"
-    settings = SimulatedCameraDescription
-
-    def open(self, section: SimulatedCameraDescription, context: CameraContext) -> SimulatedSource:  # noqa: ARG002 - the context holds the world
+    def open(self, context: CameraContext) -> SimulatedSource:
         """Return a camera that sees the world."""
         if context.world is None:
             raise CameraError(
@@ -96,4 +88,5 @@ class SimulatedCamera(CameraKind[SimulatedCameraDescription]):
         return SimulatedSource(context.world, context.clock)
 
 
-CAMERA = SimulatedCamera()
+CAMERA = SimulatedCameraDescription
+"""What the entry point names."""

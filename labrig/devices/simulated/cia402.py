@@ -140,7 +140,6 @@ class SimulatedCia402Drive(CanopenNode):
         behaviour: Behaviour,
         fixed: Mapping[Place, int],
     ) -> None:
-        (node_id,) = section.nodes
         self._section, self._fixed = section, fixed
         self._behaviour = behaviour
         self._model = section.model()
@@ -163,7 +162,13 @@ class SimulatedCia402Drive(CanopenNode):
         self._inputs = 0
         eds, fingerprint = self._model.eds, self._model.fingerprint
         super().__init__(
-            wire, node_id, clock, eds, fixed=fixed, live=self._list_live_objects(), fingerprint=fingerprint
+            wire,
+            section.node_id,
+            clock,
+            eds,
+            fixed=fixed,
+            live=self._list_live_objects(),
+            fingerprint=fingerprint,
         )
         self._values = self.objects.value
         self._note("boot", "power on")

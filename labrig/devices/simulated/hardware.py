@@ -7,7 +7,7 @@ the world see time pass whenever labrig sends a frame, takes a picture or waits.
 from collections.abc import Sequence
 
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import CameraContext, PictureSource, find_camera_kind
+from labrig.devices.camera import CameraContext, PictureSource
 from labrig.devices.clocks import SimulatedClock, WatchedClock
 from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
@@ -72,7 +72,7 @@ class SimulatedHardware:
     def open_source(self) -> PictureSource:
         """Open the camera, which may see the world. Raises `CameraError`."""
         context = CameraContext(self.clock, self._rig.folder, self.world)
-        return find_camera_kind(self._rig.camera.driver).open(self._rig.camera, context)
+        return self._rig.camera.open(context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""

@@ -58,7 +58,7 @@ def simulate_epos2(
     software: int = _SOFTWARE_TRIED,
 ) -> SimulatedCia402Drive:
     """Return an EPOS2 of this hardware and software version on a wire."""
-    (node_id,), scale = section.nodes, section.scale()
+    node_id, scale = section.node_id, section.scale()
     fixed = {
         _ENCODER_PULSES: round(scale.counts_per_turn) // EPOS2.counts_per_pulse,
         _HARDWARE: hardware,
@@ -81,7 +81,7 @@ def simulate_cia402(
     boot_time_s: float = 0.0,
 ) -> SimulatedCia402Drive:
     """Return a CiA 402 drive on a wire, with the units and the encoder that its section states."""
-    (node_id,), model = section.nodes, section.model()
+    node_id, model = section.node_id, section.model()
     encoder = next((stated.place for stated in model.stated if stated.key == "counts_per_turn"), None)
     behaviour = replace(CIA402, encoder=encoder)
     fixed = {

@@ -5,7 +5,6 @@ from typing import Protocol
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drives.drive import find_drive_kind
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.motor import Motor, torque_of_force
@@ -65,19 +64,24 @@ class SimulatedPlant:
         require_complete(rig, dict(rig.axes.items()))
         self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
         self.drives = {
-            name: find_drive_kind(axis.driver).simulate(
-                axis,
-                wire,
-                clock,
-                _load(name, axis, _make_stops(axis, self._scales[name]), forces),
-                boot_time_s,
-            )
+            name: axis.simulate(wire, clock, self._load(name, axis, forces), boot_time_s)
             for name, axis in rig.axes.items()
         }
         for name, axis in rig.axes.items():
             for channel in axis.inputs.values():
                 if channel.expected:
                     self.drives[name].set_input(channel.source, 1.0)
+
+    def _load(self, name: str, axis: AxisDescription, forces: AxisForces | None) -> Mechanics:
+        """Return the stops of an axis, with what resists it."""
+        stops = _make_stops(axis, self._scales[name])
+        if forces is None or axis.lead_mm is None:
+            return stops
+        resists = {"insertion": forces.insertion_force_n, "linear": forces.linear_force_n}[name]
+        turn_mm, gear_ratio = axis.lead_mm, axis.gear_ratio or 1.0
+        motor = Motor(load_mnm=lambda: torque_of_force(resists(), turn_mm, gear_ratio))
+        wired = {"analog-1": forces.force_sensor_mv} if name == "insertion" else {}
+        return replace(stops, motor=motor, analog_mv=wired)
 
     def true_positions(self) -> dict[str, float]:
         """Return the true position of each axis [mm or rad]."""
@@ -89,17 +93,6 @@ class SimulatedPlant:
         """Take the drives off the bus."""
         for drive in self.drives.values():
             drive.unplug()
-
-
-def _load(name: str, axis: AxisDescription, stops: Mechanics, forces: AxisForces | None) -> Mechanics:
-    """Return the mechanics of an axis with what resists it."""
-    if forces is None or axis.lead_mm is None:
-        return stops
-    resists = {"insertion": forces.insertion_force_n, "linear": forces.linear_force_n}[name]
-    turn_mm, gear_ratio = axis.lead_mm, axis.gear_ratio or 1.0
-    motor = Motor(load_mnm=lambda: torque_of_force(resists(), turn_mm, gear_ratio))
-    wired = {"analog-1": forces.force_sensor_mv} if name == "insertion" else {}
-    return replace(stops, motor=motor, analog_mv=wired)
 
 
 def _make_stops(axis: AxisDescription, scale: AxisScale) -> Mechanics:

@@ -5,13 +5,15 @@ from typing import Any
 
 import can
 
+from labrig.devices.axis_description import DEFAULT_DRIVER, AxisDescription
 from labrig.devices.bus import OPENING_FAILURES
 from labrig.devices.clocks import SystemClock
-from labrig.devices.drives.drive import DEFAULT_DRIVER, find_drive_kind
+from labrig.devices.driver_section import find_section
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan_server import SlcanServer
 from labrig.errors import BusError, InputError
+from labrig.plugins import DRIVES
 
 _TICK_S = 0.002
 _MOST_FRAMES = 200
@@ -78,9 +80,9 @@ class ServedDrives:
     """
 
     def __init__(self, bus: can.BusABC, node_ids: Iterable[int], driver: str = DEFAULT_DRIVER) -> None:
-        self.wire, clock, kind = InProcessWire(), SystemClock(), find_drive_kind(driver)
+        self.wire, clock, kind = InProcessWire(), SystemClock(), find_section(DRIVES, driver, AxisDescription)
         self.drives = {
-            node_id: kind.simulate(kind.example_section(node_id), self.wire, clock, Mechanics(), _BOOT_TIME_S)
+            node_id: kind.example(node_id).simulate(self.wire, clock, Mechanics(), _BOOT_TIME_S)
             for node_id in node_ids
         }
         self._bus = bus

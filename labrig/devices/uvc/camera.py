@@ -4,7 +4,7 @@ from typing import Literal
 
 import cv2
 
-from labrig.devices.camera import CameraContext, CameraKind, ControlledCameraDescription
+from labrig.devices.camera import CameraContext, ControlledCameraDescription
 from labrig.devices.uvc.source import UvcSource
 from labrig.devices.uvc.v4l2 import V4l2Controls
 from labrig.errors import CameraError
@@ -16,14 +16,7 @@ class UvcCameraDescription(ControlledCameraDescription):
     driver: Literal["uvc"]
     """uvc: a USB camera."""
 
-
-class UvcCamera(CameraKind[UvcCameraDescription]):
-    """A USB video class camera."""
-
-    name = "uvc"
-    settings = UvcCameraDescription
-
-    def open(self, section: UvcCameraDescription, context: CameraContext) -> UvcSource:
+    def open(self, context: CameraContext) -> UvcSource:
         """Open a device file.
 
         Raises
@@ -32,21 +25,22 @@ class UvcCamera(CameraKind[UvcCameraDescription]):
             When there is no such device, or it is not a camera.
         """
         # Opened first: it fails with a reason, where OpenCV prints to stderr and says no.
-        controls = V4l2Controls(section.device)
-        capture = cv2.VideoCapture(section.device, cv2.CAP_V4L2)
+        controls = V4l2Controls(self.device)
+        capture = cv2.VideoCapture(self.device, cv2.CAP_V4L2)
         if not capture.isOpened():
             controls.close()
             raise CameraError(
-                f"{section.device} gives no pictures",
+                f"{self.device} gives no pictures",
                 "it may be used by another program, or be no camera; try another number",
             )
         return UvcSource(
             capture,
             controls,
             context.clock,
-            exposure_s=section.longest_exposure_s,
-            rate_hz=section.rate_hz,
+            exposure_s=self.longest_exposure_s,
+            rate_hz=self.rate_hz,
         )
 
 
-CAMERA = UvcCamera()
+CAMERA = UvcCameraDescription
+"""What the entry point names."""

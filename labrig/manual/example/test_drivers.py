@@ -6,7 +6,7 @@ from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
 from labrig.testing.cameras import CameraConformance, OpenedCamera
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
-from labrig_example.marker_camera import CAMERA, MarkerDescription
+from labrig_example.marker_camera import MarkerDescription
 
 
 class TestStepper(DriveConformance):
@@ -24,4 +24,4 @@ class TestMarkerCamera(CameraConformance):
         """Open it."""
         clock = SimulatedClock()
         section = MarkerDescription(driver="example-marker", width_px=160, height_px=120, rate_hz=30.0)
-        return OpenedCamera(CAMERA.open(section, CameraContext(clock)), section, clock)
+        return OpenedCamera(section.open(CameraContext(clock)), section, clock)

@@ -24,7 +24,7 @@ _OF_MAXON = (0x3000, 0x3001, 0x30B0, 0x30B1, 0x30D1, 0x603F, 0x60A8, 0x60A9, 0x6
 def section_of(folder: Path, text: str | None = None, **changes: object) -> Cia402Axis:
     """Return the example section with an EDS file of its own in `folder`, and with changes."""
     (folder / "drive.eds").write_text(eds_text() if text is None else text, encoding="ascii")
-    values = DRIVE.example_section(1).model_dump() | {"eds": "drive.eds"} | changes
+    values = DRIVE.example(1).model_dump() | {"eds": "drive.eds"} | changes
     return Cia402Axis.model_validate(values, strict=False).placed_in(folder)
 
 

@@ -37,7 +37,7 @@ OPTIONAL = (0x1003, 0x1A02, 0x1802, 0x6061, 0x6099, 0x609A, 0x60A8, 0x60A9, 0x60
 
 @pytest.fixture(name="bare")
 def _bare() -> Iterator[ProfileDriveOnABus]:
-    with drive_on_a_bus(DRIVE.example_section(1)) as bare:
+    with drive_on_a_bus(DRIVE.example(1)) as bare:
         yield bare
 
 
@@ -147,7 +147,7 @@ def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
         ):
             one.driver.download(co.QUICK_STOP_DECELERATION, 70_000)
         assert one.link.network.take_frames() == []
-    with drive_on_a_bus(section, DRIVE.example_section(1)) as other:
+    with drive_on_a_bus(section, DRIVE.example(1)) as other:
         other.driver.identify()
         with pytest.raises(DriveRefusedError, match="0x6085:00"):
             other.driver.configure(HEARTBEAT, None)
@@ -361,9 +361,9 @@ def test_a_mode_is_waited_for(ready: ProfileDriveOnABus) -> None:
 
 def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
     """`labrig devices stop` needs no file; moving the axis names the missing one."""
-    section = DRIVE.example_section(1).model_copy(update={"eds": "none.eds"}).placed_in(tmp_path)
-    with drive_on_a_bus(section, DRIVE.example_section(1)) as one:
-        other = type(one.driver)(one.link, DRIVE.example_section(1), "rotation", one.clock)
+    section = DRIVE.example(1).model_copy(update={"eds": "none.eds"}).placed_in(tmp_path)
+    with drive_on_a_bus(section, DRIVE.example(1)) as one:
+        other = type(one.driver)(one.link, DRIVE.example(1), "rotation", one.clock)
         other.configure(HEARTBEAT, None)
         other.enable()
         other.start_move(50.0, 5.0)
@@ -376,7 +376,7 @@ def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
 
 def test_the_scale_follows_the_stated_units() -> None:
     """One turn per second in counts, rpm and thousandths of rpm."""
-    section = DRIVE.example_section(1)
+    section = DRIVE.example(1)
     assert section.scale() == AxisScale(2000.0, 1.0, 1.0, speed_units=60.0, acceleration_units=60.0)
     fine = section.model_copy(update={"velocity_unit": "counts/s", "acceleration_factor": 0.5})
     assert (fine.scale().speed_units, fine.scale().acceleration_units) == (2000.0, 120.0)

@@ -1,42 +1,49 @@
-"""The section of an axis with `driver: example-stepper`, and what is known of its drive."""
+"""The driver `example-stepper`, a CiA 402 stepper drive: the section of its axis, and what is known of it."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labrig.devices.can_description import NodeId
+from labrig.clock import Clock
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Identity
 from labrig.devices.drives.eds import read_own_eds
-from labrig.devices.drives.model import Asked, Cia402Section, Model
+from labrig.devices.drives.model import Asked, Model
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.kinds import CIA402
+from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
 
 VENDOR, PRODUCT = 0x7E57, 0x0001
 
 
-class StepperAxis(Cia402Section):
+class StepperAxis(ProductSection):
     """One axis with a stepper drive. Lengths are mm, or rad where `unit` is rad."""
 
+    factory_settings = {"microsteps_per_turn": 3200}  # noqa: RUF012 - as the base class declares it
     homing_directions = {HOMING_HERE: 0}  # noqa: RUF012 - as the base class declares it
     count_unit = "microsteps"
 
     driver: Literal["example-stepper"] = Field("example-stepper", description="Kind of drive.")
-    node_id: NodeId = Field(description="CANopen node id of the drive.")
     microsteps_per_turn: Annotated[int, Field(ge=200, le=51_200)] = Field(
         description="Microsteps per turn of the motor [-]."
     )
 
-    @property
-    def nodes(self) -> tuple[int, ...]:
-        """The node id."""
-        return (self.node_id,)
-
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
         """Return the conversion to microsteps and rpm."""
         return AxisScale(self.microsteps_per_turn, gear_ratio, travel_per_turn, self.reversed)
+
+    def simulate(
+        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
+    ) -> SimulatedCia402Drive:
+        """Return a node with the state machine, faults and motion of CiA 402."""
+        fixed = {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + self.node_id}
+        return SimulatedCia402Drive(self, wire, clock, mechanics, boot_time_s, behaviour=CIA402, fixed=fixed)
 
     def model(self) -> Model:
         """Return what is known of the stepper; a drive of your own has an EDS file of its own (`read_eds`)."""
@@ -58,3 +65,7 @@ def _identify(drive: Asked) -> Identity:
             "check the node id in the rig file and the drive itself",
         )
     return Identity("example stepper", drive.upload(co.SERIAL_NUMBER))
+
+
+DRIVE = StepperAxis
+"""What the entry point names."""

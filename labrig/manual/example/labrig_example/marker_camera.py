@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from labrig.clock import Clock
-from labrig.devices.camera import CameraContext, CameraDescription, CameraKind, Exposure, RigKind, Setting
+from labrig.devices.camera import CameraContext, CameraDescription, Exposure, RigKind, Setting
 
 _BACKGROUND, _DISC = 30, 220
 
@@ -21,6 +21,10 @@ class MarkerDescription(CameraDescription):
     drift_px_s: Annotated[float, Field(ge=-10, le=10)] = Field(
         0.0, description="How fast the disc drifts to the right [px/s]."
     )
+
+    def open(self, context: CameraContext) -> "MarkerSource":
+        """Open the camera."""
+        return MarkerSource(self, context.clock)
 
 
 class MarkerSource:
@@ -54,15 +58,5 @@ class MarkerSource:
         """Do nothing: nothing is open."""
 
 
-class MarkerCamera(CameraKind[MarkerDescription]):
-    """The kind of camera."""
-
-    name = "example-marker"
-    settings = MarkerDescription
-
-    def open(self, section: MarkerDescription, context: CameraContext) -> MarkerSource:
-        """Open the camera."""
-        return MarkerSource(section, context.clock)
-
-
-CAMERA = MarkerCamera()
+CAMERA = MarkerDescription
+"""What the entry point names."""

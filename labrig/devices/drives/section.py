@@ -1,0 +1,36 @@
+"""The section of an axis with a CiA 402 drive, which has the one driver and its check."""
+
+from collections.abc import Iterator
+
+from canopen.objectdictionary import ODVariable
+
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.check_result import CheckResult
+from labrig.devices.drives.check import check_axis
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.model import Cia402Section
+from labrig.devices.drives.objects import Place
+from labrig.errors import InputError
+
+
+class ProductSection(Cia402Section):
+    """The section of a product: it derives from this, and returns a `Model`."""
+
+    def open(self, link: CanLink, axis: str, clock: Clock) -> Cia402Drive:
+        """Return the drive of the axis of this name."""
+        return Cia402Drive(link, self, axis, clock)
+
+    def check(
+        self, link: CanLink, axis: str, clock: Clock, heartbeat: HeartbeatDescription
+    ) -> Iterator[CheckResult]:
+        """Compare the axis with its drive; nothing is written."""
+        return check_axis(link, self, axis, clock, heartbeat)
+
+    def find_object(self, index: int, subindex: int) -> ODVariable | None:
+        """Return an object of the drive; None if it has none there, or if its EDS file cannot be read."""
+        try:
+            return self.model().eds.objects.get(Place(index, subindex))
+        except InputError:
+            return None

@@ -1,4 +1,4 @@
-"""Print every table, or the tables named on the command line.
+"""Print every table, or the tables and groups named on the command line: accuracy, steering, speed, insertions.
 
 Several tables run in a process each, so that no table inherits the memory or threads of another, and a table that
 fails does not prevent the others. The exit code is then 1, and the last line names the failed tables.
@@ -7,10 +7,8 @@ fails does not prevent the others. The exit code is then 1, and the last line na
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import partial
 
 from tests.benchmarks import (
-    campaign_engines,
     can_load,
     catalogue,
     circles,
@@ -18,96 +16,72 @@ from tests.benchmarks import (
     coverage,
     crash,
     curvature,
-    cycle,
     depth,
-    engine,
     estimator,
-    faults,
-    fuzz,
     graph_paper,
     hinge,
     insertion,
     intrinsics,
-    live,
-    load,
-    opening,
-    pausing,
     planner,
     real_insertions,
     reanalyze,
     recording,
-    reference_world,
-    rehearsal,
-    ruled_paper,
-    shaft_scenes,
-    silent_bus,
     start_up,
     sweep,
     tip,
-    torsion,
     virtual,
     wandering,
-    warp,
     world_agrees,
 )
 
-TABLES: dict[str, Callable[[], None]] = {
-    "start-up": start_up.print_table,
-    "intrinsics": intrinsics.print_table,
-    "warp": warp.print_table,
-    "real-insertions": real_insertions.print_table,
-    "coverage": coverage.print_table,
-    "depth": depth.print_table,
-    "wandering": wandering.print_table,
-    "curvature": curvature.print_table,
-    "shaft-scenes": shaft_scenes.print_table,
-    "circles": circles.print_table,
-    "reanalyze": reanalyze.print_table,
-    "ruled-paper": ruled_paper.print_table,
-    "graph-paper": graph_paper.print_table,
-    "hinge": hinge.print_table,
-    "planner": planner.print_table,
-    "engine": engine.print_table,
-    "campaign-engines": campaign_engines.print_table,
-    "estimator": estimator.print_table,
-    "reference-world": reference_world.print_table,
-    "closed-loop": closed_loop.print_table,
-    "closed-loop-reference": partial(closed_loop.print_table, "reference"),
-    "closed-loop-hard": partial(closed_loop.print_table, "hard"),
-    "torsion": torsion.print_table,
-    "virtual": virtual.print_table,
-    "world-agrees": world_agrees.print_table,
-    "can-load": can_load.print_table,
-    "load": load.print_table,
-    "tip": tip.print_table,
-    "cycle": cycle.print_table,
-    "insertion": insertion.print_table,
-    "faults": faults.print_table,
-    "silent-bus": silent_bus.print_table,
-    "fuzz": fuzz.print_table,
-    "catalogue": catalogue.print_table,
-    "recording": recording.print_table,
-    "live": live.print_table,
-    "opening": opening.print_table,
-    "crash": crash.print_table,
-    "sweep": sweep.print_table,
-    "pausing": pausing.print_table,
-    "rehearsal": rehearsal.print_table,
+GROUPS: dict[str, dict[str, Callable[[], None]]] = {
+    "accuracy": {
+        "intrinsics": intrinsics.print_table,
+        "graph-paper": graph_paper.print_table,
+        "curvature": curvature.print_table,
+        "coverage": coverage.print_table,
+        "circles": circles.print_table,
+        "tip": tip.print_table,
+        "depth": depth.print_table,
+        "real-insertions": real_insertions.print_table,
+    },
+    "steering": {
+        "hinge": hinge.print_table,
+        "planner": planner.print_table,
+        "estimator": estimator.print_table,
+        "closed-loop": closed_loop.print_table,
+    },
+    "speed": {
+        "start-up": start_up.print_table,
+        "catalogue": catalogue.print_table,
+        "can-load": can_load.print_table,
+        "recording": recording.print_table,
+        "sweep": sweep.print_table,
+        "reanalyze": reanalyze.print_table,
+        "crash": crash.print_table,
+    },
+    "insertions": {
+        "insertion": insertion.print_table,
+        "virtual": virtual.print_table,
+        "world-agrees": world_agrees.print_table,
+        "wandering": wandering.print_table,
+    },
 }
+TABLES = {name: show for group in GROUPS.values() for name, show in group.items()}
 
 
 def main(names: list[str]) -> int:
     """Print the tables and return the exit code: 2 for an unknown name, 1 if a table failed."""
-    unknown = [name for name in names if name not in TABLES]
+    known = (*GROUPS, *TABLES)
+    unknown = [name for name in names if name not in known]
     if unknown:
-        print(f"unknown benchmark {', '.join(unknown)}; choose from {', '.join(TABLES)}", file=sys.stderr)
+        print(f"unknown benchmark {', '.join(unknown)}; choose from {', '.join(known)}", file=sys.stderr)
         return 2
-    if len(names) == 1:
+    wanted = [table for name in names or GROUPS for table in GROUPS.get(name, (name,))]
+    if wanted == names[:1]:
         print(f"\n## {names[0]}", flush=True)
         TABLES[names[0]]()
         return 0
-    # closed-loop prints the rows of the tables with its name.
-    wanted = names or [name for name in TABLES if not name.startswith("closed-loop-")]
     failed = [name for name in wanted if _run_apart(name) != 0]
     if failed:
         print(f"\nfailed: {', '.join(failed)}", file=sys.stderr)

@@ -1,12 +1,12 @@
 """Closed loop without a camera: planner, estimator, steering step and turns in drawn worlds.
 
-The reference world has disturbances with which the paper's policy does as the paper reports (`reference_world`). The
+The reference world has disturbances so large that the paper's policy does as the paper reports. The
 hard world adds heading noise out of the plane, torsion, layers, slip, cavities, shifted obstacles and a target that
 moves. Each world draws what the policy assumes (`worlds`), target and two obstacles come from the planner's problems,
 the tip is sighted about every millimetre, and at the end a shaft is measured whose width and length tell its depth
 (`blind_insertion`). The figures are those of the world's own truth, in space; intervals are of 95 %.
 
-`closed-loop` prints both policies in both worlds, `closed-loop-reference` and `closed-loop-hard` one world.
+`closed-loop` prints both policies in both worlds.
 LABRIG_BENCHMARK_WORLDS sets the number of worlds, 200 by default, LABRIG_BENCHMARK_FIRST_SEED the first of their seeds,
 and LABRIG_BENCHMARK_WORKERS the number of processes, one for each processor by default.
 """

@@ -188,8 +188,8 @@ def draw_map(
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         axes = figure.subplots()
-        share, x_edges, y_edges = _bin_share(x, y, reached)
-        mesh = axes.pcolormesh(x_edges, y_edges, share.T, cmap="viridis", vmin=0.0, vmax=1.0, rasterized=True)
+        share, x_edges, y_edges = bin_share(x, y, reached)
+        mesh = axes.pcolormesh(x_edges, y_edges, share, cmap="viridis", vmin=0.0, vmax=1.0, rasterized=True)
         many = len(x) > _MOST_VECTORS
         axes.plot(x[reached], y[reached], ".", color="#000000", markersize=3, rasterized=many)
         axes.plot(x[~reached], y[~reached], "x", color="#d55e00", markersize=4, rasterized=many)
@@ -207,13 +207,13 @@ def draw_map(
         return svg(figure, name)
 
 
-def _bin_share(
+def bin_share(
     x: FloatArray, y: FloatArray, reached: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the share (N, M) in each field, and the edges of the fields; NaN in a field without points."""
+    """Return the share in each field, (rows along y, columns along x), and the edges of both; NaN without points."""
     fields = int(np.clip(np.sqrt(len(x) / _LEAST_IN_BIN), 1, 2 * _BINS))
     found = binned_statistic_2d(x, y, reached.astype(np.float64), statistic="mean", bins=fields)
-    return np.asarray(found.statistic, np.float64), found.x_edge, found.y_edge
+    return np.asarray(found.statistic, np.float64).T, found.x_edge, found.y_edge
 
 
 def _shorten(name: str) -> str:

@@ -431,7 +431,7 @@ def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:
     provenance = {"created": "2026-01-01T00:00:00+00:00"}
     save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), provenance)
     rig = load_rig(BENCH).placed_in(tmp_path)
-    for day, status in (("2026-01-20", CheckStatus.PASS), ("2026-03-01", CheckStatus.WARN)):
+    for day, status in (("2026-01-31", CheckStatus.PASS), ("2026-02-01", CheckStatus.WARN)):
         now = datetime.fromisoformat(f"{day}T00:00:00+00:00")
         assert _by_name(list(check_calibration(rig, now)))["calibration intrinsics age"].status is status
     save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), {})

@@ -11,6 +11,7 @@ import socket
 import struct
 import termios
 import threading
+import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -300,3 +301,11 @@ def lower_priority() -> None:
 def count_usable_cores() -> int:
     """Return how many cores this process may use: `taskset`, a container or a batch system may allow fewer than all."""
     return len(os.sched_getaffinity(0))
+
+
+def open_serial_line() -> tuple[int, int, str]:
+    """Return both ends of a serial line, the first of which never waits, and the name of the second."""
+    end, other = os.openpty()
+    tty.setraw(other)
+    os.set_blocking(end, False)
+    return end, other, os.ttyname(other)

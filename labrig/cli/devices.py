@@ -106,15 +106,13 @@ def simulate(
     interface: Annotated[
         str,
         typer.Option(
-            help="Interface of python-can, such as socketcan or udp_multicast; slcan stands for adapters over TCP."
+            help="Interface of python-can, such as socketcan or udp_multicast; slcan makes a serial line."
         ),
     ],
     channel: Annotated[
         str, typer.Option(help="Channel of the interface, such as can0 or 239.74.163.2.")
     ] = "",
-    port: Annotated[
-        int | None, typer.Option(help="UDP port, for udp_multicast; TCP port, for slcan.", min=1, max=65535)
-    ] = None,
+    port: Annotated[int | None, typer.Option(help="UDP port, for udp_multicast.", min=1, max=65535)] = None,
     bitrate: Annotated[int, typer.Option(help="Bit rate of the bus [bit/s].")] = 1_000_000,
     nodes: Annotated[str, typer.Option(help="Node ids, separated by commas.")] = "1,2,3",
     as_json: AsJson = False,
@@ -122,7 +120,7 @@ def simulate(
     """Serve until a signal comes, and exit with 130, as every interrupted command does."""
     from labrig.cli.signals import note_signals
     from labrig.devices.simulated.serving import ServedDrives, open_bus
-    from labrig.devices.simulated.slcan_server import SlcanServer
+    from labrig.devices.simulated.slcan import SlcanAdapter
 
     node_ids = _read_node_ids(nodes)
     if interface == "virtual":
@@ -132,7 +130,7 @@ def simulate(
         )
     with note_signals() as interrupted, open_bus(interface, channel, port, bitrate) as bus:
         drives = ServedDrives(bus, node_ids)
-        reached_by = bus.path if isinstance(bus, SlcanServer) else channel
+        reached_by = bus.path if isinstance(bus, SlcanAdapter) else channel
         if as_json:
             print_json({"interface": interface, "channel": reached_by, "nodes": node_ids})
         else:

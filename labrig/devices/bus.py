@@ -171,10 +171,15 @@ class CanLink:
         """Whether frames still pass: on a working bus, and on one that is only error passive."""
         return self.trouble is None or isinstance(self.trouble, BusPassiveError)
 
+    def require_works(self) -> None:
+        """Raise the `BusError` of a bus that has failed."""
+        if self.trouble is not None:
+            raise self.trouble
+
     def send(self, can_id: int, data: bytes) -> None:
         """Send one frame. Raises `BusError`."""
-        if self.network.trouble is not None and not self.carries:
-            raise self.network.trouble
+        if not self.carries:
+            self.require_works()
         try:
             self.network.send_message(can_id, data)
         except (can.CanError, OSError) as error:

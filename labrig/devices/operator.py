@@ -1,16 +1,17 @@
 """Requests to a person at the rig, which can be asked, answered and recorded.
 
-A request is a frozen subclass of `OperatorRequest`. The record keeps its fields under the name of its class; a person
-reads its `sentence`. An experiment of another package derives its own requests in the same way.
+A request is a subclass of `OperatorRequest`, and frozen. The record keeps its fields under the name of its class; a
+person reads its `sentence`. An experiment of another package derives its own requests in the same way.
 """
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, dataclass_transform
 
 
+@dataclass_transform(frozen_default=True)
 @dataclass(frozen=True)
 class OperatorRequest:
     """Something that a person is asked to do or to confirm; `sentence` names its fields in braces.
@@ -24,13 +25,16 @@ class OperatorRequest:
     by_hand: ClassVar[bool] = False
     brings_gel: ClassVar[bool | None] = None
 
+    def __init_subclass__(cls) -> None:
+        """Make a request a frozen dataclass."""
+        dataclass(frozen=True)(cls)
+
     @property
     def text(self) -> str:
         """Return the request as a person reads it."""
         return self.sentence.format_map(vars(self))
 
 
-@dataclass(frozen=True)
 class MountNeedle(OperatorRequest):
     """Mount the needle in the clamp."""
 
@@ -40,7 +44,6 @@ class MountNeedle(OperatorRequest):
     needle_id: str
 
 
-@dataclass(frozen=True)
 class ConfirmAxesAtZero(OperatorRequest):
     """Confirm that the axes stand where zero is to be."""
 
@@ -51,7 +54,6 @@ class ConfirmAxesAtZero(OperatorRequest):
     )
 
 
-@dataclass(frozen=True)
 class PlaceSpecimen(OperatorRequest):
     """Put a specimen into the frame."""
 
@@ -62,7 +64,6 @@ class PlaceSpecimen(OperatorRequest):
     gelatin_percent: float
 
 
-@dataclass(frozen=True)
 class ShiftToHole(OperatorRequest):
     """Shift the specimen so that a hole stands before the sheath; people count holes from one."""
 
@@ -79,7 +80,6 @@ class ShiftToHole(OperatorRequest):
         return f"Shift specimen {self.specimen} to hole {self.hole + 1}, {place}."
 
 
-@dataclass(frozen=True)
 class HoldBoard(OperatorRequest):
     """Hold the chessboard before the camera, in a pose that differs from the earlier ones; views count from one."""
 
@@ -98,7 +98,6 @@ class HoldBoard(OperatorRequest):
         )
 
 
-@dataclass(frozen=True)
 class LayGraphPaper(OperatorRequest):
     """Lay graph paper into the steering plane."""
 
@@ -111,7 +110,6 @@ class LayGraphPaper(OperatorRequest):
     pitch_mm: float
 
 
-@dataclass(frozen=True)
 class PlacePhantom(OperatorRequest):
     """Put a block of gel with obstacles cast in into the frame, so that they are seen where the protocol says.
 
@@ -135,21 +133,18 @@ class PlacePhantom(OperatorRequest):
         )
 
 
-@dataclass(frozen=True)
 class PickPixel(OperatorRequest):
     """Name a pixel of a picture; the answer has it."""
 
     picture: str
 
 
-@dataclass(frozen=True)
 class PickTarget(PickPixel):
     """Name the target's pixel on a picture."""
 
     sentence = "Name the target's pixel on {picture}: u to the right, v down."
 
 
-@dataclass(frozen=True)
 class PickMark(PickPixel):
     """Name the pixel of one of two marks that are a known length apart."""
 
@@ -158,7 +153,6 @@ class PickMark(PickPixel):
     mark: str
 
 
-@dataclass(frozen=True)
 class PickObstacle(PickPixel):
     """Name the pixel of an obstacle's centre on a picture; `asked` counts from 0 those that are asked for."""
 
@@ -175,7 +169,6 @@ class PickObstacle(PickPixel):
         )
 
 
-@dataclass(frozen=True)
 class ConfirmPlan(OperatorRequest):
     """Look at the plan drawn into a picture, and let the needle go."""
 
@@ -188,7 +181,6 @@ class ConfirmPlan(OperatorRequest):
     plan: str
 
 
-@dataclass(frozen=True)
 class ConfirmStopped(OperatorRequest):
     """Take note why the needle was stopped, and confirm that it may be withdrawn along its path."""
 
@@ -197,7 +189,6 @@ class ConfirmStopped(OperatorRequest):
     reason: str
 
 
-@dataclass(frozen=True)
 class ClearBench(OperatorRequest):
     """Take something away."""
 
@@ -207,7 +198,6 @@ class ClearBench(OperatorRequest):
     what: str
 
 
-@dataclass(frozen=True)
 class ConfirmNeedleOut(OperatorRequest):
     """Confirm that no needle is in tissue, where the rig cannot know."""
 
@@ -216,7 +206,6 @@ class ConfirmNeedleOut(OperatorRequest):
     reason: str
 
 
-@dataclass(frozen=True)
 class WithdrawNeedle(OperatorRequest):
     """Let the drives withdraw a needle that an interrupted run left in tissue; may be declined."""
 
@@ -230,7 +219,6 @@ class WithdrawNeedle(OperatorRequest):
     depth_mm: float
 
 
-@dataclass(frozen=True)
 class ConfirmUnchanged(OperatorRequest):
     """Confirm that nobody has changed anything since a run was interrupted; may be declined."""
 
@@ -245,7 +233,6 @@ class ConfirmUnchanged(OperatorRequest):
     specimen: str
 
 
-@dataclass(frozen=True)
 class ConfirmHere(OperatorRequest):
     """Confirm that an axis stands where its position is to be set (homing method 35); nothing moves."""
 
@@ -260,7 +247,6 @@ class ConfirmHere(OperatorRequest):
     place: str
 
 
-@dataclass(frozen=True)
 class ConfirmMotion(OperatorRequest):
     """Confirm that an axis may move slowly, with a hand on the emergency stop."""
 
@@ -273,7 +259,6 @@ class ConfirmMotion(OperatorRequest):
     what: str
 
 
-@dataclass(frozen=True)
 class ConfirmFree(OperatorRequest):
     """Confirm that an axis stands free at one of its limits."""
 
@@ -287,14 +272,12 @@ class ConfirmFree(OperatorRequest):
     unit: str
 
 
-@dataclass(frozen=True)
 class ReadLength(OperatorRequest):
     """Say how far apart two marks are; the answer has it."""
 
     sentence = "How many millimetres are the two marks apart?"
 
 
-@dataclass(frozen=True)
 class ReadScale(OperatorRequest):
     """Read how far an axis has gone on graph paper, a ruler or a protractor; the answer is a number."""
 
@@ -305,7 +288,6 @@ class ReadScale(OperatorRequest):
     instruction: str
 
 
-@dataclass(frozen=True)
 class ConfirmFaultReset(OperatorRequest):
     """Confirm that the cause of a drive's fault is gone, so that it may be reset."""
 
@@ -318,7 +300,6 @@ class ConfirmFaultReset(OperatorRequest):
     remedy: str
 
 
-@dataclass(frozen=True)
 class ConfirmUnguarded(OperatorRequest):
     """Confirm the use of a drive of which nobody knows whether it stops when labrig ends."""
 
@@ -330,7 +311,6 @@ class ConfirmUnguarded(OperatorRequest):
     doubt: str
 
 
-@dataclass(frozen=True)
 class ConfirmStance(OperatorRequest):
     """Confirm where the needle stands, where the drives have lost it."""
 
@@ -350,7 +330,6 @@ class ConfirmStance(OperatorRequest):
         )
 
 
-@dataclass(frozen=True)
 class ConfirmWithdrawal(OperatorRequest):
     """Confirm that the needle may be withdrawn along its path."""
 
@@ -365,7 +344,6 @@ class ConfirmWithdrawal(OperatorRequest):
         )
 
 
-@dataclass(frozen=True)
 class Paused(OperatorRequest):
     """The run is paused until the operator continues it."""
 

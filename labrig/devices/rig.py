@@ -27,7 +27,7 @@ from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorR
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, check_axis_move, require_complete
-from labrig.devices.supervisor import Interrupted, RigChecks, Supervisor
+from labrig.devices.supervisor import Interrupted, RigSupervisor
 from labrig.errors import (
     CameraError,
     DiskError,
@@ -120,9 +120,8 @@ class Rig:
             self._camera = Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
         nodes = {axis.description.node_id: axis.name for axis in self.axes}
         self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
-        self._checks = RigChecks(self._axes, self._watch, self._heartbeat, interrupted, opening)
-        self._supervisor = Supervisor(self._checks.ordered)
-        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._checks.readings.positions)
+        self._supervisor = RigSupervisor(self._axes, self._watch, self._heartbeat, interrupted, opening)
+        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._supervisor.readings.positions)
         self._unknown_motion = ""
         self._stopped_for: Ended | None = None
         self._is_ending = self._is_stopping = False
@@ -223,7 +222,7 @@ class Rig:
         try:
             for axis in self.axes:
                 axis.drive.expect_report()
-            return self._checks.readings.take(Axis.read, lambda: self._link.send(_SYNC, b""))
+            return self._supervisor.readings.take(Axis.read, lambda: self._link.send(_SYNC, b""))
         except MachineError as error:
             self._stop_because_of(error)
 
@@ -239,9 +238,9 @@ class Rig:
             Also when the picture is identical to the last one although needle or sheath has moved.
         DriveError, BusError
         """
-        before, before_s = collect_axis_positions(self.read_states()), self._checks.readings.last_s
+        before, before_s = collect_axis_positions(self.read_states()), self._supervisor.readings.last_s
         frame = self.camera.capture(self._make_meanwhile(self._insisted))
-        after, after_s = collect_axis_positions(self.read_states()), self._checks.readings.last_s
+        after, after_s = collect_axis_positions(self.read_states()), self._supervisor.readings.last_s
         self.camera.require_new(frame, (after.insertion_mm, after.linear_mm))
         frame = frame.between(before_s, after_s)
         positions = before.interpolate_to(after, 0.5 if frame.fraction is None else frame.fraction)
@@ -276,7 +275,7 @@ class Rig:
         DriveError
             When a drive has reported a fault or has restarted; the axes have been stopped.
         """
-        steps = max(1, math.ceil(duration_s / min(self._step_s, self._checks.stalls.period_s)))
+        steps = max(1, math.ceil(duration_s / min(self._step_s, self._supervisor.stalls.period_s)))
         try:
             self.supervise()
             for _ in range(steps):
@@ -326,7 +325,7 @@ class Rig:
         Once the run is ending, the axes only stand still: if anything is wrong then, the beat ends.
         """
         prompt_s = self.clock.now_s() + _PROMPT_S
-        requests = self._checks.requests
+        requests = self._supervisor.requests
 
         def supervise() -> None:
             is_prompt = self._is_ending or self.clock.now_s() <= prompt_s
@@ -443,7 +442,7 @@ class Rig:
 
     def _forget_lost_zeros(self) -> None:
         """Remember which axes have lost their reference. Raises `DiskError`."""
-        self.needle.forget_references(self._checks.positions.jumped | self._watch.without_zero)
+        self.needle.forget_references(self._supervisor.positions.jumped | self._watch.without_zero)
 
     def locate_needle(self) -> NeedleLocation:
         """Return where the needle is: positions that are read now, also from drives in fault, or else the last ones."""

@@ -5,23 +5,25 @@ at least once in a period of the heartbeat: `Rig.wait`, a question, and everythi
 so, and it alone sends the heartbeat: a labrig that hangs, is stopped or is killed sends none, and the drives stop by
 themselves.
 
-===============  ====================================  ============================  ===================================
-check            watches                               looks                         raises
-===============  ====================================  ============================  ===================================
-`Awake`          suspension of the computer            at each step                  `SafetyStopError`
-`BusTrouble`     errors of the CAN adapter             at each step                  `BusError`
-`Requests`       signals; `devices stop` is SIGTERM    at each step, unless told     `InterruptedRunError`
-`OtherMaster`    commands of another program           at each step with power       `SecondMasterError`
-`Drives`         emergencies, boot-ups, heartbeats     at each step                  `DriveError`
-`NmtStates`      the NMT state of each drive           at each step with power       `DriveStrayedError`
-`Beat`           nothing: it sends the heartbeat       at each step, when due        `BusError`
-`Readings`       nothing: it reads the axes            after `LOOK_S` unread         `DriveError`, `BusError`
-`Positions`      where each axis is                    at each reading               `DriveStrayedError`
-`Targets`        which target each drive has           at a reading, each `LOOK_S`   `DriveStrayedError`
-`Inputs`         inputs with limits                    at each reading               `ForceGuardError`
-`Stalls`         current and following error           the faster the axis, the      `ForceGuardError`
-                                                       more often
-===============  ====================================  ============================  ===================================
+===========================  ====================================  =======================  ========================
+check                        watches                               looks                    raises
+===========================  ====================================  =======================  ========================
+`HeartbeatClock`, awake      suspension of the computer            at each step             `SafetyStopError`
+`CanLink`, works             errors of the CAN adapter             at each step             `BusError`
+`Requests`                   signals; `devices stop` is SIGTERM    at each step, unless     `InterruptedRunError`
+                                                                   told not to
+`BusWatch`, no command       commands of another program           at each step with power  `SecondMasterError`
+drives                       emergencies, boot-ups, heartbeats     at each step             `DriveError`
+`BusWatch`, operational      the NMT state of each drive           at each step with power  `DriveStrayedError`
+`HeartbeatClock`, beat       nothing: it sends the heartbeat       at each step, when due   `BusError`
+`Readings`                   nothing: it reads the axes            after `LOOK_S` unread    `DriveError`, `BusError`
+`Positions`                  where each axis is                    at each reading          `DriveStrayedError`
+`Targets`                    which target each drive has           at a reading, each       `DriveStrayedError`
+                                                                   `LOOK_S`
+`Inputs`                     inputs with limits                    at each reading          `ForceGuardError`
+`Stalls`                     current and following error           the faster the axis,     `ForceGuardError`
+                                                                   the more often
+===========================  ====================================  =======================  ========================
 
 Whatever is found, `Rig` does the same: it posts a halt to every axis before it awaits any answer, reads back that each
 stands still, and ends what it was doing. If one may still move, or a drive is lost, nothing beats any more.
@@ -31,11 +33,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import Protocol, TypeVar
 
 from labrig.clock import Clock
 from labrig.devices.axis import Axis, AxisReadback
-from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.drives.drive import DriveReading, raise_together
 from labrig.devices.heartbeat import HeartbeatClock
@@ -76,25 +77,34 @@ class Reading:
         return PositionReading(self.from_s, self.until_s, self.axes[axis].position)
 
 
-class Check:
-    """One thing that is watched; a check overrides what it needs.
+def _do_nothing() -> None:
+    """There is nothing to begin anew."""
 
-    Attributes
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that is watched.
+
+    Parameters
     ----------
+    look : callable
+        Looks, and raises what is found; called at each step.
+    reset : callable
+        Begins anew, as power is going to be switched on; raises what must keep it off.
     needs_power : bool
         Whether it is left out while no drive has power.
     """
 
-    needs_power: ClassVar[bool] = True
+    look: Callable[[], object]
+    reset: Callable[[], object] = _do_nothing
+    needs_power: bool = True
 
-    def look(self) -> None:
-        """Look, and raise what is found; called at each step."""
+
+class Judge(Protocol):
+    """Judges each reading of the axes."""
 
     def on_reading(self, reading: Reading) -> None:
-        """Judge a reading of the axes, and raise what is found."""
-
-    def reset(self) -> None:
-        """Begin anew, as power is going to be switched on. Raises what must keep it off."""
+        """Raise what is found."""
 
 
 class Supervisor:
@@ -109,13 +119,14 @@ class Supervisor:
 
     def __init__(self, checks: Sequence[Check]) -> None:
         self._checks = checks
+        self._looks = tuple(check.look for check in checks)
+        self._looks_without_power = tuple(check.look for check in checks if not check.needs_power)
         self.has_power = False
 
     def step(self) -> None:
         """Look at everything once. Raises `InterruptedRunError`, `SafetyStopError`, `BusError`, `DriveError`."""
-        for check in self._checks:
-            if self.has_power or not check.needs_power:
-                check.look()
+        for look in self._looks if self.has_power else self._looks_without_power:
+            look()
 
     def reset(self) -> None:
         """Begin anew before power is switched on. Raises what must keep it off, as `step`."""
@@ -123,34 +134,7 @@ class Supervisor:
             check.reset()
 
 
-class Awake(Check):
-    """The computer was not suspended for longer than the drives bear."""
-
-    needs_power = False
-
-    def __init__(self, heartbeat: HeartbeatClock) -> None:
-        self._heartbeat = heartbeat
-
-    def look(self) -> None:
-        """Raise `SafetyStopError` after a suspension."""
-        self._heartbeat.require_awake()
-
-
-class BusTrouble(Check):
-    """The CAN adapter works."""
-
-    needs_power = False
-
-    def __init__(self, link: CanLink) -> None:
-        self._link = link
-
-    def look(self) -> None:
-        """Raise the `BusError` of a bus that has failed."""
-        if self._link.trouble is not None:
-            raise self._link.trouble
-
-
-class Requests(Check):
+class Requests:
     """Nobody wants the run to end.
 
     Attributes
@@ -158,8 +142,6 @@ class Requests(Check):
     heeded : callable or None
         Returns a signal that has arrived; None while none is heeded.
     """
-
-    needs_power = False
 
     def __init__(self, heeded: Interrupted | None) -> None:
         self.heeded = heeded
@@ -171,64 +153,7 @@ class Requests(Check):
             raise InterruptedRunError(f"interrupted by {signal}")
 
 
-class OtherMaster(Check):
-    """No other program commands the drives, or beats as labrig does."""
-
-    def __init__(self, watch: BusWatch) -> None:
-        self._watch = watch
-
-    def look(self) -> None:
-        """Raise `SecondMasterError`."""
-        self._watch.require_no_command()
-
-    def reset(self) -> None:
-        """Refuse a program that only asks, too: it is about to command. Raises `SecondMasterError`."""
-        self._watch.require_free()
-
-
-class Drives(Check):
-    """No drive has reported a fault, has restarted, or has stopped its heartbeat."""
-
-    needs_power = False
-
-    def __init__(self, axes: Sequence[Axis]) -> None:
-        self._drives = [axis.drive for axis in axes]
-
-    def look(self) -> None:
-        """Raise the `DriveError` of the first that has; nothing is sent."""
-        for drive in self._drives:
-            drive.check()
-
-
-class NmtStates(Check):
-    """Every drive says in its heartbeat that it is operational."""
-
-    def __init__(self, watch: BusWatch) -> None:
-        self._watch = watch
-
-    def look(self) -> None:
-        """Raise `DriveStrayedError`."""
-        self._watch.require_operational()
-
-    def reset(self) -> None:
-        """Forget the states that drives had before they were started."""
-        self._watch.forget_states()
-
-
-class Beat(Check):
-    """All that stands before it has passed: the heartbeat may be sent."""
-
-    needs_power = False
-
-    def __init__(self, heartbeat: HeartbeatClock) -> None:
-        self._heartbeat = heartbeat
-
-    def look(self) -> None:
-        """Send it if it is due. Raises `BusError`."""
-        self._heartbeat.beat()
-
-
-class Readings(Check):
+class Readings:
     """Reads the axes while nobody else does, and remembers where each was last.
 
     Parameters
@@ -237,7 +162,7 @@ class Readings(Check):
         The open axes.
     clock : Clock
         Rig time.
-    judges : sequence of Check
+    judges : sequence of Judge
         Judge each reading.
 
     Attributes
@@ -248,7 +173,7 @@ class Readings(Check):
         Axis -> when it was read last [s], and where it was [mm or rad].
     """
 
-    def __init__(self, axes: Mapping[str, Axis], clock: Clock, judges: Sequence[Check]) -> None:
+    def __init__(self, axes: Mapping[str, Axis], clock: Clock, judges: Sequence[Judge]) -> None:
         self._axes = axes
         self._clock = clock
         self._judges = judges
@@ -287,7 +212,7 @@ def _read_drive(axis: Axis) -> DriveReading:
     return axis.drive.read()
 
 
-class Positions(Check):
+class Positions:
     """Every axis is where it should be (`position_supervision`).
 
     Attributes
@@ -316,7 +241,7 @@ class Positions(Check):
         raise_together(errors)
 
 
-class Targets(Check):
+class Targets:
     """Every drive has the target that was sent: those in motion; where none moves, one drive after another."""
 
     def __init__(self, axes: Mapping[str, Axis]) -> None:
@@ -335,7 +260,7 @@ class Targets(Check):
             axis.require_target()
 
 
-class Inputs(Check):
+class Inputs:
     """Every input is within its limits."""
 
     def __init__(self, axes: Mapping[str, Axis]) -> None:
@@ -358,7 +283,7 @@ class Inputs(Check):
         raise_together([excess for excess in excesses if excess is not None])
 
 
-class Stalls(Check):
+class Stalls:
     """No axis in motion is held up by something (`stall`); one that is is stopped quickly.
 
     The following error is asked for first, and the current only of an axis that lags. A position that was read anyway
@@ -432,8 +357,8 @@ class Stalls(Check):
             raise error
 
 
-class RigChecks:
-    """The checks of an opened rig.
+class RigSupervisor(Supervisor):
+    """Supervises an opened rig.
 
     Parameters
     ----------
@@ -447,11 +372,6 @@ class RigChecks:
         Returns a signal that has arrived.
     opening : Opening
         Whether limits of inputs hold, and which axes have a limit of their current.
-
-    Attributes
-    ----------
-    ordered : tuple of Check
-        All of them, in the order in which a `Supervisor` goes through them.
     """
 
     def __init__(
@@ -467,16 +387,27 @@ class RigChecks:
         self.positions = Positions(axes)
         self.stalls = Stalls(limited, heartbeat)
         inputs = [Inputs(axes)] if opening.hold_inputs else []
-        judges = (self.positions, Targets(axes), *inputs, self.stalls)
-        self.readings = Readings(axes, heartbeat, judges)
-        self.ordered: tuple[Check, ...] = (
-            Awake(heartbeat),
-            BusTrouble(watch.link),
-            self.requests,
-            OtherMaster(watch),
-            Drives(tuple(axes.values())),
-            NmtStates(watch),
-            Beat(heartbeat),
-            self.readings,
-            *judges,
+        self.readings = Readings(axes, heartbeat, (self.positions, Targets(axes), *inputs, self.stalls))
+
+        def look_at_drives() -> None:
+            for axis in axes.values():
+                axis.drive.check()
+
+        def read_inputs() -> None:
+            for each in inputs:
+                each.reset()
+
+        super().__init__(
+            (
+                Check(heartbeat.require_awake, needs_power=False),
+                Check(watch.link.require_works, needs_power=False),
+                Check(self.requests.look, needs_power=False),
+                # A program that only asks keeps power off too: it is about to command.
+                Check(watch.require_no_command, watch.require_free),
+                Check(look_at_drives, needs_power=False),
+                Check(watch.require_operational, watch.forget_states),
+                Check(heartbeat.beat, needs_power=False),
+                Check(self.readings.look, read_inputs),
+                Check(self.stalls.look, self.stalls.reset),
+            )
         )

@@ -428,7 +428,7 @@ class World:
 
     def tip_mm(self) -> tuple[float, float, float]:
         """Return where the needle's tip (x, y, z) is now, or the sheath's while the needle is inside it."""
-        node = self.node_before_tip()
+        node = self.glance().node_before_tip()
         return self._sheath_tip_mm() if node is None else _xyz(node)
 
     def glance(self) -> Glance:
@@ -450,13 +450,6 @@ class World:
             if printed.marker.covered_mm is None
             or not printed.marker.covered_mm[0] <= cut_mm < printed.marker.covered_mm[1]
         }
-
-    def node_before_tip(self, length_mm: float = 0.0) -> PathNode | None:
-        """Return the needle's path this far before its tip; None while the needle is inside the sheath."""
-        track, span = self._hole.track, self._needle_span()
-        if track is None or span.to_mm <= span.from_mm:
-            return None
-        return track.node_at(span.to_mm - length_mm)
 
     def sheath_point_mm(self, before_end_mm: float) -> tuple[float, float, float]:
         """Return the point (x, y, z) of the sheath's axis this far before its end."""

@@ -15,7 +15,7 @@ from labrig.devices.axis_description import DEFAULT_DRIVER
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.serving import ServedDrives, open_bus
-from labrig.devices.simulated.slcan_server import SlcanServer
+from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError
 
 INTERFACES = ("virtual", "udp_multicast", "slcan")
@@ -57,7 +57,7 @@ def _open(interface: str) -> tuple[can.BusABC, dict[str, Any]]:
     if interface == "udp_multicast":
         reached_by = {"interface": "udp_multicast", "channel": _GROUP, "port": _free_port()}
         return _multicast(reached_by), reached_by
-    server = SlcanServer(0, 1_000_000)
+    server = SlcanAdapter(1_000_000)
     return server, {
         "interface": "slcan",
         "channel": server.path,

@@ -299,7 +299,8 @@ def test_a_refusal_names_object_value_and_reason(bench: OneDrive) -> None:
         bench.driver.download(co.PROFILE_VELOCITY, 0)
     bench.drive.abort_next(0x08000022)
     with pytest.raises(
-        DriveRefusedError, match=r"profile velocity \(0x6081:00\) = 1: wrong device state .*0x08000022"
+        DriveRefusedError,
+        match=r"profile velocity \(0x6081:00\) = 1: .*the present device state .*0x08000022",
     ):
         bench.driver.download(co.PROFILE_VELOCITY, 1)
 

@@ -51,7 +51,7 @@ def test_a_drive_without_heartbeat_stops_the_rig() -> None:
     """It still answers, but the rig stops within its timeout and names the drive."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.hardware.drives["linear"].stop_heartbeat()
+        opened.drives["linear"].stop_heartbeat()
         mute_s = opened.hardware.clock.now_s()
         with pytest.raises(DriveSilentError, match=r"axis linear \(node 3\) has sent no heartbeat"):
             opened.rig.wait(2.0)

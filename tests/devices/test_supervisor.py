@@ -13,28 +13,21 @@ from tests.devices.beats import listening
 from tests.devices.rigs import OpenedRig, opened_rig
 
 
-class Noted(Check):
-    """Notes when it is looked at, and fails if it is told to."""
+def noted(name: str, done: list[str], *, needs_power: bool = True, fails: bool = False) -> Check:
+    """Return a check that notes when it is looked at, and fails if it is told to."""
 
-    def __init__(self, name: str, done: list[str], *, needs_power: bool = True, fails: bool = False) -> None:
-        self.needs_power = needs_power  # type: ignore[misc]
-        self._name, self._done, self._fails = name, done, fails
+    def look() -> None:
+        done.append(name)
+        if fails:
+            raise SafetyStopError(name)
 
-    def look(self) -> None:
-        """Note it."""
-        self._done.append(self._name)
-        if self._fails:
-            raise SafetyStopError(self._name)
-
-    def reset(self) -> None:
-        """Fail as a look does."""
-        self.look()
+    return Check(look, look, needs_power)
 
 
 def test_checks_are_made_in_order_until_one_finds_something() -> None:
     """What comes after it is not looked at."""
     done: list[str] = []
-    supervisor = Supervisor([Noted("a", done), Noted("b", done, fails=True), Noted("c", done)])
+    supervisor = Supervisor([noted("a", done), noted("b", done, fails=True), noted("c", done)])
     supervisor.has_power = True
     with pytest.raises(SafetyStopError, match="b"):
         supervisor.step()
@@ -44,7 +37,7 @@ def test_checks_are_made_in_order_until_one_finds_something() -> None:
 def test_without_power_only_some_checks_are_made() -> None:
     """The others wait for it; getting ready for power asks each of them."""
     done: list[str] = []
-    supervisor = Supervisor([Noted("a", done), Noted("b", done, needs_power=False)])
+    supervisor = Supervisor([noted("a", done), noted("b", done, needs_power=False)])
     supervisor.step()
     assert done == ["b"]
     supervisor.reset()

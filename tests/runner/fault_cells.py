@@ -279,9 +279,8 @@ def _script_fault(**values: object) -> Callable[[Cell], None]:
     return lambda cell: cell.script(fault)
 
 
-def _of_a_question(**values: object) -> Callable[[Cell], None]:
-    fault = FaultDescription.model_validate(values)
-    return lambda cell: cell.at_next_answer(lambda: cell.script(fault))
+def _of_a_question(strike: Callable[[Cell], None]) -> Callable[[Cell], None]:
+    return lambda cell: cell.at_next_answer(lambda: strike(cell))
 
 
 def _emergency(code: int) -> Callable[[Cell], None]:
@@ -294,17 +293,17 @@ def _limit_behind(cell: Cell) -> None:
 
 
 STRIKES: dict[str, Callable[[Cell], None]] = {
-    "one frame duplicated": _of_a_question(fault="duplicated-frames"),
-    "one frame lost": _of_a_question(fault="lost-frames"),
-    "one answer lost": _script_fault(fault="sdo-timeout", axis="insertion"),
-    "one frame late": _of_a_question(fault="late-frames", delay_s=0.2),
+    "one frame duplicated": _of_a_question(lambda cell: cell.hardware.wire.duplicate(1)),
+    "one frame lost": _of_a_question(lambda cell: cell.hardware.wire.lose(1)),
+    "one answer lost": lambda cell: cell.drive.ignore_next(),
+    "one frame late": _of_a_question(lambda cell: cell.hardware.wire.delay(1, 0.2)),
     "node silent": _script_fault(fault="silent", axis="insertion"),
-    "node deaf": _script_fault(fault="deaf", axis="insertion"),
+    "node deaf": lambda cell: cell.drive.deafen(),
     "boot-up": _script_fault(fault="boot-up", axis="insertion"),
-    "SDO abort": _script_fault(fault="sdo-abort", axis="insertion", code=0x08000022),
-    "SDO timeout": _script_fault(fault="sdo-timeout", axis="insertion", count=2),
-    "heartbeat of the drive lost": _script_fault(fault="heartbeat-stops", axis="insertion"),
-    "node-id clash": _script_fault(fault="node-id-clash", axis="insertion"),
+    "SDO abort": lambda cell: cell.drive.abort_next(0x08000022),
+    "SDO timeout": lambda cell: cell.drive.ignore_next(2),
+    "heartbeat of the drive lost": lambda cell: cell.drive.stop_heartbeat(),
+    "node-id clash": lambda cell: cell.drive.add_twin(),
     "EMCY generic": _emergency(0x1000),
     "EMCY over-current": _emergency(0x2310),
     "EMCY over-voltage": _emergency(0x3210),
@@ -317,12 +316,12 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "EMCY CAN passive": _emergency(0x8120),
     "EMCY PDO length": _emergency(0x8210),
     "EMCY Hall sensor": _emergency(0xFF01),
-    "following error": _script_fault(fault="following-error", axis="insertion"),
+    "following error": lambda cell: cell.drive.uncouple(),
     "software limit": _limit_behind,
-    "limit switch": _script_fault(fault="positive-limit-switch", axis="insertion"),
+    "limit switch": lambda cell: cell.drive.press(0x0002),
     "emergency stop": _script_fault(fault="emergency-stop", axis="insertion"),
     "bus off": _script_fault(fault="bus-off"),
-    "bus passive": _script_fault(fault="bus-passive"),
+    "bus passive": lambda cell: cell.hardware.wire.enter_error_passive(),
     "adapter unplugged": _script_fault(fault="unplugged"),
     "wrong encoder resolution": lambda cell: cell.swap(od.ENCODER_PULSES, 1000),
     "wrong vendor": lambda cell: cell.swap(co.VENDOR_ID, 0x2A),

@@ -310,7 +310,9 @@ class Cia402Drive(DriveNode):
         values = self._reports.read()
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
         self._note_state(statusword)
-        self.refuse_unless_enabled(statusword)
+        self.check()
+        if not self._was_enabled:
+            self._refuse_unless_enabled(statusword)
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )

@@ -7,7 +7,7 @@ from labrig.devices.fault_script import FaultDescription
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.simulated_node import SimulatedNode
 
-_NEGATIVE, _POSITIVE = 0x0001, 0x0002
+_LATE_S = 0.1
 
 
 class FaultScript:
@@ -52,10 +52,9 @@ class FaultScript:
     def inject(self, fault: FaultDescription) -> None:
         """Inject a fault now."""
         self.happened.append((self._clock.now_s(), fault))
-        if fault.axis is None:
-            self._bus_actions(fault)[fault.fault]()
-        else:
-            self._drive_actions(fault, self._drives[fault.axis])[fault.fault]()
+        drive = None if fault.axis is None else self._drives[fault.axis]
+        actions = self._of_bus(fault) if drive is None else _of_drive(fault, drive)
+        actions[fault.fault]()
 
     def _is_due(self, fault: FaultDescription) -> bool:
         if self._clock.now_s() < fault.at_s:
@@ -66,34 +65,21 @@ class FaultScript:
         doing = "homing" if drive.is_homing else "moving" if drive.is_moving else "idle"
         return fault.once == doing
 
-    def _bus_actions(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
+    def _of_bus(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
         wire = self._wire
         return {
             "bus-off": wire.enter_bus_off,
-            "bus-passive": wire.enter_error_passive,
-            "lost-frames": lambda: wire.lose(fault.count),
-            "duplicated-frames": lambda: wire.duplicate(fault.count),
-            "late-frames": lambda: wire.delay(fault.count, fault.delay_s),
             "unplugged": wire.unplug,
+            "late-frames": lambda: wire.delay(fault.count, _LATE_S),
         }
 
-    def _drive_actions(
-        self, fault: FaultDescription, drive: SimulatedNode
-    ) -> dict[str, Callable[[], object]]:
-        return {
-            "silent": drive.mute,
-            "deaf": drive.deafen,
-            "boot-up": drive.restart,
-            "emergency": lambda: drive.fail(fault.code or 0),
-            "sdo-abort": lambda: drive.abort_next(fault.code or 0),
-            "sdo-timeout": lambda: drive.ignore_next(fault.count),
-            "following-error": drive.uncouple,
-            "blocked": drive.block,
-            "input": lambda: drive.set_input(str(fault.source), fault.value),
-            "node-id-clash": drive.add_twin,
-            "encoder-resolution": lambda: drive.set_encoder(fault.encoder_pulses_per_turn),
-            "emergency-stop": drive.cut_power_stage,
-            "heartbeat-stops": drive.stop_heartbeat,
-            "negative-limit-switch": lambda: drive.press(_NEGATIVE),
-            "positive-limit-switch": lambda: drive.press(_POSITIVE),
-        }
+
+def _of_drive(fault: FaultDescription, drive: SimulatedNode) -> dict[str, Callable[[], object]]:
+    return {
+        "silent": drive.mute,
+        "boot-up": drive.restart,
+        "emergency": lambda: drive.fail(fault.code or 0),
+        "emergency-stop": drive.cut_power_stage,
+        "blocked": drive.block,
+        "input": lambda: drive.set_input(str(fault.source), fault.value),
+    }

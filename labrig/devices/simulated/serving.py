@@ -1,4 +1,4 @@
-"""Simulated drives on a bus that other programs can join: one of python-can's, or simulated slcan adapters."""
+"""Simulated drives on a bus that other programs can join: one of python-can's, or a simulated slcan adapter."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -11,7 +11,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.driver_section import find_section
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.simulated.slcan_server import SlcanServer
+from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError, InputError
 from labrig.plugins import DRIVES
 
@@ -33,11 +33,11 @@ def open_bus(
     Parameters
     ----------
     interface : str
-        Of python-can; slcan listens as adapters over TCP.
+        Of python-can; slcan makes a serial line, as an adapter does.
     channel : str
         Of the interface; for udp_multicast the group's address.
     port : int or None
-        For udp_multicast and slcan.
+        For udp_multicast.
     bitrate : int
         Of the bus [bit/s].
 
@@ -52,7 +52,7 @@ def open_bus(
         known = ", ".join(map(str, _BITRATES))
         raise InputError(f"bit rate {bitrate} is not one that drives have", f"use one of {known}")
     if interface == "slcan":
-        return SlcanServer(port or 0, bitrate)
+        return SlcanAdapter(bitrate)
     if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise InputError(f"python-can knows no interface {interface}", f"it knows {known}")

@@ -253,7 +253,7 @@ def test_a_homing_method_that_the_drive_lacks_is_refused(tmp_path: Path) -> None
     with drive_on_a_bus(section_of(tmp_path)) as one:
         one.get_ready()
         one.node.abort_next(0x06090030, co.HOMING_METHOD.index)
-        with pytest.raises(DriveRefusedError, match=r"homing method.*: the value is out of range"):
+        with pytest.raises(DriveRefusedError, match=r"homing method.*: Value range of parameter exceeded"):
             one.home(Homing(17))
 
 

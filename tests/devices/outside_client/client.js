@@ -1,15 +1,16 @@
-// Drives node 1 with the npm package `canopen`, over the slcan address that is the first argument; prints what came back.
-const net = require('net');
+// Drives node 1 with the npm package `canopen`, over the slcan port that is the first argument; prints what came back.
+const fs = require('fs');
+const tty = require('tty');
 const { Device, DataType } = require('canopen');
 
-const { hostname, port: number } = new URL(process.argv[2]);
-const port = net.connect(Number(number), hostname);
+const fd = fs.openSync(process.argv[2], fs.constants.O_RDWR | fs.constants.O_NOCTTY);
+const port = new tty.ReadStream(fd);
 const device = new Device({ id: 0x7f });
 let rest = '';
 
 device.addListener('message', ({ id, data }) => {
     const hex = Buffer.from(data).toString('hex').toUpperCase();
-    port.write(`t${id.toString(16).padStart(3, '0')}${data.length}${hex}\r`);
+    fs.writeSync(fd, `t${id.toString(16).padStart(3, '0')}${data.length}${hex}\r`);
 });
 port.on('data', (chunk) => {
     const lines = (rest + chunk.toString('ascii')).split(/[\r\x07]/);
@@ -20,7 +21,7 @@ port.on('data', (chunk) => {
         device.receive({ id: parseInt(line.slice(1, 4), 16), data });
     }
 });
-port.write('S8\rO\r');
+fs.writeSync(fd, 'S8\rO\r');
 
 const where = (index, subIndex) => ({ serverId: 1, index, subIndex, timeout: 2000 });
 const read = (index, subIndex, dataType) => device.sdo.upload({ ...where(index, subIndex), dataType });

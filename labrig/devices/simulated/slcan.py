@@ -1,0 +1,129 @@
+"""A simulated USB-CAN adapter that speaks slcan (Lawicel's ASCII protocol) on a serial line.
+
+A program opens the line as it opens a real adapter. Each command is acknowledged with a carriage return, `z` before it
+after a frame, or a bell for what is refused. Frames pass only while the channel is open and its bit rate is that of the
+bus. A program that does not read loses frames, as with an adapter whose buffer overflows; the bus is not delayed.
+"""
+
+import os
+from collections import deque
+from selectors import EVENT_READ, DefaultSelector
+
+import can
+
+from labrig.posix import open_serial_line
+
+_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""Those of the commands S0 to S8 [bit/s]."""
+
+_OK, _REFUSED = b"\r", b"\a"
+_LONGEST_LINE = 64
+_CHUNK_BYTES = 4096
+
+
+class SlcanAdapter(can.BusABC):
+    """The bus of the adapter: `recv` returns what the program sends, and `send` sends to it.
+
+    Parameters
+    ----------
+    bitrate : int
+        Bit rate of the bus [bit/s].
+    """
+
+    channel_info = "simulated slcan adapter"
+
+    def __init__(self, bitrate: int) -> None:
+        super().__init__(channel="slcan")
+        self._bitrate = self._bus_bitrate = bitrate
+        self._is_open = False
+        self._line = self._unsent = b""
+        self._received: deque[can.Message] = deque()
+        # Its other end is kept open too: the line stays when a program closes it.
+        self._end, self._other, self.path = open_serial_line()
+        self._waiting = DefaultSelector()
+        self._waiting.register(self._end, EVENT_READ)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - never waits
+        """Pass a frame of the bus to the program."""
+        if self._is_open and self._bitrate == self._bus_bitrate:
+            self._write(format_frame(msg))
+
+    def unplug(self) -> None:
+        """Unplug the adapter for good: the line disappears."""
+        if self._end >= 0:
+            self._waiting.close()
+            os.close(self._end)
+            os.close(self._other)
+            self._end = -1
+
+    def shutdown(self) -> None:
+        """Close the line."""
+        super().shutdown()
+        self.unplug()
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._received and self._end >= 0 and self._waiting.select(timeout):
+            *lines, rest = (self._line + os.read(self._end, _CHUNK_BYTES)).split(b"\r")
+            self._line = rest[-_LONGEST_LINE:]  # a line without an end is noise
+            for line in lines:
+                self._take(line)
+        return (self._received.popleft() if self._received else None), False
+
+    def _take(self, line: bytes) -> None:
+        frame = parse_frame(line)
+        if frame is None or not self._is_open:
+            self._write(self._obey(line))
+            return
+        self._write(b"z\r")
+        if self._bitrate == self._bus_bitrate:
+            self._received.append(frame)
+
+    def _obey(self, line: bytes) -> bytes:
+        """Do what a line asks for that is no frame, and return the answer."""
+        command, rest = line[:1], line[1:]
+        if command == b"S" and rest.isdigit() and int(rest) < len(_BITRATES) and not self._is_open:
+            self._bitrate = _BITRATES[int(rest)]
+        elif line in {b"O", b"C"} and self._is_open == (line == b"C"):
+            self._is_open = line == b"O"
+        elif line:
+            return {b"V": b"V1013\r", b"N": b"NA123\r"}.get(line, _REFUSED)
+        return _OK
+
+    def _write(self, data: bytes) -> None:
+        """Write `data`; if the end of what was written before is still waiting, drop it."""
+        self._unsent = self._write_some(self._unsent)
+        if not self._unsent:
+            left = self._write_some(data)
+            self._unsent = b"" if left == data else left
+
+    def _write_some(self, data: bytes) -> bytes:
+        """Write what the line takes, and return the rest."""
+        try:
+            return data[os.write(self._end, data) :] if data else data
+        except OSError:  # nobody reads, or the line has gone
+            return data
+
+
+def format_frame(message: can.Message) -> bytes:
+    """Return a frame with an id of 11 bits, as all of CANopen are, as a line of slcan."""
+    kind, data = ("r", "") if message.is_remote_frame else ("t", bytes(message.data).hex().upper())
+    return f"{kind}{message.arbitration_id:03X}{message.dlc}{data}\r".encode("ascii")
+
+
+def parse_frame(line: bytes) -> can.Message | None:
+    """Return the frame that a line of slcan sends, or None when it is not one."""
+    remote = line[:1] == b"r"
+    try:
+        can_id, length, data = int(line[1:4], 16), int(line[4:5]), bytes.fromhex(line[5:].decode("ascii"))
+        if line[:1] not in {b"t", b"r"} or len(data) != (0 if remote else length):
+            return None
+        return can.Message(
+            arbitration_id=can_id,
+            is_extended_id=False,
+            is_remote_frame=remote,
+            dlc=length,
+            data=data,
+            check=True,
+        )
+    except ValueError:
+        return None

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from labrig.protocol.model import Direction
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.plane import PlaneMap
 
@@ -14,7 +15,7 @@ PATH, TARGET, OBSTACLE, AXES, SHEATH = (
 
 
 @pytest.mark.parametrize("insertion", ["right", "up"])
-def test_each_part_is_drawn_where_the_plane_puts_it(insertion: str) -> None:
+def test_each_part_is_drawn_where_the_plane_puts_it(insertion: Direction) -> None:
     """Points are (y, z): the path leads along z, the target is aside of it by its y, and so are ring and obstacle."""
     plane = PlaneMap.from_scale(PX_PER_MM, (200.0, 200.0), insertion)
     plan = DrawnPlan(

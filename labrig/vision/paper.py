@@ -47,8 +47,9 @@ _PLACES = tuple(product((0.5, 0.25, 0.75, 0.05, 0.95), repeat=2))
 # A peak of a patch's spectrum over its median, at the least.
 _LEAST_STRENGTH = 6.0
 _LEAST_ANGLE_DEG, _LARGEST_RATIO = 50.0, 1.35
-# Half a window's width, which is also the distance of windows: in lines if there are many, and if there are few.
-_HALF, _HALF_OF_FEW, _FEW = 2.5, 1.25, 25
+# Half a window's width in lines, which is also the distance of windows. Where the picture has few lines across, it is
+# this share of them, within limits: wider windows would be too few, and narrower ones follow what are no lines.
+_HALF, _FEW, _SHARE_OF_FEW, _HALF_OF_FEW = 2.5, 25.0, 1.0 / 7.3, (1.25, 1.8)
 _LEAST_HALF_PX = 10
 # Largest difference of a phase from its prediction, in lines, and least amplitude as a share of the neighbours'.
 _LARGEST_SHIFT, _LEAST_AMPLITUDE = 0.2, 0.35
@@ -283,8 +284,9 @@ class _Windows:
     """The windows of a picture in which lines are followed."""
 
     def __init__(self, density: Density, image: Picture, spacing_px: float) -> None:
-        few = spacing_px > min(density.shape) / _FEW
-        half = max(round((_HALF_OF_FEW if few else _HALF) * spacing_px), _LEAST_HALF_PX)
+        lines = min(density.shape) / spacing_px
+        lines_of_half = _HALF if lines > _FEW else float(np.clip(_SHARE_OF_FEW * lines, *_HALF_OF_FEW))
+        half = max(round(lines_of_half * spacing_px), _LEAST_HALF_PX)
         self.half = min(half, (min(density.shape) - 1) // 2)
         self.density = density
         v, u = (self._place(extent) for extent in density.shape)
@@ -498,16 +500,16 @@ def _require_these_lines(density: Density, found: _Found, half: int) -> None:
 
     own = measure(1.0)
     for fraction, most in _FRACTIONS:
-        if (measure(fraction) > most * own).any():
+        if (measure(fraction) > most * own).all():
             raise _contradict(spacing_px / fraction, spacing_px)
     for number in (5, 10):
         beside = np.sqrt(measure(1.0 - 1.0 / number) * measure(1.0 + 1.0 / number))
-        if (own < _STANDS_OUT * beside).any():
+        if (own < _STANDS_OUT * beside).all():
             raise _contradict(number * spacing_px, spacing_px)
     for number in _MULTIPLES:
         if spacing_px / number > _LEAST_PX:
             finer = measure(float(number))
-            beside = own if number == 2 else np.sqrt(measure(number - 1.0) * measure(number + 1.0))
+            beside = own if number == 2 else np.maximum(measure(number - 1.0), measure(number + 1.0))
             if (finer > np.maximum(_STANDS_OUT * beside, _LEAST_FINER * own)).all():
                 raise _contradict(spacing_px / number, spacing_px)
 

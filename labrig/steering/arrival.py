@@ -5,17 +5,18 @@ about the seen place takes all places of the plane for equally likely before, an
 larger it is: its interval begins beyond a needle that was steered to its target. So before the picture every distance
 at which the line of sight passes the target is equally likely here (the reference prior of a normal mean's length:
 Berger, Philippe and Robert, "Estimation of quadratic functions", Statistica Sinica 8, 1998). What is out of the plane
-keeps its distribution.
+keeps its distribution: a normal one, or several of which each holds with a probability. A needle that went farther
+than was told is then in the tail, where a single normal distribution of the same variance has next to nothing.
 
 The interval is read from a fixed set of points that fills the normal distribution evenly, so that equal input gives
 equal digits.
 """
 
+from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from labrig.errors import InputError
@@ -35,40 +36,58 @@ _ASYMMETRY = 1e-9
 _KNOWN_MM = 1e-9
 
 
-def bound_target_error(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple[float, float]:
-    """Return the interval that holds the distance from the target with a probability of 95 %.
+@dataclass(frozen=True, eq=False)
+class TipOffset:
+    """The tip's place from the target as (x, y, z) [mm], x across the plane that the camera sees.
 
     Parameters
     ----------
-    offset_mm : (3,) array
-        The tip's place from the target as (x, y, z), x across the plane that the camera sees.
+    mm : (3,) array
     covariance_mm2 : (3, 3) array
-        Of that place; zero for what is known. Where y and z vary with x, they do so along the line of sight.
-
-    Returns
-    -------
-    (float, float)
-        The 2.5th and the 97.5th percentile [mm].
+        Zero for what is known. Where y and z vary with x, they do so along the line of sight.
+    probability : float
+        With which this place and its covariance hold.
 
     Raises
     ------
     InputError
         For another shape, a number that is not finite, or a matrix that is no covariance.
     """
-    offset = require_numbers("offset_mm", offset_mm, (3,))
-    covariance = require_numbers("covariance_mm2", covariance_mm2, (3, 3))
-    variances, axes = np.linalg.eigh(covariance)
-    scale = max(float(np.abs(covariance).max()), 1.0)
-    if np.abs(covariance - covariance.T).max() > _ASYMMETRY * scale or variances[0] < -_ASYMMETRY * scale:
-        raise InputError("covariance_mm2 is no covariance: it must be symmetric, without negative variances")
-    places = offset + (_fill_normal() * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
-    ray = covariance[1:, 0] / covariance[0, 0] if covariance[0, 0] > 0.0 else np.zeros(2)
-    seen_mm = np.linalg.norm(places[:, 1:] - places[:, :1] * ray, axis=1)
-    least_mm = _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM
-    distances_mm = np.linalg.norm(places, axis=1)
+
+    mm: FloatArray
+    covariance_mm2: FloatArray
+    probability: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_numbers("mm", self.mm, (3,))
+        covariance = require_numbers("covariance_mm2", self.covariance_mm2, (3, 3))
+        scale = max(float(np.abs(covariance).max()), 1.0)
+        asymmetry = np.abs(covariance - covariance.T).max()
+        if asymmetry > _ASYMMETRY * scale or np.linalg.eigvalsh(covariance)[0] < -_ASYMMETRY * scale:
+            raise InputError(
+                "covariance_mm2 is no covariance: it must be symmetric, without negative variances"
+            )
+
+    def spread(self) -> tuple[FloatArray, FloatArray]:
+        """Return distances from the target (N,) [mm] and their probabilities (N,)."""
+        variances, axes = np.linalg.eigh(self.covariance_mm2)
+        places = self.mm + (_fill_normal() * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+        across = self.covariance_mm2[0, 0]
+        ray = self.covariance_mm2[1:, 0] / across if across > 0.0 else np.zeros(2)
+        seen_mm = np.linalg.norm(places[:, 1:] - places[:, :1] * ray, axis=1)
+        least_mm = _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM
+        shares = 1.0 / np.maximum(seen_mm, least_mm)
+        return np.linalg.norm(places, axis=1), self.probability * shares / shares.sum()
+
+
+def bound_target_error(*offsets: TipOffset) -> tuple[float, float]:
+    """Return the 2.5th and the 97.5th percentile of the distance from the target [mm], of one or several offsets."""
+    distances_mm, shares = (
+        np.concatenate(parts) for parts in zip(*(offset.spread() for offset in offsets), strict=True)
+    )
     order = np.argsort(distances_mm, kind="stable")
-    shares = np.cumsum(1.0 / np.maximum(seen_mm[order], least_mm))
-    low_mm, high_mm = np.interp(_LEVELS, shares / shares[-1], distances_mm[order])
+    total = np.cumsum(shares[order])
+    low_mm, high_mm = np.interp(_LEVELS, total / total[-1], distances_mm[order])
     return float(low_mm), float(high_mm)
 
 

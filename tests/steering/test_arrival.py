@@ -2,11 +2,17 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from labrig.errors import InputError
-from labrig.steering.arrival import bound_target_error, decide_arrival
+from labrig.steering.arrival import TipOffset, bound_target_error, decide_arrival
 
 DRAWS = 300
+
+
+def bound(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple[float, float]:
+    """Return the interval of a single offset."""
+    return bound_target_error(TipOffset(np.asarray(offset_mm), np.asarray(covariance_mm2)))
 
 
 @pytest.mark.parametrize("sd_mm", [(0.5, 0.2, 0.1), (0.05, 0.2, 0.2), (2.0, 0.05, 0.08)])
@@ -19,7 +25,7 @@ def test_the_interval_holds_95_of_100_distances(sd_mm: tuple[float, float, float
         angle, x_mm = random.uniform(0.0, 2 * np.pi), random.normal(0.0, sd_mm[0])
         passed_mm = random.uniform(0.0, 1.0) * np.array((0.0, np.cos(angle), np.sin(angle)))
         seen_mm = passed_mm + random.normal(0.0, (0.0, *sd_mm[1:]))
-        low_mm, high_mm = bound_target_error(seen_mm, covariance)
+        low_mm, high_mm = bound(seen_mm, covariance)
         true_mm = np.linalg.norm(passed_mm + x_mm * ray)
         below += int(true_mm < low_mm)
         above += int(true_mm > high_mm)
@@ -30,32 +36,43 @@ def test_the_interval_holds_95_of_100_distances(sd_mm: tuple[float, float, float
 def test_a_needle_steered_to_its_target_may_be_there() -> None:
     """Seen 0.05 mm from the target with 0.06 mm in doubt, a needle may be nearer than 0.02 mm; 0.5 mm not."""
     covariance = np.diag((0.0, 0.06**2, 0.06**2))
-    assert bound_target_error((0.0, 0.03, 0.04), covariance)[0] < 0.02
-    assert bound_target_error((0.0, 0.3, 0.4), covariance)[0] > 0.35
+    assert bound((0.0, 0.03, 0.04), covariance)[0] < 0.02
+    assert bound((0.0, 0.3, 0.4), covariance)[0] > 0.35
 
 
 def test_what_is_known_has_no_width_and_equal_input_gives_equal_digits() -> None:
     """Without uncertainty the interval is the distance; the same input gives the same digits."""
-    assert bound_target_error((0.0, 3.0, 4.0), np.zeros((3, 3))) == (5.0, 5.0)
+    assert bound((0.0, 3.0, 4.0), np.zeros((3, 3))) == (5.0, 5.0)
     covariance = np.diag((0.3, 0.01, 0.02))
-    assert bound_target_error((0, 0, 1), covariance) == bound_target_error((0, 0, 1), covariance)
+    assert bound((0, 0, 1), covariance) == bound((0, 0, 1), covariance)
 
 
 def test_a_part_that_is_not_seen_only_widens_the_interval() -> None:
     """The distance in the plane is the least that it can be: uncertainty out of it raises the upper end."""
     seen = np.diag((0.0, 0.01, 0.01))
     unseen = seen + np.diag((1.0, 0.0, 0.0))
-    assert bound_target_error((0, 0, 1), unseen)[1] > bound_target_error((0, 0, 1), seen)[1] + 1
+    assert bound((0, 0, 1), unseen)[1] > bound((0, 0, 1), seen)[1] + 1
+
+
+def test_a_tip_that_may_be_elsewhere_with_a_probability_is_in_the_interval() -> None:
+    """With 6 % for a tip three millimetres off, the interval holds it; its variance alone would put it beyond."""
+    near, far = np.diag((0.25, 0.01, 0.01)), np.array((3.0, 0.0, 0.0))
+    here = TipOffset(np.zeros(3), near, 0.94)
+    _, high_mm = bound_target_error(here, TipOffset(far, near, 0.06))
+    assert high_mm > 2.8
+    mean = 0.06 * far
+    variance = near + 0.06 * np.outer(far - mean, far - mean) + 0.94 * np.outer(mean, mean)
+    assert bound(mean, variance)[1] < 2.1
 
 
 def test_what_is_no_covariance_is_refused() -> None:
     """A matrix that is not symmetric or has a negative variance is refused."""
     with pytest.raises(InputError, match="no covariance"):
-        bound_target_error((0, 0, 0), np.diag((1.0, 1.0, -1.0)))
+        bound((0, 0, 0), np.diag((1.0, 1.0, -1.0)))
     with pytest.raises(InputError, match="no covariance"):
-        bound_target_error((0, 0, 0), np.triu(np.ones((3, 3))))
+        bound((0, 0, 0), np.triu(np.ones((3, 3))))
     with pytest.raises(InputError, match="covariance_mm2 has shape"):
-        bound_target_error((0, 0, 0), np.eye(2))
+        bound((0, 0, 0), np.eye(2))
 
 
 def test_only_an_interval_within_the_tolerance_is_a_success() -> None:

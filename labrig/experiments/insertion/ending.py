@@ -17,7 +17,7 @@ from labrig.errors import Problem
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import EndDepth, EndSource, TargetErrorSources
-from labrig.steering.arrival import bound_target_error, decide_arrival
+from labrig.steering.arrival import TipOffset, bound_target_error, decide_arrival
 from labrig.steering.out_of_plane import (
     OutOfPlaneBudget,
     OutOfPlaneSettings,
@@ -26,7 +26,7 @@ from labrig.steering.out_of_plane import (
 )
 from labrig.steering.policy import Halt, SteeringSettings
 from labrig.steering.tip_search import TipView
-from labrig.vision.depth import Depth, measure_depth
+from labrig.vision.depth import Depth, PossibleDepth, measure_depth
 from labrig.vision.error_budget import PlaceErrors, budget_place
 from labrig.vision.perspective import Perspective
 from labrig.vision.picture import Picture
@@ -374,15 +374,22 @@ def bound_error(
     seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point, target_sd_mm: float
 ) -> TargetErrorBounds:
     """Return the distance in space from the target to a needle's end that may be so far out of the plane."""
-    x_mm, x_sd_mm = (0.0, unseen.total_mm) if seen.depth is None else (seen.depth.x_mm, seen.depth.sd_mm)
+    possible = (PossibleDepth(1.0, 0.0, unseen.total_mm),) if seen.depth is None else seen.depth.possible
     off_mm = seen.place_mm - target_mm[1:]
     shown_mm = seen.place_mm if seen.shown_mm is None else seen.shown_mm
     ray = np.array((1.0, *seen.slope))
-    covariance = np.diag((0.0, *np.square(seen.sd_mm))) + x_sd_mm**2 * np.outer(ray, ray)
-    covariance += target_sd_mm**2 * np.eye(3)
+    covariance = np.diag((0.0, *np.square(seen.sd_mm))) + target_sd_mm**2 * np.eye(3)
+    offsets = (
+        TipOffset(
+            np.array((-target_mm[0], *off_mm)) + depth.x_mm * ray,
+            covariance + depth.sd_mm**2 * np.outer(ray, ray),
+            depth.probability,
+        )
+        for depth in possible
+    )
     return TargetErrorBounds(
         in_plane_mm=math.dist(shown_mm, target_mm[1:]),
-        interval_mm=bound_target_error(np.array((-target_mm[0], *off_mm)) + x_mm * ray, covariance),
+        interval_mm=bound_target_error(*offsets),
         by=seen.by,
         tip_mm=(float(seen.place_mm[0]), float(seen.place_mm[1])),
         sources=TargetErrorSources(
@@ -393,7 +400,17 @@ def bound_error(
             in_plane=float(np.linalg.norm(seen.sd_mm)),
             target=target_sd_mm,
         ),
-        depth=None if seen.depth is None else EndDepth(**vars(seen.depth)),
+        depth=None if seen.depth is None else _tell_depth(seen.depth),
+    )
+
+
+def _tell_depth(depth: Depth) -> EndDepth:
+    return EndDepth(
+        x_mm=depth.x_mm,
+        sd_mm=depth.sd_mm,
+        picture_x_mm=depth.picture_x_mm,
+        picture_sd_mm=depth.picture_sd_mm,
+        contradicts=depth.contradicts,
     )
 
 

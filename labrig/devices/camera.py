@@ -486,13 +486,6 @@ def require_calibrated_camera(camera: CameraDescription, path: Path, in_use: Map
             )
 
 
-def list_other_changes(path: Path, in_use: Mapping[str, Setting]) -> Iterator[str]:
-    """Yield the settings that have changed since a calibration and do not void it, each with both values."""
-    for name, then in _read_settings(path).items():
-        if name in in_use and in_use[name] != then and name not in HELD_BY_CALIBRATION:
-            yield f"{name} was {then}, is {in_use[name]}"
-
-
 def _read_settings(path: Path) -> Mapping[str, Setting]:
     """Return the settings with which a calibration was made; nothing if they are unknown."""
     calibrated = read_camera(path)

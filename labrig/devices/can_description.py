@@ -1,8 +1,8 @@
 """The section `can` of a rig file: which bus the drives stand on, and the heartbeats on it."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import can
 from pydantic import Field
@@ -15,13 +15,9 @@ ONLY_SIMULATED = "simulated"
 """Name of the in-process CAN interface, and of a kind of rig."""
 
 
-_MOST_FRAME_BITS = 135
-"""A frame of 8 bytes with every stuff bit and the space to the next (Davis et al. 2007, eq. 2) [bit]."""
-
-_LOOK_PERIOD_MS, _MOST_LOOK_MS = 100, 50
-"""labrig looks after the axes so often, and a look may occupy the bus for so long [ms]."""
-
-Bitrate = Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000]
+Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
+"""A slower bus has no room for moves and stops: to look at three drives takes 23 frames of up to 135 bits (Davis et al.
+2007, eq. 2), 62 ms at 50 kbit/s, and labrig looks after its axes every 100 ms."""
 
 
 class HeartbeatDescription(Model):
@@ -69,29 +65,3 @@ class CanDescription(Model):
             near = get_close_matches(self.interface, known, 1)
             hint = f"did you mean {near[0]}?" if near else f"python-can knows {', '.join(known)}"
             yield Conflict("interface", f"unknown interface {self.interface}", hint)
-
-    def problems(self, drives: int) -> Iterator[Conflict]:
-        """Yield a bit rate at which so many drives cannot be looked after; a bus inside the process has none."""
-        took_ms = _look_ms(drives, self.bitrate)
-        if self.interface != ONLY_SIMULATED and took_ms > _MOST_LOOK_MS:
-            least = min(rate for rate in get_args(Bitrate) if _look_ms(drives, rate) <= _MOST_LOOK_MS)
-            yield Conflict(
-                "bitrate",
-                f"bitrate is {self.bitrate}: to look at {drives} drives takes {_count_frames(drives)} frames of up to "
-                f"{_MOST_FRAME_BITS} bits, {took_ms:.0f} ms of every {_LOOK_PERIOD_MS} ms; at most {_MOST_LOOK_MS} ms "
-                "leave room for moves and stops",
-                f"set the drives, and bitrate, to {least} bit/s or more",
-            )
-
-
-def _count_frames(drives: int) -> int:
-    """Return the frames of a look at the drives.
-
-    Statusword, position and target as requests with answers, and a heartbeat of each; the SYNC and labrig's heartbeat.
-    """
-    return 7 * drives + 2
-
-
-def _look_ms(drives: int, bitrate: int) -> float:
-    """Return for how long a look at the drives occupies the bus, at most [ms]."""
-    return 1000 * _count_frames(drives) * _MOST_FRAME_BITS / bitrate

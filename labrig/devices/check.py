@@ -12,7 +12,7 @@ import numpy as np
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
-from labrig.devices.camera import Camera, list_other_changes, require_calibrated_camera
+from labrig.devices.camera import Camera, require_calibrated_camera
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
@@ -27,7 +27,6 @@ from labrig.text import format_count
 from labrig.vision.calibration_file import (
     load_intrinsics,
     load_plane,
-    read_camera,
     read_creation_time,
 )
 from labrig.vision.intrinsics import Intrinsics
@@ -150,7 +149,6 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
         yield result
         if now is not None and path is not None and result.status is CheckStatus.PASS:
             yield _check_age(which, path, now, moves=rig.kind != ONLY_SIMULATED)
-            yield from _check_other_settings(rig, which, path)
     for path in rig.mask_paths().values():
         yield _check_calibration_file("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
 
@@ -177,20 +175,6 @@ def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckRe
         f"{format_count(days, 'day')}, made {made:%Y-%m-%d}",
         again if old else "",
     )
-
-
-def _check_other_settings(rig: RigDescription, which: str, path: Path) -> Iterator[CheckResult]:
-    """Yield a warning if settings changed that do not void a calibration, or if its settings are not known."""
-    check = f"calibration {which} camera"
-    if rig.camera.recorded:
-        return
-    if read_camera(path) is None:
-        if rig.kind != ONLY_SIMULATED:
-            value = "the camera's settings when it was made are not known"
-            solution = "calibrate again where focus or format may have changed since; labrig run keeps them"
-            yield CheckResult(check, CheckStatus.WARN, value, solution)
-    elif changes := ", ".join(list_other_changes(path, rig.camera.settings())):
-        yield CheckResult(check, CheckStatus.WARN, changes, "calibrate again if the view changed with it")
 
 
 def _check_calibration_file(

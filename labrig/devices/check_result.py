@@ -24,6 +24,16 @@ class CheckResult:
     solution: str = ""
 
 
+def passed(check: str, value: str) -> CheckResult:
+    """Return the result of a check that found what it should."""
+    return CheckResult(check, CheckStatus.PASS, value)
+
+
+def warned(check: str, value: str, solution: str) -> CheckResult:
+    """Return the result of a check that found something to look at."""
+    return CheckResult(check, CheckStatus.WARN, value, solution)
+
+
 def failed(check: str, error: LabrigError) -> CheckResult:
     """Return the result of a check that ended with an error."""
     return CheckResult(check, CheckStatus.FAIL, error.message, error.hint)

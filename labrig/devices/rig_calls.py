@@ -141,3 +141,35 @@ class RigCalls(Protocol):
 
     def snapshot(self) -> Mapping[str, object]:
         """Return the present state of the devices, ready for JSON."""
+
+
+class RigWithoutDevices:
+    """What a rig answers that has no devices, and nothing that may block."""
+
+    def do_aside(self, call: Callable[[], _T]) -> _T:
+        """Do it."""
+        return call()
+
+    def assume_positions(self, positions: Mapping[str, float]) -> None:
+        """Do nothing: no position is lost."""
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return nothing."""
+        return ()
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Do nothing: earlier tracks do not show."""
+
+    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
+        """Return none."""
+        return []
+
+    def enable(self) -> None:
+        """Do nothing."""
+
+    def end(self) -> None:
+        """Do nothing."""
+
+    def snapshot(self) -> Mapping[str, object]:
+        """Return nothing."""
+        return {}

@@ -301,11 +301,8 @@ def unknown_entries(rig: RigDescription) -> dict[str, str]:
 
 
 def section_problems(rig: RigDescription) -> Iterator[tuple[str, Conflict]]:
-    """Yield what is wrong with the bus, and with files and settings of each axis, with the key at which it is."""
-    axes = rig.axes.items()
-    for conflict in rig.can.problems(len(axes)):
-        yield f"can.{conflict.key}", conflict
-    for name, axis in axes:
+    """Yield what is wrong with files and settings of each axis, with the key at which it is."""
+    for name, axis in rig.axes.items():
         for conflict in axis.problems(rig.can.heartbeat):
             yield f"axes.{name}.{conflict.key}", conflict
 
@@ -324,7 +321,7 @@ def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
             f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",
             f"enter them in the rig file; labrig devices check {rig.option} says where to find each",
         )
-    concerned = ("can.", *(f"axes.{name}." for name in axes))
+    concerned = tuple(f"axes.{name}." for name in axes)
     problems = [(key, problem) for key, problem in section_problems(rig) if key.startswith(concerned)]
     if problems:
         raise InputError(

@@ -5,7 +5,7 @@ campaigns. Axes follow the trapezoid of their drives and read in whole counts. A
 skipped. What pictures show is asked of the world (`virtual_sight`); a picture is drawn only if its pixels are read.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,8 +20,7 @@ from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.drives.states import DriveState
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
-from labrig.devices.past_insertion import PastInsertion
-from labrig.devices.rig_calls import Photograph
+from labrig.devices.rig_calls import Photograph, RigWithoutDevices
 from labrig.devices.rig_file import RigDescription, check_axis_move
 from labrig.devices.simulated.operator import SimulatedOperator
 from labrig.devices.trapezoid import Limits, Profile, make_brake_profile, make_move_profile, make_rest_profile
@@ -141,7 +140,7 @@ class VirtualPhotograph(Photograph):
         return self.image
 
 
-class VirtualRig:
+class VirtualRig(RigWithoutDevices):
     """See the module; each call is that of `RigCalls`.
 
     Parameters
@@ -251,10 +250,6 @@ class VirtualRig:
         """Let the simulated operator do it."""
         return self._operator.ask(request, lambda: None, offer)
 
-    def do_aside(self, call: Callable[[], _T]) -> _T:
-        """Do it."""
-        return call()
-
     def reference_axes(self) -> None:
         """Take the present positions as zero."""
         self.needle.refuse_in_tissue("no axis is homed", self.description.option)
@@ -264,9 +259,6 @@ class VirtualRig:
         self._referenced = frozenset(AXES)
         self.needle.update(referenced=AXES, roll_zero=None)
 
-    def assume_positions(self, positions: Mapping[str, float]) -> None:
-        """Do nothing: no position is ever lost."""
-
     def stop(self) -> None:
         """Stop every axis."""
         now_s = self.clock.now_s()
@@ -275,23 +267,6 @@ class VirtualRig:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""
         return (self.world.truth(),)
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Do nothing: earlier tracks do not show."""
-
-    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
-        """Return none."""
-        return []
-
-    def enable(self) -> None:
-        """Do nothing."""
-
-    def end(self) -> None:
-        """Do nothing."""
-
-    def snapshot(self) -> Mapping[str, object]:
-        """Return nothing: there are no devices."""
-        return {}
 
 
 @dataclass

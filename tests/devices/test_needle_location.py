@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from labrig.devices.drives.errors import _CLASSES, EPOS2_ERRORS, EPOS4_ERRORS, STANDARD_ERRORS
+from labrig.devices.drives.errors import _REMEDIES, EPOS2_ERRORS, EPOS4_ERRORS, STANDARD_ERRORS
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig import Rig
 from labrig.errors import DriveFaultError, DriveSilentError, MachineError
@@ -165,7 +165,7 @@ def test_no_remedy_costs_the_position_of_a_needle_in_tissue(error: object) -> No
     assert "off and on" not in remedy or "with no needle in tissue" in remedy
 
 
-@pytest.mark.parametrize("remedy", [remedy for _, remedy in _CLASSES.values()])
+@pytest.mark.parametrize("remedy", _REMEDIES.values())
 def test_no_remedy_of_a_class_costs_the_position_either(remedy: str) -> None:
     """As for single codes."""
     assert "off and on" not in remedy or "with no needle in tissue" in remedy

@@ -18,7 +18,6 @@ from labrig.protocol.sections import Needle, NeedleDesignSection
 from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
 from labrig.simulation.description import DesignDescription
-from tests.devices.bench_rig import bench_description
 from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, large_rig, rig_text
 
 BUS = {"interface": "socketcan", "channel": "can0"}
@@ -104,7 +103,7 @@ def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:
         ("max_speed: 20", "max_speed: 500", "the drive's limit is 25000 rpm"),
         ("limits: [-2, 120]", "limits: [-2, 1e9]", "quadcounts"),
         ("interface: simulated", "interface: socketcan", "does not go with kind simulated"),
-        ("bitrate: 1000000", "bitrate: 1234", "bitrate is 1234"),
+        ("bitrate: 1000000", "bitrate: 50000", "bitrate is 50000"),
         ("width_px: 1280", "width_px: 640", "lens draws 1280x720"),
         ("kind: simulated", "kind: bench", "a bench needs a state_file"),
         ("max_speed: 20", "max_sped: 20", "did you mean max_speed"),
@@ -119,20 +118,6 @@ def test_invalid_values_are_refused_with_their_line(tmp_path: Path, old: str, ne
     problems = "\n".join(f"{p.where} {p.message} {p.hint}" for p in refusal.value.problems)
     assert message in problems
     assert all(p.where.startswith(f"{path}:") for p in refusal.value.problems)
-
-
-@pytest.mark.parametrize(("bitrate", "took_ms"), [(20_000, 155), (50_000, 62)])
-def test_a_bus_too_slow_to_look_after_the_drives_is_refused(bitrate: int, took_ms: int) -> None:
-    """With the arithmetic, before anything is sent; the rig file itself still loads, and the slowest bus that does."""
-    slow = bench_description(BUS, f"can.bitrate={bitrate}")
-    with pytest.raises(InputError) as refusal:
-        require_complete(slow, ("insertion",))
-    assert (
-        f"can.bitrate: bitrate is {bitrate}: to look at 3 drives takes 23 frames of up to 135 bits, {took_ms} ms of "
-        "every 100 ms; at most 50 ms"
-    ) in refusal.value.message
-    assert "125000 bit/s or more" in refusal.value.hint
-    require_complete(bench_description(BUS, "can.bitrate=125000"), ("insertion",))
 
 
 def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.check_result import CheckResult, CheckStatus, failed
+from labrig.devices.check_result import CheckResult, failed, passed, warned
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.model import Cia402Section
@@ -22,8 +22,6 @@ _GUARDS = {
 }
 """Objects that keep an axis safe -> what is not guarded in a drive that lacks them."""
 
-_PASS, _WARN, _FAIL = CheckStatus.PASS, CheckStatus.WARN, CheckStatus.FAIL
-
 
 def check_axis(
     link: CanLink, axis: Cia402Section, name: str, clock: Clock, heartbeat: HeartbeatDescription
@@ -36,10 +34,8 @@ def check_axis(
         yield from _check_stated(drive, name)
         if not axis.unknown:
             yield _check_configuration(drive, name, heartbeat)
-        yield _check_reference(drive, name)
-        yield _check_limits(drive, name)
-        if not axis.unknown:
             yield _check_current(drive, name)
+        yield _check_reference(drive, name)
         yield from _check_inputs(drive, name)
         yield _check_guards(drive, name)
     except LabrigError as error:
@@ -52,13 +48,9 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
     value = ", ".join((f"node {drive.node_id}: {identity.model}", *versions))
     value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
     if not identity.doubt:
-        return CheckResult(f"drive {name}", _PASS, value)
-    return CheckResult(
-        f"drive {name}",
-        _WARN,
-        f"{value}; {identity.doubt}",
-        "a run reads every setting back; try homing, jog and the emergency stop without a needle first",
-    )
+        return passed(f"drive {name}", value)
+    solution = "a run reads every setting back; try homing, jog and the emergency stop without a needle first"
+    return warned(f"drive {name}", f"{value}; {identity.doubt}", solution)
 
 
 def _check_stated(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
@@ -68,59 +60,36 @@ def _check_stated(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
         try:
             compare()
         except DriveError as error:
-            yield CheckResult(check, _WARN if stated.value is None else _FAIL, error.message, error.hint)
+            is_known = stated.value is not None
+            yield failed(check, error) if is_known else warned(check, error.message, error.hint)
         else:
-            yield CheckResult(check, _PASS, f"{stated.value}, as in the drive")
+            yield passed(check, f"{stated.value}, as in the drive")
 
 
 def _check_configuration(drive: Cia402Drive, name: str, heartbeat: HeartbeatDescription) -> CheckResult:
     """Compare every setting with the value that a run will write, and the fingerprint with that of the rig file."""
-    check, model = f"configuration {name}", drive.model
-    settings = model.list_settings(drive.section) | drive.consume(heartbeat)
+    check, section = f"configuration {name}", drive.section
+    limits = drive.limit_settings(section.limits) if drive.is_referenced() else {}
+    settings = drive.model.list_settings(section) | drive.consume(heartbeat) | limits
     others = [str(place) for place, value in settings.items() if drive.upload(place) != value]
     value = f"{len(settings)} settings as the rig file has them"
     if others:
         value = f"a run sets {len(others)} of {len(settings)} settings: {', '.join(others)}"
-    if model.fingerprint:
+    if drive.model.fingerprint:
         value += f"; fingerprint {list(drive.read_fingerprint())}"
     try:
         drive.require_fingerprint()
     except DriveError as error:
         return failed(check, error)
-    return CheckResult(check, _PASS, value)
+    return passed(check, value)
 
 
 def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
     state = drive.decode(drive.statusword()).name
     if drive.is_referenced():
-        return CheckResult(f"reference {name}", _PASS, f"referenced, {state}")
-    return CheckResult(
-        f"reference {name}",
-        _WARN,
-        f"not referenced, {state}",
-        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
-    )
-
-
-def _check_limits(drive: Cia402Drive, name: str) -> CheckResult:
-    """Compare the limits in the drive with those of the rig file; without a reference it has none."""
-    check, axis = f"limits {name}", drive.section
-    value = f"[{axis.limits[0]:g}, {axis.limits[1]:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
-    expected = {} if axis.unknown else drive.limit_settings(axis.limits)
-    if not expected:
-        return CheckResult(check, _PASS, f"{value}; not compared with the drive")
-    if not drive.is_referenced():
-        return CheckResult(check, _PASS, f"{value}; the drive has none until referenced")
-    found = {place: drive.upload(place) for place in expected}
-    if found == expected:
-        return CheckResult(check, _PASS, f"{value}, also in the drive")
-    low, high = found.values()
-    return CheckResult(
-        check,
-        _WARN,
-        f"{value}; the drive holds {low} to {high} {axis.count_unit}",
-        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
-    )
+        return passed(f"reference {name}", f"referenced, {state}")
+    solution = f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE"
+    return warned(f"reference {name}", f"not referenced, {state}", solution)
 
 
 def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
@@ -133,33 +102,27 @@ def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
     except DriveError as error:
         return failed(check, error)
     if own_ma is None:
-        return CheckResult(
-            check,
-            _WARN,
-            f"{now}; neither limited nor guarded against a stall: labrig knows no current limit of this drive",
-            f"name its object in the rig file, or set the limit in {drive.model.tool}",
+        value = (
+            f"{now}; neither limited nor guarded against a stall: labrig knows no current limit of this drive"
+        )
+        return warned(
+            check, value, f"name its object in the rig file, or set the limit in {drive.model.tool}"
         )
     if asked_ma is None:
-        return CheckResult(
-            check,
-            _WARN,
-            f"{now}; limit {own_ma} mA, the drive's own; not guarded against a stall",
-            f"write axes.{name}.max_current_ma: the least with which the axis still moves freely, and some more",
-        )
-    return CheckResult(check, _PASS, f"{now}; limit {asked_ma} mA, the drive's own {own_ma} mA")
+        value = f"{now}; limit {own_ma} mA, the drive's own; not guarded against a stall"
+        least = "the least with which the axis still moves freely, and some more"
+        return warned(check, value, f"write axes.{name}.max_current_ma: {least}")
+    return passed(check, f"{now}; limit {asked_ma} mA, the drive's own {own_ma} mA")
 
 
 def _check_inputs(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
     """Read each input that the rig file names, and compare it with its limits."""
     for channel_name, value in drive.read_inputs().items():
-        channel = drive.section.inputs[channel_name]
+        check, channel = f"input {channel_name}", drive.section.inputs[channel_name]
         limits = channel.format_limits() or "only recorded"
         what = f"{channel.format_value(value)} at {channel.source} of the drive of axis {name}, {limits}"
         excess = channel.find_excess(channel_name, name, value)
-        if excess is None:
-            yield CheckResult(f"input {channel_name}", _PASS, what)
-        else:
-            yield CheckResult(f"input {channel_name}", _WARN, f"{what}: no run begins", excess.hint)
+        yield passed(check, what) if excess is None else warned(check, f"{what}: no run begins", excess.hint)
 
 
 def _check_guards(drive: Cia402Drive, name: str) -> CheckResult:
@@ -176,13 +139,10 @@ def _check_guards(drive: Cia402Drive, name: str) -> CheckResult:
     }
     missing += [guard for guard, is_missing in optional.items() if is_missing]
     if missing:
-        return CheckResult(
+        return warned(
             f"guards {name}",
-            _WARN,
             f"not reported or not guarded by the drive: {'; '.join(missing)}",
             "name the manufacturer's objects in the rig file if the drive has them; watch the axis for the others",
         )
     options = (f"{place} = {found[place]}" for place in model.stop_options if place in found)
-    return CheckResult(
-        f"guards {name}", _PASS, f"{', '.join(options)}; a run sets and reads back what it needs"
-    )
+    return passed(f"guards {name}", f"{', '.join(options)}; a run sets and reads back what it needs")

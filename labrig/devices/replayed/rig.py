@@ -1,6 +1,6 @@
 """The rig of a record: it answers what the recorded rig answered, and nothing moves."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,9 +10,8 @@ from labrig.devices.axis_description import AXES
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.needle_state import NEW, NeedleState, parse_rig_state
 from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorRequest
-from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.tape import SessionPart, Tape
-from labrig.devices.rig_calls import Photograph
+from labrig.devices.rig_calls import Photograph, RigWithoutDevices
 from labrig.devices.rig_file import RigDescription, check_axis_move, kept_name, load_rig
 from labrig.devices.state_line import read_state_line
 from labrig.errors import InputError, RecordError
@@ -77,7 +76,7 @@ class TapeClock:
         return self._started
 
 
-class ReplayedRig:
+class ReplayedRig(RigWithoutDevices):
     """The rig of a recorded session; see `RigCalls`. What it answers stays the next line until it is recorded.
 
     Parameters
@@ -163,41 +162,13 @@ class ReplayedRig:
             self._tape.differ(f"question {type(request).__name__}: {request.text}")
         return self._parse(lambda: _parse_answer(line))
 
-    def do_aside(self, call: Callable[[], _T]) -> _T:
-        """Do it."""
-        return call()
-
     def reference_axes(self) -> None:
         """Note that the axes stand at zero."""
         self._referenced = frozenset(AXES)
         self.needle.update(referenced=AXES, roll_zero=None)
 
-    def assume_positions(self, positions: Mapping[str, float]) -> None:
-        """Do nothing."""
-
     def stop(self) -> None:
         """Do nothing: the event is compared."""
-
-    def truth(self) -> tuple[dict[str, object], ...]:
-        """Return nothing: a procedure only records it."""
-        return ()
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Do nothing: the pictures have been taken."""
-
-    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
-        """Return none: nothing is sent."""
-        return []
-
-    def enable(self) -> None:
-        """Do nothing."""
-
-    def end(self) -> None:
-        """Do nothing."""
-
-    def snapshot(self) -> Mapping[str, object]:
-        """Return nothing: there are no devices."""
-        return {}
 
     def _parse(self, read: Callable[[], _T]) -> _T:
         """Return what a line holds. Raises `RecordError` where it lacks a value."""

@@ -16,7 +16,6 @@ from labrig.errors import LabrigError, RecordError, WorkersError
 from labrig.record.layout import MANIFEST
 from labrig.record.pictures import count_pictures
 from labrig.record.reader import Run, open_run
-from labrig.vision.mask import Mask
 
 RunsProgress = Callable[[int, int, Path], None]
 ExperimentOf = Callable[[Run], MeasuredExperiment]
@@ -32,7 +31,6 @@ def analyze_runs(
     progress: RunsProgress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
-    mask: Mask | None = None,
 ) -> Generator[tuple[Path, Outcome], None, None]:
     """Analyse runs, each into a new numbered result; a failure does not stop the others.
 
@@ -49,7 +47,7 @@ def analyze_runs(
     progress : callable or None
         Called with the number of finished pictures, the number in all runs, and the run at hand. A run without
         pictures, such as a design, counts as one.
-    overrides, created, provenance, mask
+    overrides, created, provenance
         As for `analyze_run`.
 
     Yields
@@ -68,7 +66,6 @@ def analyze_runs(
         overrides=tuple(overrides),
         created=created,
         provenance=dict(provenance),
-        mask=mask,
     )
     sizes = [max(1, count_pictures(run)) for run in runs]
     done = 0
@@ -98,7 +95,6 @@ def _analyze(
     overrides: Sequence[str],
     created: datetime,
     provenance: Mapping[str, Any],
-    mask: Mask | None,
 ) -> AnyResult:
     """Analyse a run in a worker."""
     _require_run(run)
@@ -110,7 +106,6 @@ def _analyze(
         workers=1,
         created=created,
         provenance=provenance,
-        mask=mask,
     )
 
 

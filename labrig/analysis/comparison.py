@@ -55,7 +55,6 @@ def compare_runs(
     *,
     quantity: str | None = None,
     by: Sequence[str] = (),
-    unit: Unit | None = None,
 ) -> ComparedRuns:
     """Compare a quantity between groups of measurements.
 
@@ -71,8 +70,6 @@ def compare_runs(
     by : sequence of str
         Fields whose values make the groups: columns of the table, or keys of manifest and protocol. Empty: needle and
         gel; the runs where these are not known, or are the same in all of them.
-    unit : str or None
-        What n counts. None: specimens if every group has two of them, insertions otherwise.
 
     Raises
     ------
@@ -89,7 +86,7 @@ def compare_runs(
     asked = tuple(ALIASES.get(name, name) for name in by)
     grouped, chosen, notes = group_rows(rows, used, asked)
     grouped = grouped.assign(block=pd.Series(find_blocks(grouped, used), dtype=object))
-    unit_of_analysis, unit_notes = choose_unit(grouped, unit)
+    unit_of_analysis, unit_notes = choose_unit(grouped)
     comparison = _compare(used, grouped, wanted, chosen, unit_of_analysis)
     told = (
         *unit_notes,

@@ -174,33 +174,19 @@ _ONE_BLOCK = (
     "n counts insertions, which share their block of gel ({}: one block). Intervals and p speak of these blocks alone: "
     "they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."
 )
-_AS_ASKED = (
-    "n counts insertions, as asked, though they share blocks of gel: for a statement on gels, intervals are too narrow"
-    " and p too small."
-)
 
 
-def choose_unit(rows: pd.DataFrame, asked: Unit | None) -> tuple[Unit, list[str]]:
-    """Return what n counts, and the sentence that has to be read with it.
-
-    Raises
-    ------
-    InputError
-        When specimens are asked for, and some measurements name none.
-    """
+def choose_unit(rows: pd.DataFrame) -> tuple[Unit, list[str]]:
+    """Return what n counts, and the sentence that has to be read with it: specimens if every group has two."""
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     if counted["block"].isna().any():
-        if asked == "specimen":
-            raise InputError("some measurements name no specimen", "leave --unit out, or count insertions")
         return "insertion", [_NO_SPECIMEN]
     blocks = counted.groupby("group")["block"].nunique()
     if not (counted.groupby("group").size() > blocks).any():
-        return asked or "insertion", []
-    if asked == "specimen" or (asked is None and blocks.min() >= 2):
+        return "insertion", []
+    if blocks.min() >= 2:
         return "specimen", [_BY_SPECIMEN]
     single = [str(name) for name, count in blocks.items() if count < 2]
-    if not single:
-        return "insertion", [_AS_ASKED]
     return "insertion", [_ONE_BLOCK.format("; ".join(single[:4]) + ("; ..." if len(single) > 4 else ""))]
 
 

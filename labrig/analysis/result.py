@@ -10,7 +10,7 @@ import shutil
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, Union, get_args, get_origin
@@ -26,7 +26,6 @@ from labrig.input_file import MAX_RESULT_BYTES, read_file
 from labrig.protocol.model import Model
 from labrig.record.decisions import Decisions
 from labrig.record.json_lines import encode_document
-from labrig.record.provenance import leave_out_personal
 from labrig.record.reader import Run
 from labrig.record.tables import escape_formula, is_budget, name_budget_columns
 from labrig.vision.error_budget import ErrorBudget
@@ -199,11 +198,6 @@ class AnalysisResult(Generic[Content_co]):
     def document(self) -> Mapping[str, Any]:
         """The content as `result.json` holds it."""
         return self.content.model_dump(mode="json")
-
-    def without_personal_data(self) -> Self:
-        """Return this result without host, account and command line."""
-        provenance = leave_out_personal(self.content.provenance)
-        return replace(self, content=self.content.model_copy(update={"provenance": provenance}))
 
 
 Quantity: TypeAlias = bool | int | float | str | None

@@ -19,7 +19,6 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import find_damage
 from labrig.record.layout import hash_file
 from labrig.record.reader import Run
-from labrig.vision.mask import Mask
 
 
 def analyze_run(
@@ -31,7 +30,6 @@ def analyze_run(
     progress: Progress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
-    mask: Mask | None = None,
 ) -> AnyResult:
     """Measure a run, or study its design, and write a new numbered result, `RUN/analysis/NNN/`.
 
@@ -49,8 +47,6 @@ def analyze_run(
         Calendar time, aware.
     provenance : Mapping
         Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
-    mask : Mask or None
-        Pixels that are not the needle; a copy is stored with the result. None: the mask of the run, if it has one.
 
     Raises
     ------
@@ -80,8 +76,7 @@ def analyze_run(
         damage={problem.where: problem.message for problem in damage},
         left_out=LeftOutTrials.of(run.decisions),
     )
-    mask = load_mask_of_run(run) if mask is None else mask
-    request = AnalysisRequest(stamp, mask, workers, progress)
+    request = AnalysisRequest(stamp, load_mask_of_run(run), workers, progress)
     with name_damage(run.path, damage):
         findings = experiment.analyze(run, protocol, request)
     # The folder is made last, so that an analysis that fails leaves nothing behind.
@@ -110,7 +105,7 @@ def _find_parent(run: Run, experiment: MeasuredExperiment) -> int | None:
         with suppress(RecordError):
             result = load_result(run, experiment.result_model, number)
             readable.append(number)
-            if result is not None and not result.content.overrides and "mask" not in result.content.settings:
+            if result is not None and not result.content.overrides:
                 return number
     return readable[0] if readable else None
 

@@ -5,29 +5,29 @@ from contextlib import closing
 from pathlib import Path
 
 from labrig.analysis.batch import analyze_runs
+from labrig.analysis.engine import open_process_pool
 from labrig.analysis.result import AnyResult
 from labrig.cli.progress import hold_bar, progress
-from labrig.cli.worker_pool import open_pool
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_run_experiment
+from labrig.posix import count_usable_cores
 from labrig.record.provenance import collect_provenance
 from labrig.text import format_count
-from labrig.vision.mask import load_mask
 
 
 def analyze_several(
     runs: Sequence[Path],
     command_line: tuple[str, ...],
     overrides: tuple[str, ...],
-    mask: Path | None,
     workers: int | None,
-    cluster: str | None,
 ) -> Generator[tuple[Path, AnyResult | LabrigError], None, None]:
     """Analyse several runs at once, with progress, and yield each with its result as it comes, or with its error."""
-    excluded = None if mask is None else load_mask(mask)
     title = f"measuring {format_count(len(runs), 'run')}"
-    with open_pool(workers, cluster, "analysed runs") as pool, progress(title, 1.0) as reporter:
+    with (
+        open_process_pool(workers or count_usable_cores(), "analysed runs") as pool,
+        progress(title, 1.0) as reporter,
+    ):
         outcomes = analyze_runs(
             runs,
             find_run_experiment,
@@ -38,7 +38,6 @@ def analyze_several(
             ),
             created=SystemClock().utc(),
             provenance=collect_provenance(command_line),
-            mask=excluded,
         )
         with closing(outcomes):
             for outcome in outcomes:

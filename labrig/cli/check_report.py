@@ -78,7 +78,7 @@ def find_disk_problems(runs_dir: Path, need_bytes: int) -> tuple[Problem, ...]:
     try:
         require_free_bytes(runs_dir, need_bytes)
     except DiskError as error:
-        return (Problem("--runs-dir", error.message, error.hint),)
+        return (Problem(str(runs_dir), error.message, error.hint),)
     return ()
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -53,23 +53,15 @@ def compare(
             show_default=False,
         ),
     ] = None,
-    unit: Annotated[
-        Literal["specimen", "insertion"] | None,
-        typer.Option(
-            help="What n counts. Default: specimens if every group has two, insertions otherwise.",
-            show_default=False,
-        ),
-    ] = None,
     runs_dir: RunsDirOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder to write to. Default: a new one in data/comparisons.",
+            help="New folder to write to. Default: a new one in data/comparisons.",
             show_default=False,
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the files in an existing --out.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Write a page, a tidy table and a document; exit with 4 when a run is damaged and left out."""
@@ -85,8 +77,8 @@ def compare(
     with show_working("comparing", shown=not as_json):
         if not measured and left_out:
             raise left_out[0].error
-        compared = compare_runs(measured, left_out, quantity=quantity, by=by or (), unit=unit)
-        folder = _write(compared, out, force=force)
+        compared = compare_runs(measured, left_out, quantity=quantity, by=by or ())
+        folder = _write(compared, out)
     document = {
         **compared.comparison.model_dump(mode="json"),
         "differences": _list_differences(measured),
@@ -125,7 +117,7 @@ def _find_campaign(named: Path) -> Path | None:
     return next((folder for folder in (named, in_lab) if is_campaign(folder)), None)
 
 
-def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
+def _write(compared: Any, out: Path | None) -> Path:
     """Write the comparison into a new folder, or into `out`, and return the folder."""
     from labrig.record.remote import output_folder
     from labrig.record.writer import create_under_free_name
@@ -134,7 +126,7 @@ def _write(compared: Any, out: Path | None, *, force: bool) -> Path:
     now = SystemClock().utc()
 
     def write(folder: Path) -> Path:
-        with output_folder(str(folder), force=force) as made:
+        with output_folder(str(folder), force=False) as made:
             write_comparison(made, compared, now)
         return folder
 

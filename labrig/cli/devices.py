@@ -115,7 +115,6 @@ def simulate(
     port: Annotated[int | None, typer.Option(help="UDP port, for udp_multicast.", min=1, max=65535)] = None,
     bitrate: Annotated[int, typer.Option(help="Bit rate of the bus [bit/s].")] = 1_000_000,
     nodes: Annotated[str, typer.Option(help="Node ids, separated by commas.")] = "1,2,3",
-    as_json: AsJson = False,
 ) -> int:
     """Serve until a signal comes, and exit with 130, as every interrupted command does."""
     from labrig.cli.signals import note_signals
@@ -131,11 +130,8 @@ def simulate(
     with note_signals() as interrupted, open_bus(interface, channel, port, bitrate) as bus:
         drives = ServedDrives(bus, node_ids)
         reached_by = bus.path if isinstance(bus, SlcanAdapter) else channel
-        if as_json:
-            print_json({"interface": interface, "channel": reached_by, "nodes": node_ids})
-        else:
-            listed = ",".join(map(str, node_ids))
-            print_line(f"ready: nodes {listed} on {interface} {reached_by}".rstrip())
+        listed = ",".join(map(str, node_ids))
+        print_line(f"ready: nodes {listed} on {interface} {reached_by}".rstrip())
         drives.serve(interrupted)
     return _INTERRUPTED
 

@@ -1,5 +1,6 @@
 """`labrig devices home|jog|withdraw`: commission a rig axis by axis, and withdraw a needle from tissue."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
@@ -8,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.options import RigOption, RunsDirOption, YesOption, find_runs_dir
+from labrig.cli.options import RigOption, YesOption, find_runs_dir
 from labrig.cli.output import AsJson, print_checks
 from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
 from labrig.library.names import find_rig_file
@@ -124,40 +125,47 @@ def withdraw(
             show_default=False,
         ),
     ] = None,
-    insertion_mm: Annotated[
-        float | None,
+    at: Annotated[
+        list[str] | None,
         typer.Option(
-            help="Length in mm of the needle outside the sheath, if not as recorded.", show_default=False
+            "--at",
+            metavar="AXIS=POSITION",
+            help="Where an axis stands, in mm or rad, if not as recorded: insertion=12.5 is the needle outside the "
+            "sheath; repeatable.",
+            show_default=False,
         ),
     ] = None,
-    rotation_rad: Annotated[
-        float | None,
-        typer.Option(help="Rotation of the needle in rad, if not as recorded.", show_default=False),
-    ] = None,
-    linear_mm: Annotated[
-        float | None,
-        typer.Option(help="Position of the sheath in mm, if not as recorded.", show_default=False),
-    ] = None,
     rig: RigOption = None,
-    runs_dir: RunsDirOption = None,
     yes: YesOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the needle is out; the withdrawal is recorded as a run of its own."""
     from labrig.cli.withdraw import withdraw_and_print
 
-    given = {"insertion_mm": insertion_mm, "rotation_rad": rotation_rad, "linear_mm": linear_mm}
-    standing = {key: value for key, value in given.items() if value is not None}
-    return withdraw_and_print(rig, run, find_runs_dir(runs_dir), standing, yes=yes, as_json=as_json)
+    standing = dict(map(_read_position, at or ()))
+    return withdraw_and_print(rig, run, find_runs_dir(None), standing, yes=yes, as_json=as_json)
 
 
-def _require_axes(names: Sequence[str]) -> tuple[str, ...]:
+def _read_position(text: str) -> tuple[str, float]:
+    """Return field and value of `AxisPositions` for `insertion=12.5`. Raises `InputError`."""
+    axis, _, position = text.partition("=")
+    (name,), hint = _require_axes([axis], "--at"), "for example --at insertion=12.5"
+    try:
+        value = float(position)
+    except ValueError:
+        raise InputError(f"--at {text} has no position", hint) from None
+    if not math.isfinite(value):
+        raise InputError(f"--at {text} is not finite", hint)
+    return f"{name}_{'rad' if name == 'rotation' else 'mm'}", value
+
+
+def _require_axes(names: Sequence[str], option: str = "--axis") -> tuple[str, ...]:
     """Return axis names, all of which exist. Raises `InputError`."""
     from labrig.devices.axis_description import AXES
 
     for name in names:
         if name not in AXES:
-            raise InputError(f"--axis {name} is not an axis of the rig", f"the axes are {', '.join(AXES)}")
+            raise InputError(f"{option} {name} is not an axis of the rig", f"the axes are {', '.join(AXES)}")
     return tuple(names)
 
 

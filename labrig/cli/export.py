@@ -49,12 +49,6 @@ def export(
             show_default=False,
         ),
     ] = None,
-    private: Annotated[
-        bool,
-        typer.Option(
-            "--private", help="Leave out host, account, command line and the authors of notes (tables)."
-        ),
-    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace existing files; copy a damaged record as it is.")
     ] = False,
@@ -65,10 +59,11 @@ def export(
     from labrig.record.remote import output_folder, require_apart
 
     chosen, is_copy = frozenset(formats), Format.RECORD in formats
-    _check_formats(chosen, private=private)
+    if is_copy and len(chosen) > 1:
+        raise InputError("record goes alone: the folder it writes is a run", "export the tables elsewhere")
     source = fetch_folder(run)
     place = str(find_in_lab(EXPORTS) / source.name) if out is None else out
-    write, damage = _prepare_copy(source) if is_copy else _prepare(source, chosen, private=private)
+    write, damage = _prepare_copy(source) if is_copy else _prepare(source, chosen)
     require_apart(place, source, record=is_copy)
     if is_copy and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
@@ -83,16 +78,6 @@ def export(
     return 0 if report_damage(damage) is None else RecordError.exit_code
 
 
-def _check_formats(formats: Collection[Format], *, private: bool) -> None:
-    if Format.RECORD in formats and len(formats) > 1:
-        raise InputError("record goes alone: the folder it writes is a run", "export the tables elsewhere")
-    if Format.RECORD in formats and private:
-        raise InputError(
-            "record copies all of a run, and --private leaves something out",
-            "export tables: --format csv --private",
-        )
-
-
 def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
     """Return what copies the record, and the damage of every file to copy."""
     from labrig.record.check import check_run
@@ -101,23 +86,20 @@ def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, 
     return partial(copy_record, source), check_run(source).damage
 
 
-def _prepare(
-    source: Path, formats: Collection[Format], *, private: bool
-) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
+def _prepare(source: Path, formats: Collection[Format]) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
     """Return what writes tables, figures and films, and the damage of what they are made from."""
     from labrig.record.reader import open_run
 
     opened = open_run(source)
-    shown = opened.without_personal_data() if private else opened
     tables = [str(name) for name in formats if name in _TABLES]
     # Drawn and refused before anything is written.
-    draw = _prepare_drawings(shown, formats) if len(tables) < len(formats) else None
+    draw = _prepare_drawings(opened, formats) if len(tables) < len(formats) else None
 
     def write(folder: Path) -> None:
         if tables:
             from labrig.report.export import write_tables
 
-            write_tables(shown, tables, folder)
+            write_tables(opened, tables, folder)
         if draw is not None:
             draw(folder)
 
@@ -137,8 +119,6 @@ def _prepare_drawings(run: Any, formats: Collection[Format]) -> Callable[[Path],
     from labrig.report.film import write_film
 
     experiment, result = find_run_experiment(run), load_run_result(run)
-    if result is not None and run.private:
-        result = result.without_personal_data()
     page = experiment.page(run, load_run_protocol(run), result)
     films = page.make_films() if Format.FILM in formats else ()
     if Format.FILM in formats and not films:

@@ -20,8 +20,10 @@ from labrig.record.json_lines import plain_text
 from labrig.record.manifest import read_checksum
 from labrig.record.provenance import collect_provenance
 from labrig.record.writer import Recorder, RunFiles, create_under_free_name
-from labrig.vision.mask import load_mask
 from labrig.vision.picture import MAX_PICTURE_BYTES, PICTURE_SUFFIXES, number_order, read_picture
+
+_ROLL_SD_DEG = 2.0
+"""Of a bevel that was set by eye; `labrig reanalyze --set analysis.roll_sd_deg=` says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,6 @@ class ImportOrder:
     plane: Path | None
     needle_diameter_mm: float
     sheath_diameter_mm: float | None
-    roll_sd_deg: float
-    mask: Path | None
-    title: str | None
     runs_dir: Path
     command_line: tuple[str, ...]
 
@@ -99,10 +98,9 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
 
 
 def _find_kept_files(order: ImportOrder) -> dict[str, Path]:
-    """Return the files of calibration and mask by their names in a record."""
+    """Return the files of the calibration by their names in a record."""
     calibration = (("intrinsics.json", order.intrinsics), ("plane.json", order.plane))
-    kept = {name: path for name, path in calibration if path is not None}
-    return kept if order.mask is None else {**kept, load_mask(order.mask).kept_name: order.mask}
+    return {name: path for name, path in calibration if path is not None}
 
 
 def _copy_pictures(pictures: list[Path], recorder: Recorder) -> list[Path]:
@@ -153,7 +151,7 @@ def _make_protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
     values = {
         "schema_version": 1,
         "experiment": "import",
-        "title": order.title or plain_text(folder.resolve().name),
+        "title": plain_text(folder.resolve().name),
         "seed": 0,
         "needle": {"needle_id": "unknown", "diameter_mm": order.needle_diameter_mm},
         "sheath_diameter_mm": order.sheath_diameter_mm,
@@ -164,7 +162,7 @@ def _make_protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
             "min_window_mm": 15.0,
             "max_radius_sigma_mm": 0.5,
             "max_radius_sigma_percent": 2.0,
-            "roll_sd_deg": order.roll_sd_deg,
+            "roll_sd_deg": _ROLL_SD_DEG,
         },
     }
     return validate_values(values, "labrig import", ImportProtocol)

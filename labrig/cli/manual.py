@@ -3,11 +3,11 @@
 import os
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from labrig.cli.output import AsJson, print_line, print_table, show
+from labrig.cli.output import print_line, print_table
 from labrig.errors import InputError
 
 SOURCE = Path(__file__).parents[1] / "manual"
@@ -20,18 +20,20 @@ def manual(
         list[str] | None,
         typer.Argument(metavar="[TOPIC]", help="Name of a page, or words of its title.", show_default=False),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Open the page in a browser if there is a display, and print where it is; without TOPIC, list the pages."""
     pages = find_pages()
     if not topic:
-        listed = [{"topic": name, "title": read_title(page)} for name, page in pages.items()]
-        show(listed, as_json, _print_list)
+        print_table(("topic", "title"), [(name, read_title(page)) for name, page in pages.items()])
         return
     name = _choose(pages, " ".join(topic).lower())
     built = SITE / pages[name].relative_to(SOURCE).with_suffix(".html")
     page = built if built.exists() else pages[name]
-    show({"topic": name, "title": read_title(pages[name]), "page": str(page)}, as_json, _open)
+    print_line(str(page))
+    if page == built and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        import webbrowser
+
+        webbrowser.open(page.as_uri())
 
 
 def find_pages() -> dict[str, Path]:
@@ -60,15 +62,3 @@ def _choose(pages: dict[str, Path], asked: str) -> str:
     raise InputError(
         f"{len(found) or 'no'} pages of the manual fit {asked!r}", f"name one: {', '.join(near)}"
     )
-
-
-def _print_list(pages: list[dict[str, str]]) -> None:
-    print_table(("topic", "title"), [(page["topic"], page["title"]) for page in pages])
-
-
-def _open(page: dict[str, Any]) -> None:
-    print_line(page["page"])
-    if page["page"].endswith(".html") and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        import webbrowser
-
-        webbrowser.open(Path(page["page"]).as_uri())

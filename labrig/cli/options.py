@@ -232,16 +232,6 @@ LiveOption = Annotated[
 ]
 
 
-MaskOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--mask",
-        metavar="FILE",
-        help="Pixels that are not the needle: a picture that is white there, or polygons as JSON.",
-        show_default=False,
-    ),
-]
-
 WorkersOption = Annotated[
     int | None,
     typer.Option(

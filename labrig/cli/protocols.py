@@ -5,7 +5,6 @@ from dataclasses import asdict
 from labrig.cli.options import (
     ProtocolArgument,
     RigOption,
-    RunsDirOption,
     SeedOption,
     SetOption,
     find_runs_dir,
@@ -27,7 +26,6 @@ from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 def check(
     protocol: ProtocolArgument,
     rig: RigOption = None,
-    runs_dir: RunsDirOption = None,
     seed: SeedOption = None,
     settings: SetOption = None,
     as_json: AsJson = False,
@@ -55,7 +53,7 @@ def check(
     experiment = find_experiment(loaded.experiment)
     experiment.require_parts()
     now = SystemClock().utc()
-    folder = find_runs_dir(runs_dir)
+    folder = find_runs_dir(None)
     specimens = prepare_specimens(loaded, description, folder, now)
     plan = plan_run(experiment, specimens.protocol, description)
     disk_bytes = estimate_disk_bytes(plan, description)

@@ -10,9 +10,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import (
-    ClusterOption,
     LocalRunsOrNoneArgument,
-    MaskOption,
     RunsDirOption,
     WorkersOption,
     find_runs_dir,
@@ -44,9 +42,7 @@ def reanalyze(
             show_default=False,
         ),
     ] = None,
-    mask: MaskOption = None,
     workers: WorkersOption = None,
-    cluster: ClusterOption = None,
     runs_dir: RunsDirOption = None,
     as_json: AsJson = False,
 ) -> int:
@@ -54,28 +50,24 @@ def reanalyze(
     from labrig.cli.analyze import analyze_several
     from labrig.cli.attendant import TerminalAttendant
     from labrig.cli.result_comparison import show_result
-    from labrig.cli.worker_pool import require_one_pool
     from labrig.library.door import reanalyze as measure
 
-    require_one_pool(workers, cluster)
     require_runs_or_condition(run_paths or (), where, "reanalyze")
     runs = list(dict.fromkeys(run_paths or find_matching_runs(find_runs_dir(runs_dir), where)))
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
     show = partial(show_result, as_json=as_json)
-    if len(runs) == 1 and workers is None and cluster is None:
+    if len(runs) == 1 and workers is None:
         (run,) = runs
         alone: _Work = (
             run,
-            lambda: show(run, measure(run, settings=overrides, mask=mask, attendant=TerminalAttendant())),
+            lambda: show(run, measure(run, settings=overrides, attendant=TerminalAttendant())),
         )
         return do_each([alone], as_json, key="analysis")
-    if cluster is not None:
-        runs = [run.absolute() for run in runs]
     measured = 0
 
     def list_works() -> Iterator[_Work]:
         nonlocal measured
-        outcomes = analyze_several(runs, command_line, overrides, mask, workers, cluster)
+        outcomes = analyze_several(runs, command_line, overrides, workers)
         with closing(outcomes):
             for run, outcome in outcomes:
                 measured += 1

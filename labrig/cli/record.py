@@ -14,7 +14,6 @@ from labrig.cli.options import (
     IntrinsicsOption,
     LocalRunArgument,
     LocalRunsArgument,
-    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -40,10 +39,6 @@ def report(
             metavar="N", min=1, help="Number of the result to show. Default: the newest.", show_default=False
         ),
     ] = None,
-    private: Annotated[
-        bool,
-        typer.Option("--private", help="Leave out host, account, command line and the authors of notes."),
-    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/report.html of each run; the page of a run without a result states that there is none."""
@@ -51,7 +46,7 @@ def report(
 
     def report_run(path: Path) -> dict[str, object]:
         loaded = door.open_run(path)
-        page = door.write_report(loaded, result=result, private=private)
+        page = door.write_report(loaded, result=result)
         if not as_json:
             print_line(str(page))
         return add_damage({"report": str(page), "reason": None}, loaded.damage)
@@ -61,12 +56,9 @@ def report(
 
 def view(
     run_path: LocalRunArgument,
-    open_viewer: Annotated[
-        bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
-    ] = True,
     as_json: AsJson = False,
 ) -> int:
-    """Make RUN/view.rrd, which can be deleted and made again, and open it."""
+    """Make RUN/view.rrd, which can be deleted and made again, and open it; with --json only make it."""
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library import door
     from labrig.report.viewer import open_view
@@ -78,7 +70,6 @@ def view(
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
     else:
         print_line(str(path))
-    if open_viewer:
         open_view(path)
     return RecordError.exit_code if damage else 0
 
@@ -94,14 +85,6 @@ def import_(
     plane: PlaneOption = None,
     needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
     sheath_diameter_mm: SheathDiameterOption = None,
-    roll_sd_deg: Annotated[
-        float,
-        typer.Option(min=0, max=30, help="Standard deviation of the bevel's roll; 2 if it was set by eye."),
-    ] = 2.0,
-    mask: MaskOption = None,
-    title: Annotated[
-        str | None, typer.Option(help="Title of the runs. Default: the folder's name.", show_default=False)
-    ] = None,
     runs_dir: RunsDirOption = None,
     as_json: AsJson = False,
 ) -> int:
@@ -116,9 +99,6 @@ def import_(
         plane=plane,
         needle_diameter_mm=needle_diameter_mm,
         sheath_diameter_mm=sheath_diameter_mm,
-        roll_sd_deg=roll_sd_deg,
-        mask=mask,
-        title=title,
         runs_dir=find_runs_dir(runs_dir),
         command_line=tuple(sys.argv),
     )

@@ -75,10 +75,6 @@ def _remark_on_yes(sources: Any) -> None:
 
 def resume(
     run_path: LocalRunArgument,
-    protocol: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Protocol file, if it has moved since.", show_default=False),
-    ] = None,
     rig: RigOption = None,
     live: LiveOption = None,
     as_json: AsJson = False,
@@ -86,7 +82,7 @@ def resume(
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
     from labrig.library.resumption import resume_run
 
-    finished = resume_run(run_path, protocol, rig, tuple(sys.argv), _attend(live, as_json=as_json))
+    finished = resume_run(run_path, rig, tuple(sys.argv), _attend(live, as_json=as_json))
     return _end(finished, live, as_json)
 
 

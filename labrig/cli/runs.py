@@ -52,10 +52,6 @@ def list_(
             show_default=False,
         ),
     ] = None,
-    limit: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="List only the first N of them.", show_default=False),
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List every run of a folder that fits, damaged runs too; nothing is verified."""
@@ -64,15 +60,13 @@ def list_(
     folder = find_runs_dir(runs_dir)
     every = find_runs(folder, where, sort, show or ())
     if as_json:
-        print_json([_make_row(run) for run in every[:limit]])
+        print_json([_make_row(run) for run in every])
     elif every:
-        _print_runs(every[:limit])
+        _print_runs(every)
         from labrig.cli.next_steps import list_next_steps
 
-        for line in list_next_steps([run.summary for run in every[:limit]]):
+        for line in list_next_steps([run.summary for run in every]):
             say(line)
-        if limit is not None and limit < len(every):
-            say(f"{len(every) - limit} more match")
     elif where is not None and find_runs(folder):
         say("no run matches")
     else:
@@ -120,15 +114,15 @@ def _join(values: Sequence[object]) -> object:
 @app.command("show", help="Say what a run is and how it ended, and tell its events in words.")
 def show_run(
     run: RunArgument,
-    every: Annotated[
-        bool, typer.Option("--all", help="Also each move of an axis and each sighting of the tip.")
-    ] = False,
     follow: Annotated[
         bool, typer.Option("--follow", help="Go on until the run has ended, with events as they come.")
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Print rig time and a sentence for each event; exit with 4 when the record is damaged."""
+    """Print rig time and a sentence for each event; exit with 4 when the record is damaged.
+
+    Each move of an axis and each sighting of the tip stand only in what --json prints.
+    """
     from labrig.cli.damage import report_damage
     from labrig.experiments.registry import follow_run
     from labrig.record.reader import open_run
@@ -139,15 +133,14 @@ def show_run(
     opened = open_run(run)
     words = follow_run(opened).words
     if follow:
-        _follow(opened.path, words, every=every)
+        _follow(opened.path, words)
         return 0
     told = [(event, describe_event(event, words)) for event in opened.lines("events")]
-    shown = [(event, entry) for event, entry in told if every or entry.level != "DEBUG"]
     damage = report_damage(opened.damage)
     if as_json:
         events = [
             {"t_s": event.get("t_s"), "kind": event.get("kind"), "level": entry.level, "text": entry.text}
-            for event, entry in shown
+            for event, entry in told
         ]
         keys = (
             "experiment",
@@ -166,7 +159,7 @@ def show_run(
         )
     else:
         _print_about(opened)
-        for event, entry in shown:
+        for event, entry in told:
             _print_event(event, entry)
     return 0 if damage is None else RecordError.exit_code
 
@@ -190,12 +183,14 @@ _MARKS: Mapping[str, str] = {"ERROR": "! ", "WARN": "? "}
 
 
 def _print_event(event: Mapping[str, Any], entry: Any) -> None:
+    if entry.level == "DEBUG":
+        return
     t_s = event.get("t_s")
     time = f"{t_s:.3f} s" if isinstance(t_s, int | float) else "-"
     print_line(f"{time:>11}  {_MARKS.get(entry.level, '')}{entry.text}")
 
 
-def _follow(path: Path, words: Any, *, every: bool) -> None:
+def _follow(path: Path, words: Any) -> None:
     """Print the events as they come, until no process writes the run any more."""
     from labrig.devices.clocks import SystemClock
     from labrig.record.following import GrowingRun
@@ -203,9 +198,7 @@ def _follow(path: Path, words: Any, *, every: bool) -> None:
 
     for lines in GrowingRun(path).follow(SystemClock()):
         for event in lines.events:
-            entry = describe_event(event, words)
-            if every or entry.level != "DEBUG":
-                _print_event(event, entry)
+            _print_event(event, describe_event(event, words))
 
 
 @app.command("check", help="Read every file of runs, and name what is missing, was changed or was added.")

@@ -49,7 +49,6 @@ from labrig.runner.experiment import RunPlan
 from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
 from labrig.runner.replay import Replay, replay_run, replay_work
 from labrig.runner.whole_run import FinishedRun, RunOrder, perform, write_page
-from labrig.vision.mask import load_mask
 
 __all__ = [
     "Attendant",
@@ -166,19 +165,18 @@ def make_run(
     return perform(order, attendant)
 
 
-def resume(run: AnyRun, *, protocol: Path | str | None = None, rig: Path | str | None = None) -> Run:
+def resume(run: AnyRun, *, rig: Path | str | None = None) -> Run:
     """Continue a run that was interrupted, with the protocol, rig and calibration that it began with; return it.
 
-    `protocol` and `rig` are their files, if they have moved since.
+    `rig` is the rig file, if it has moved since.
 
     Raises
     ------
     LabrigError
         When it cannot be continued, nothing is changed then; and as it ended, when it did not succeed.
     """
-    protocol_file, rig_file = (None if file is None else Path(file) for file in (protocol, rig))
-    path = open_run(run).path
-    return _open_finished(resume_run(path, protocol_file, rig_file, _name_program(), _SILENT))
+    rig_file = None if rig is None else Path(rig)
+    return _open_finished(resume_run(open_run(run).path, rig_file, _name_program(), _SILENT))
 
 
 @dataclass(frozen=True)
@@ -246,7 +244,6 @@ def reanalyze(
     run: AnyRun,
     *,
     settings: Sequence[str] = (),
-    mask: Path | str | None = None,
     attendant: Attendant = _SILENT,
 ) -> AnyResult:
     """Measure the pictures of a run again and write a new numbered result; the record stays as it is.
@@ -255,8 +252,6 @@ def reanalyze(
     ----------
     settings : sequence of str
         `dotted.key=value` each, of the sections of the protocol that may be changed afterwards: `analysis.*`.
-    mask : Path, str or None
-        A picture that is white where no needle is, or polygons as JSON.
 
     Raises
     ------
@@ -275,7 +270,6 @@ def reanalyze(
             progress=lambda done, total: progress(done / total, f"{done} of {total} {experiment.counts}"),
             created=SystemClock().utc(),
             provenance=collect_provenance(_name_program()),
-            mask=None if mask is None else load_mask(Path(mask)),
         )
 
 
@@ -304,7 +298,6 @@ def compare(
     *,
     quantity: str | None = None,
     by: Sequence[str] = (),
-    unit: str | None = None,
 ) -> Comparison:
     """Compare the newest results of runs, group by group: means, intervals and tests.
 
@@ -314,8 +307,6 @@ def compare(
         A column of the results' tables; None: `radius_mm`, else `target_error_mm`.
     by : sequence of str
         Fields to group by; none: needle and gel.
-    unit : str or None
-        What n counts: `specimen` or `insertion`; None: specimens if every group has two.
 
     Raises
     ------
@@ -327,7 +318,7 @@ def compare(
     measured, left_out = open_measured_runs([open_run(run).path for run in runs])
     if not measured and left_out:
         raise left_out[0].error
-    return compare_runs(measured, left_out, quantity=quantity, by=by, unit=unit).comparison  # type: ignore[arg-type]
+    return compare_runs(measured, left_out, quantity=quantity, by=by).comparison
 
 
 def run_campaign(
@@ -364,13 +355,8 @@ def run_campaign(
         return write_campaign(loaded, store)
 
 
-def write_report(run: AnyRun, *, result: int | None = None, private: bool = False) -> Path:
+def write_report(run: AnyRun, *, result: int | None = None) -> Path:
     """Write the page of a run again, from its newest result or that number, and return its path.
-
-    Parameters
-    ----------
-    private : bool
-        Leave out host, account, command line and the authors of notes.
 
     Raises
     ------
@@ -381,9 +367,7 @@ def write_report(run: AnyRun, *, result: int | None = None, private: bool = Fals
     """
     opened = open_run(run)
     with name_damage(opened.path, opened.damage):
-        return write_page(
-            opened, find_run_experiment(opened), load_run_result(opened, result), private=private
-        )
+        return write_page(opened, find_run_experiment(opened), load_run_result(opened, result))
 
 
 def view(run: AnyRun, *, attendant: Attendant = _SILENT) -> Path:

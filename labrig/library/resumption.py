@@ -45,7 +45,6 @@ _NOT_THE_RIG = ("faults",)
 
 def resume_run(
     path: Path,
-    protocol: Path | None,
     rig: Path | None,
     command_line: tuple[str, ...],
     attendant: Attendant,
@@ -81,7 +80,7 @@ def resume_run(
         )
     experiment.require_parts()
     recorded = load_run_protocol(run)
-    description = _require_unchanged(run, recorded, _find_sources(run, protocol, rig, attendant))
+    description = _require_unchanged(run, recorded, _find_sources(run, rig, attendant))
     past = read_past(run)
     plan = plan_run(experiment, recorded, description, past)
     if plan.problems:
@@ -148,7 +147,7 @@ def _open_undamaged(path: Path) -> Run:
     return open_run(path)
 
 
-def _find_sources(run: Run, protocol: Path | None, rig: Path | None, attendant: Attendant) -> Sources:
+def _find_sources(run: Run, rig: Path | None, attendant: Attendant) -> Sources:
     """Return the sources of protocol and rig: those named now, else those named when the run was started."""
     kept = read_sources(run.path, run.manifest)
     if kept is None:
@@ -156,8 +155,8 @@ def _find_sources(run: Run, protocol: Path | None, rig: Path | None, attendant: 
             raise InputError(f"{run.path} does not say which rig file it had", "name it with --rig FILE")
         kept = Sources(run.path / "protocol.yaml", rig, (), None)
     settings = tuple(setting for setting in kept.settings if not setting.startswith("rig.faults"))
-    sources = replace(kept, protocol=protocol or kept.protocol, rig=rig or kept.rig, settings=settings)
-    if not sources.protocol.exists() and protocol is None:
+    sources = replace(kept, rig=rig or kept.rig, settings=settings)
+    if not sources.protocol.exists():
         attendant.say(f"note: {sources.protocol} is not here; the protocol of the record is taken")
         rig_settings = tuple(setting for setting in settings if setting.startswith("rig."))
         return replace(sources, protocol=run.path / "protocol.yaml", settings=rig_settings, seed=None)

@@ -1,7 +1,7 @@
 """What people say of a run: tags, notes and a verdict, in notes.json. It may be rewritten; no checksum covers it."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -92,8 +92,3 @@ def annotate_run(
         changed = Annotations(tuple(kept), (*found.notes, *added), verdict or found.verdict)
         write_atomically(inside(run, NOTES), encode_document(asdict(changed)))
     return changed
-
-
-def without_authors(annotations: Annotations) -> Annotations:
-    """Return the annotations without the names of those who made them."""
-    return replace(annotations, notes=tuple(replace(note, by="") for note in annotations.notes))

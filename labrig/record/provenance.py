@@ -6,11 +6,10 @@ import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from labrig import __version__
 from labrig.record.json_lines import plain_text
@@ -19,7 +18,6 @@ from labrig.record.source_digest import digest_sources
 
 _SOURCE_TREE = Path(__file__).parents[2]
 _GIT_TIMEOUT_S = 10.0
-_PERSONAL = frozenset({"host", "account", "command_line", "sources", "crc32"})
 
 
 def collect_provenance(
@@ -70,23 +68,6 @@ def _read_account() -> str | None:
         return getpass.getuser()
     except (OSError, KeyError):
         return None
-
-
-def leave_out_personal(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a provenance, or a manifest with those in it, without host, account and command line.
-
-    The files and settings that a manifest quotes from the command line (`sources`) are left out too, and its checksum,
-    which no longer fits.
-    """
-    kept = {key: value for key, value in document.items() if key not in _PERSONAL}
-    if isinstance(kept.get("provenance"), Mapping):
-        kept["provenance"] = leave_out_personal(kept["provenance"])
-    if isinstance(kept.get("sessions"), list):
-        kept["sessions"] = [
-            leave_out_personal(session) if isinstance(session, Mapping) else session
-            for session in kept["sessions"]
-        ]
-    return kept
 
 
 @dataclass(frozen=True)

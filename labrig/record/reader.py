@@ -5,7 +5,6 @@ import math
 import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
@@ -55,9 +54,8 @@ from labrig.record.layout import (
     require_name,
 )
 from labrig.record.manifest import check_file, is_opening_file, read_checksum, read_manifest, read_sums
-from labrig.record.notes import Annotations, read_annotations, without_authors
+from labrig.record.notes import Annotations, read_annotations
 from labrig.record.pictures import RecordedPicture, locate_picture
-from labrig.record.provenance import leave_out_personal
 from labrig.record.remote import fetch_run, is_url, restore_url
 from labrig.record.results import finish_result, latest_result, list_results, new_result_dir, open_result
 from labrig.record.tables import add_axis_units, unescape_formula
@@ -135,15 +133,12 @@ class Run:
         The content of manifest.json.
     damage : tuple of Problem
         What is missing or was changed after it was written; a changed picture is found when it is read.
-    private : bool
-        Whether personal data is left out; see `without_personal_data`.
     """
 
     def __init__(self, path: Path, manifest: dict[str, object], damage: tuple[Problem, ...] = ()) -> None:
         self.path = path
         self.manifest = make_readable(manifest)
         self.damage = damage
-        self.private = False
         self._until_s = math.inf
 
     def _repr_html_(self) -> str:
@@ -158,25 +153,13 @@ class Run:
             for name, value in rows
             if value not in {None, ""}
         )
-        return f"<table><caption>{escape(f'Run {self.shown_path}')}</caption>{cells}</table>"
+        return f"<table><caption>{escape(f'Run {self.path}')}</caption>{cells}</table>"
 
     def until(self, t_s: float) -> "Run":
         """Return this run as it was before rig time `t_s` [s]; pictures and truths stay."""
         before = Run(self.path, self.manifest, self.damage)
-        before.private, before._until_s = self.private, t_s
+        before._until_s = t_s
         return before
-
-    def without_personal_data(self) -> "Run":
-        """Return this run without host, account, command line, its own folder, and the authors of notes."""
-        private = copy(self)
-        private.manifest = leave_out_personal(self.manifest)
-        private.private = True
-        return private
-
-    @property
-    def shown_path(self) -> str:
-        """The run as commands on a page name it: its folder, or only its name if that is private."""
-        return self.path.name if self.private else str(self.path)
 
     @property
     def sessions(self) -> tuple[Mapping[str, Any], ...]:
@@ -286,8 +269,7 @@ class Run:
     @property
     def annotations(self) -> Annotations:
         """Tags, notes and verdict of the run as they are now. Raises `RecordError` when notes.json is damaged."""
-        annotations = read_annotations(self.path)
-        return without_authors(annotations) if self.private else annotations
+        return read_annotations(self.path)
 
     @cached_property
     def protocol(self) -> Mapping[str, Any]:

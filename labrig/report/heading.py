@@ -70,10 +70,7 @@ def make_heading(
     can_resume : bool
         Whether an interrupted run can be continued.
     """
-    problems = tuple(
-        (problem.where, problem.message.replace(str(run.path), run.shown_path), problem.hint)
-        for problem in run.damage
-    )
+    problems = tuple((problem.where, problem.message, problem.hint) for problem in run.damage)
     known = {f"{where}: {message}" for where, message, _ in problems}
     measured = () if result is None else result.content.damage
     status = str(run.manifest.get("exit_status", "incomplete"))
@@ -125,7 +122,7 @@ def _describe_result(run: Run, result: AnyResult | None) -> tuple[str, ...]:
     if shown < newest:
         sentences.append(f"Result {shown} is shown; the newest is {newest}.")
     if changed:
-        others = Markup("<code>labrig report {} --result N</code>").format(shlex.quote(run.shown_path))
+        others = Markup("<code>labrig report {} --result N</code>").format(shlex.quote(str(run.path)))
         told = Markup("Result {} was measured with settings changed after the run: {}. {} shows another.")
         sentences.append(told.format(shown, ", ".join(changed), others))
     return tuple(sentences)
@@ -161,7 +158,7 @@ def _describe_ending(run: Run, status: str) -> tuple[str, ...]:
         return ()
     # Reasons for programs are words with underscores.
     recorded = str(run.manifest.get("reason") or "no reason was recorded")
-    reason = recorded.replace(str(run.path), run.shown_path).rstrip(".").replace("_", " ")
+    reason = recorded.rstrip(".").replace("_", " ")
     planned, done = run.manifest.get("trials_planned"), _count_ended_trials(run)
     made = (
         f" {done} of {format_count(planned, 'planned insertion')} ended."
@@ -193,7 +190,7 @@ def _warn_of_needle(run: Run, status: str) -> tuple[str, ...]:
 
 def _list_next_steps(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
     """Return the commands that withdraw a needle that may be in tissue, and that resume a run."""
-    steps, place = [], shlex.quote(run.shown_path)
+    steps, place = [], shlex.quote(str(run.path))
     if not _is_simulated(run) and _warn_of_needle(run, status):
         withdraw = Markup("<code>labrig devices withdraw --rig FILE --run {}</code>").format(place)
         steps.append(Markup("Take it out along its path: {}.").format(withdraw))

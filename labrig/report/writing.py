@@ -60,4 +60,4 @@ def _state_no_result(run: Run) -> Markup:
     nothing = Markup(
         "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
     )
-    return nothing.format(shlex.quote(run.shown_path))
+    return nothing.format(shlex.quote(str(run.path)))

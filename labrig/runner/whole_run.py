@@ -264,13 +264,8 @@ def _open_record(
     return open_record(opened, changes, clock, devices)
 
 
-def write_page(run: Run, experiment: Experiment, result: AnyResult | None, *, private: bool = False) -> Path:
+def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Path:
     """Write `RUN/report.html` and return its path.
-
-    Parameters
-    ----------
-    private : bool
-        Leave out host, account, command line and the authors of notes.
 
     Raises
     ------
@@ -285,8 +280,6 @@ def write_page(run: Run, experiment: Experiment, result: AnyResult | None, *, pr
     from labrig.report.writing import write_report
 
     require_devices_installed(str(run.path), run.plugin_packages)
-    if private:
-        run, result = run.without_personal_data(), None if result is None else result.without_personal_data()
     protocol = load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model})
     page = experiment.page(run, protocol, result)
     return write_report(

@@ -22,12 +22,10 @@ from labrig.errors import DiskError, FileFormatError, InputError, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
-from labrig.vision.mask import load_mask
 from tests.analysis.conftest import MeasuredRun, measure
 from tests.analysis.synthetic import (
     LENGTH_MM,
     NOW,
-    PROVENANCE,
     SyntheticSweep,
     abort_sweep,
     record_import,
@@ -420,28 +418,3 @@ def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
     assert isinstance(result.content, CurvatureResult)
     assert result.content.measurements == ()
     assert load_centre_lines(result.path).mm == {}
-
-
-def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
-    """Masked pixels are not measured, and the result keeps the mask file with its hash."""
-    (folder / "runs").mkdir()
-    file = folder / "not-needle.json"
-    file.write_text('{"*": [[[0, 0], [5000, 0], [5000, 5000], [0, 5000]]]}')
-    run = record_sweep(folder / "runs", SyntheticSweep())
-    mask = load_mask(file)
-    result = analyze_run(
-        run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask
-    )
-    assert isinstance(result.content, CurvatureResult)
-    assert not any(measurement.found for measurement in result.content.measurements)
-    assert (result.path / "mask.json").read_bytes() == file.read_bytes()
-    assert result.content.settings["mask_sha256"] == mask.sha256
-
-
-def test_a_result_can_be_shown_without_personal_data(folder: Path) -> None:
-    """Host, account and command line are left out of the shown result, and stay in the file."""
-    run = record_sweep(folder, SyntheticSweep(without_needle=frozenset({3})))
-    provenance = {**PROVENANCE, "host": "lab-pc", "account": "chen", "command_line": ["labrig"]}
-    result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=provenance)
-    assert result.without_personal_data().document == {**result.document, "provenance": PROVENANCE}
-    assert json.loads((result.path / "result.json").read_bytes())["provenance"] == provenance

@@ -13,13 +13,11 @@ from labrig.analysis.batch import Outcome, analyze_runs
 from labrig.analysis.divergence import compare_results
 from labrig.analysis.engine import Pool, open_process_pool
 from labrig.analysis.result import AnalysisResult
-from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, RecordError, WorkersError
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.agreement import Verdict
 from labrig.record.layout import MANIFEST
 from labrig.record.reader import open_run
-from labrig.vision.mask import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
 
 FIRST = Path(__file__).parents[2] / "tests" / "records" / "steerability"
@@ -65,31 +63,6 @@ def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
     outcomes = analyze(runs, overrides=["analysis.window_start_mm=-1"])
     assert [type(outcome) for outcome in outcomes] == [FileFormatError, FileFormatError]
     assert all(isinstance(outcome, FileFormatError) and outcome.problems for outcome in outcomes)
-
-
-def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> None:
-    """Analysed together, each run keeps its mask and has the numbers of an analysis alone."""
-    polygon = tmp_path / "mask.json"
-    polygon.write_text('{"*": [[[0, 0], [40, 0], [40, 40]]]}')
-    mask = load_mask(polygon)
-    runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
-    alone = [
-        analyze_run(
-            open_run(run),
-            find_run_experiment(open_run(run)),
-            workers=1,
-            created=NOW,
-            provenance=PROVENANCE,
-            mask=mask,
-        )
-        for run in runs
-    ]
-    together = analyze(runs, mask=mask)
-    for run, single, other in zip(runs, alone, together, strict=True):
-        assert isinstance(other, AnalysisResult)
-        assert compare_results(single.document, other.document).verdict is Verdict.IDENTICAL
-        assert (run / "analysis" / "003" / "mask.json").read_bytes() == mask.content
-        assert other.document["settings"]["mask_sha256"] == mask.sha256
 
 
 class _FarExecutor(Executor):

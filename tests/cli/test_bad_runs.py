@@ -19,7 +19,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "replay": ("replay", "RUN"),
     "reanalyze": ("reanalyze", "RUN"),
     "report": ("report", "RUN"),
-    "view": ("view", "RUN", "--no-open"),
+    "view": ("view", "RUN", "--json"),
     "export csv": ("export", "RUN", "--format", "csv", "--out", "TABLES"),
     "export record": ("export", "RUN", "--format", "record", "--out", "TABLES"),
     "annotate": ("runs", "annotate", "RUN", "--tag", "pilot", "--note", "cloudy"),

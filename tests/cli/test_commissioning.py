@@ -221,7 +221,15 @@ def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench:
     stood_mm = at_bench.shaft_mm(1, 2)
     assert stood_mm > 0.9
     at_bench.types("yes", "yes", "yes", "yes")
-    done = labrig("devices", "withdraw", "--runs-dir", folder, "--rig", at_bench.rig, "--json")
+    done = labrig(
+        "devices",
+        "withdraw",
+        "--run",
+        folder / str(at_bench.state()["since_run"]),
+        "--rig",
+        at_bench.rig,
+        "--json",
+    )
     assert done.exit_code == 0, done.err
     assert done.err.count("0x8130") == 3
     assert "have lost their positions" not in done.err
@@ -235,13 +243,15 @@ def _in_fault(drive: SimulatedCia402Drive) -> bool:
     return any(event.kind == "emergency" for event in drive.journal) and not drive.is_moving
 
 
-def test_an_interrupted_withdrawal_is_continued(labrig: Labrig, at_bench: BenchAt) -> None:
+def test_an_interrupted_withdrawal_is_continued(
+    labrig: Labrig, at_bench: BenchAt, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The needle is not reported out; the next withdrawal starts at the end of the first."""
     run = _leave_in_tissue(at_bench.rig.parent)
     at_bench.remember(needle_in_tissue=True, since_run="killed")
     at_bench.types("yes", "yes", "no")
-    by_name = ("--run", run.name, "--runs-dir", run.parent)
-    first = labrig("devices", "withdraw", *by_name, "--rig", at_bench.rig, "--json")
+    monkeypatch.setenv("LABRIG_RUNS_DIR", str(run.parent))
+    first = labrig("devices", "withdraw", "--run", run.name, "--rig", at_bench.rig, "--json")
     assert f"again: labrig devices withdraw --rig {at_bench.rig} --run " in first.err
     assert (first.exit_code, first.json()["exit_status"]) == (3, "aborted")
     assert at_bench.state()["needle_in_tissue"] is True
@@ -249,7 +259,7 @@ def test_an_interrupted_withdrawal_is_continued(labrig: Labrig, at_bench: BenchA
     wrong = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig)
     assert (wrong.exit_code, "not by killed" in wrong.err) == (2, True)
     at_bench.types("yes", "yes", "yes")
-    second = labrig("devices", "withdraw", "--runs-dir", run.parent, "--rig", at_bench.rig, "--json")
+    second = labrig("devices", "withdraw", "--rig", at_bench.rig, "--json")
     assert (second.exit_code, at_bench.state()["needle_in_tissue"]) == (0, False)
     assert abs(at_bench.shaft_mm(1, 2) - stood_mm) < 0.02
 

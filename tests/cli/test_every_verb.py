@@ -116,7 +116,7 @@ def test_a_run_is_shown(run: Path, labrig: Labrig) -> None:
     (run / "report.html").unlink(missing_ok=True)
     (row,) = labrig("report", run, "--json").json()
     assert (row["ok"], row["reason"], Path(row["report"])) == (True, None, run / "report.html")
-    done = labrig("view", run, "--no-open", "--json")
+    done = labrig("view", run, "--json")
     assert (done.exit_code, done.json()["ok"], done.json()["reason"]) == (0, True, None)
     assert (run / "view.rrd").stat().st_size > 0
 
@@ -142,7 +142,7 @@ def test_changed_pictures_are_named_and_not_used(
     for picture in pictures:
         flip_bit(picture)
     copy = ("export", run, "--format", "record", "--out", tmp_path / "copy")
-    for words in (("reanalyze", run), ("view", run, "--no-open"), ("runs", "check", run), copy):
+    for words in (("reanalyze", run), ("view", run, "--json"), ("runs", "check", run), copy):
         done = labrig(*words)
         named = any(picture.name in done.out + done.err for picture in pictures)
         assert (done.exit_code, named) == (4, True), words
@@ -206,7 +206,7 @@ def test_a_killed_run_is_read_by_every_command(
         assert measured.exit_code == 0
     for words in (
         ("report", killed),
-        ("view", killed, "--no-open"),
+        ("view", killed, "--json"),
         (
             "export",
             killed,

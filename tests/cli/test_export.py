@@ -5,13 +5,10 @@ from pathlib import Path
 
 import cv2
 import fsspec
-import pandas as pd
 import pytest
-import scipy.io
 
-from labrig.record.notes import annotate_run
 from tests.cli.conftest import ROOT, SWEEP, Labrig
-from tests.record.runs import ENDED, closed_run
+from tests.record.runs import closed_run
 
 FIRST = ROOT / "tests" / "records" / "steerability"
 
@@ -53,7 +50,7 @@ def test_commands_that_read_take_a_url(labrig: Labrig, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ["report"], ["view", "--no-open"], ["reanalyze"], ["resume"],
+        ["report"], ["view", "--json"], ["reanalyze"], ["resume"],
         ["runs", "annotate", "--tag", "x"],
     ],
 )  # fmt: skip
@@ -145,53 +142,6 @@ def test_tables_in_the_folder_of_runs_are_no_run(labrig: Labrig, tmp_path: Path)
     for condition in ((), ("--where", "exit_status=success")):
         listed = labrig("runs", "--runs-dir", runs, *condition, "--json").json()
         assert sorted(Path(row["run"]).name for row in listed) == ["copy", "first"]
-
-
-@pytest.fixture
-def personal_run(tmp_path: Path) -> Path:
-    """Return a run with a note, whose record names a computer, an account, and folders of that account."""
-    provenance = {
-        "host": "lab-pc-7",
-        "account": "chen-x",
-        "command_line": ["labrig", "run", "/home/chen-x/a.yaml"],
-    }
-    run = closed_run(tmp_path, "sweep", provenance=provenance, sources={"protocol": "/home/chen-x/a.yaml"})
-    annotate_run(run, note="gel 3 was cloudy", by="chen-x", at=ENDED)
-    return run
-
-
-_PERSONAL = (b"lab-pc-7", b"chen-x")
-
-
-def test_a_private_report_names_no_person_and_no_computer(labrig: Labrig, personal_run: Path) -> None:
-    """With --private the page leaves out host, account, command line and authors, and keeps the rest."""
-    page = personal_run / "report.html"
-    assert labrig("report", personal_run).exit_code == 0
-    assert all(word in page.read_bytes() for word in _PERSONAL)
-    assert labrig("report", personal_run, "--private").exit_code == 0
-    assert not any(word in page.read_bytes() for word in (*_PERSONAL, bytes(personal_run.parent)))
-    assert b"gel 3 was cloudy" in page.read_bytes()
-
-
-def test_private_tables_name_no_person_and_no_computer(
-    labrig: Labrig, personal_run: Path, tmp_path: Path
-) -> None:
-    """Private tables hold no personal data in any format; a private copy of a record is refused."""
-    out = tmp_path / "tables"
-    formats = ("--format", "csv", "--format", "parquet", "--format", "matlab")
-    assert labrig("export", personal_run, *formats, "--out", out).exit_code == 0
-    assert b"lab-pc-7" in (out / "manifest.json").read_bytes()
-    assert b"chen-x" in (out / "notes.csv").read_bytes()
-    assert labrig("export", personal_run, *formats, "--out", out, "--force", "--private").exit_code == 0
-    for file in out.iterdir():
-        assert not any(word in file.read_bytes() for word in _PERSONAL), file
-    mat = scipy.io.loadmat(out / "run.mat", simplify_cells=True)
-    assert "lab-pc-7" not in mat["run"]["manifest_json"]
-    assert pd.read_parquet(out / "notes.parquet")["by"].tolist() == [""]
-    done = labrig(
-        "export", personal_run, "--format", "record", "--private", "--out", tmp_path / "copy", "--json"
-    )
-    assert (done.exit_code, done.json()["error"]["type"]) == (2, "InputError")
 
 
 def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:

@@ -204,7 +204,7 @@ def test_a_record_is_read_without_the_packages_that_made_it(
         ("runs", "--runs-dir", tmp_path),
         ("runs", "check", outside_run),
         ("runs", "annotate", outside_run, "--tag", "good"),
-        ("view", outside_run, "--no-open"),
+        ("view", outside_run, "--json"),
         ("export", outside_run, "--format", "csv", "--out", tmp_path / "tables"),
     ):
         done = labrig(*command)
@@ -232,7 +232,7 @@ def test_a_record_whose_device_alone_is_missing_is_read_but_not_computed(
     for command in (
         ("runs", "--runs-dir", tmp_path),
         ("runs", "check", outside_run),
-        ("view", outside_run, "--no-open"),
+        ("view", outside_run, "--json"),
         ("export", outside_run, "--format", "csv", "--out", tmp_path / "tables"),
     ):
         done = labrig(*command)

@@ -141,9 +141,9 @@ def test_a_browser_shows_the_page_without_an_error(sweep: SweepRun, tmp_path: Pa
 
 
 def test_the_view_is_made_from_the_record(labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:
-    """`labrig view` can make RUN/view.rrd without opening the viewer."""
+    """`labrig view --json` makes RUN/view.rrd without opening the viewer."""
     run = shutil.copytree(sweep.run, tmp_path / "copy")
-    document = labrig("view", run, "--no-open", "--json").json()
+    document = labrig("view", run, "--json").json()
     assert Path(document["view"]).stat().st_size > 100_000
 
 
@@ -156,10 +156,10 @@ def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path:
         shutil.copy(picture, folder)
     (imported,) = labrig(
         "import", folder, "--px-per-mm", 5.607, "--origin-px", 70, 50, "--insertion", "down", "--needle-diameter-mm", 1,
-        "--roll-sd-deg", 3, "--runs-dir", tmp_path / "runs", "--json",
+        "--runs-dir", tmp_path / "runs", "--json",
     ).json()  # fmt: skip
     assert imported["ok"] is True
-    done = labrig("reanalyze", imported["run"], "--json")
+    done = labrig("reanalyze", imported["run"], "--set", "analysis.roll_sd_deg=3", "--json")
     assert done.exit_code == 0
     import json
 

@@ -126,7 +126,6 @@ def test_what_has_changed_is_refused_with_the_difference(
     cut: Path, labrig: Labrig, tmp_path: Path, what: str, words: str
 ) -> None:
     """Another protocol, rig or calibration exits with 2, names each value, and leaves the record unchanged."""
-    before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
     settings = json.loads((cut / "manifest.json").read_text())["sources"]["settings"]
     assert settings
     changed = tmp_path / "changed"
@@ -140,9 +139,13 @@ def test_what_has_changed_is_refused_with_the_difference(
     (changed / "p.yaml").write_text(
         sweep.replace("length_mm: 40", "length_mm: 39") if what == "protocol" else sweep
     )
+    manifest = json.loads((cut / "manifest.json").read_text())
+    manifest["sources"]["protocol"] = str(changed / "p.yaml")
+    (cut / "manifest.json").write_text(json.dumps(manifest))
+    before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
     for template in (ROOT / "calibration").glob("simulated-*.png"):
         (changed / template.name).write_bytes(template.read_bytes())
-    done = labrig("resume", cut, "--protocol", changed / "p.yaml", "--rig", changed / "rig.yaml")
+    done = labrig("resume", cut, "--rig", changed / "rig.yaml")
     assert done.exit_code == 2
     assert words in done.err
     assert {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()} == before

@@ -215,23 +215,13 @@ def test_a_damaged_run_does_not_go_on(tmp_path: Path) -> None:
             reopen_run(recorder.path, "labrig resume")
 
 
-def test_a_view_of_a_run_keeps_what_is_left_out(tmp_path: Path) -> None:
-    """A private run before some time is private too."""
-    run = open_run(closed_run(tmp_path, provenance={"host": "bench", "labrig": "1"})).without_personal_data()
-    before = run.until(10.0)
-    assert before.private
-    assert before.manifest["provenance"] == {"labrig": "1"}
-    assert len(before.states) == 3
-
-
 def test_a_run_shows_itself_in_a_notebook(tmp_path: Path) -> None:
-    """What it is and what is wrong with it; text of the record is escaped, and a private run names no folder."""
+    """What it is and what is wrong with it; text of the record is escaped."""
     path = closed_run(tmp_path, title="<b>&")
     flip_bit(path / "states.jsonl")
     shown = open_run(path)._repr_html_()
     assert "&lt;b&gt;&amp;" in shown
     assert "states.jsonl" in shown
-    assert str(tmp_path) not in open_run(path).without_personal_data()._repr_html_()
 
 
 def test_two_runs_are_compared_value_by_value(tmp_path: Path) -> None:

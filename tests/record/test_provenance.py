@@ -16,7 +16,6 @@ from labrig.record.provenance import (
     collect_code_diff,
     collect_provenance,
     find_code_changes,
-    leave_out_personal,
 )
 
 
@@ -103,24 +102,6 @@ def test_new_files_that_are_no_code_stay_out_of_the_record(tmp_path: Path) -> No
     assert b"+3" in diff
     assert b"SECRET" not in diff
     assert b"outside.py" not in diff
-
-
-def test_personal_data_is_left_out_of_every_session() -> None:
-    """Host, account and command line go, also from the sessions of a resumed run; the code and the seed stay."""
-    personal = {"host": "lab-pc", "account": "chen", "command_line": ["labrig", "run", "/home/chen/a.yaml"]}
-    code = {"git_commit": "1234"}
-    manifest = {
-        "seed": 7,
-        "provenance": {**personal, **code},
-        "sources": {"protocol": "/home/chen/a.yaml"},
-        "sessions": [{"t0_s": 3.0, "provenance": {**personal, **code}}],
-        "crc32": "00000000",
-    }
-    assert leave_out_personal(manifest) == {
-        "seed": 7,
-        "provenance": code,
-        "sessions": [{"t0_s": 3.0, "provenance": code}],
-    }
 
 
 def test_code_that_is_no_checkout_says_so(tmp_path: Path) -> None:

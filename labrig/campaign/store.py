@@ -143,11 +143,11 @@ class CampaignStore:
         try:
             with disk_errors(self._file.path):
                 self._file.append(b"".join(map(encode_line, rows)))
+                self.done += len(rows)  # before the sync, at which a signal may end this
                 self._file.sync()
         except DiskError as error:
             hint = f"{error.hint}; {self.done} tasks are done, and the same command goes on behind them"
             raise error.reword(error.message, hint) from error
-        self.done += len(rows)
 
     @property
     def table_file(self) -> Path:

@@ -47,13 +47,9 @@ def intrinsics(
     square_mm: Annotated[float, typer.Option(help="Side of a square.")],
     charuco: Annotated[
         str | None,
-        typer.Option(
-            metavar="DICTIONARY", help="Dictionary of a ChArUco board, e.g. DICT_5X5_100.", show_default=False
-        ),
+        typer.Option(metavar="DICTIONARY", help="Dictionary of a ChArUco board, e.g. DICT_5X5_100."),
     ] = None,
-    marker_mm: Annotated[
-        float | None, typer.Option(help="Side of a ChArUco board's marker.", show_default=False)
-    ] = None,
+    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco board's marker.")] = None,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,

@@ -43,15 +43,13 @@ def plane(
     insertion: InsertionOption,
     pitch_mm: Annotated[float, typer.Option(help="Distance between the paper's nearest lines.")] = 1.0,
     px_per_mm: Annotated[
-        float | None,
-        typer.Option(help="Scale of the picture, to 20 %. Default: by the distance.", show_default=False),
+        float | None, typer.Option(help="Scale of the picture, to 20 %. Default: by the distance.")
     ] = None,
     distance_mm: Annotated[
         float | None,
         typer.Option(
             help="Distance from camera to paper by tape, to 20 %. Default: camera.distance_mm of the rig file, else "
-            "the scale of the rig's last plane map, else you click two marks.",
-            show_default=False,
+            "the scale of the rig's last plane map, else you click two marks."
         ),
     ] = None,
     intrinsics: IntrinsicsOption = None,
@@ -60,13 +58,9 @@ def plane(
         typer.Option(
             metavar="FILE",
             help="YAML file with the keys gel and paper_sigma_mm of a calibration protocol's section plane.",
-            show_default=False,
         ),
     ] = None,
-    rig: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Rig file. Default: $LABRIG_RIG.", show_default=False),
-    ] = None,
+    rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Rig file. Default: $LABRIG_RIG.")] = None,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,

@@ -9,9 +9,7 @@ import typer
 from labrig.cli.output import failure_lines, print_json, say
 from labrig.errors import CalibrationRefusedError, InputError, OutputExistsError
 
-OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
-]
+OutOption = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.")]
 ForceOption = Annotated[
     bool,
     typer.Option(

@@ -1,15 +1,15 @@
 """What `labrig devices camera` does: takes pictures, scores each, and shows them at the terminal or in a browser."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import IO, cast
 
 from labrig.cli.calibration_files import require_writable
-from labrig.cli.camera_watch import CameraWatch, ScoredPicture, Show
+from labrig.cli.camera_watch import CameraWatch
 from labrig.cli.output import (
     SafeStandardError,
     escape_controls,
@@ -24,12 +24,11 @@ from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import write_atomically
 from labrig.errors import InputError
-from labrig.report.picture_page import PicturePage, ShownPicture
+from labrig.report.picture_page import NO_PICTURE, PicturePage, ShownPicture
 from labrig.report.web_page import suggest_forwarding
 from labrig.runner.sight import load_plane_map
 from labrig.vision.camera_frame import CameraInUse, encode_frame
 from labrig.vision.landmarks import Landmark, find_landmarks
-from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import Score
 from labrig.vision.plane import PlaneMap
 
@@ -40,37 +39,19 @@ _SHEATH_MM = 2.0
 _STATUS = {True: "PASS", False: "FAIL", None: "WARN"}
 
 
-@dataclass(frozen=True)
-class CameraOrder:
-    """What to look at, and how.
+def view_camera(
+    rig: RigDescription, *, web: bool, pictures: int | None, save: Path | None, as_json: bool
+) -> int:
+    """Show the camera of a rig, and return the exit code.
 
-    Attributes
+    Parameters
     ----------
-    rig : RigDescription
     web : bool
         Whether a page is served.
     pictures : int or None
-        How many pictures; None: until interrupted, or a default number where nobody could interrupt.
+        How many; None: until interrupted, or a default number where nobody could interrupt.
     save : Path or None
         Where the last picture is written.
-    as_json : bool
-    """
-
-    rig: RigDescription
-    web: bool
-    pictures: int | None
-    save: Path | None
-    as_json: bool
-
-    @property
-    def wanted(self) -> int | None:
-        """How many pictures are taken; None: until interrupted."""
-        watched = self.web or (sys.stdout.isatty() and not self.as_json and self.save is None)
-        return self.pictures if self.pictures is not None or watched else _COUNTED
-
-
-def view_camera(order: CameraOrder) -> int:
-    """Show the camera of a rig, and return the exit code.
 
     Raises
     ------
@@ -79,31 +60,53 @@ def view_camera(order: CameraOrder) -> int:
     LockedError, CameraError
         When the camera cannot be opened, or gives no picture.
     """
-    _require_png(order.save)
-    require_writable(order.save, force=False, hint="choose another name")
+    if save is not None and save.suffix.lower() != ".png":
+        raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
+    require_writable(save, force=False, hint="choose another name")
+    is_watched = sys.stdout.isatty() and not as_json and save is None
+    wanted = pictures if pictures is not None or web or is_watched else _COUNTED
     with ExitStack() as stack:
         interrupted = stack.enter_context(note_signals())
-        camera = stack.enter_context(open_camera(order.rig, "labrig devices camera"))
-        shows = stack.enter_context(_open_shows(order, camera))
-        watch = CameraWatch(camera, order.wanted, interrupted, shows)
-        search = partial(_search, order, camera)
-        if order.wanted is None or order.web:
+        camera = stack.enter_context(open_camera(rig, "labrig devices camera"))
+        in_use = CameraInUse(
+            driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings.in_use
+        )
+        shows: list[Callable[[ShownPicture], None]] = []
+        if web:
+            page = stack.enter_context(closing(PicturePage()))
+            say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
+            shows.append(page.show)
+        if sys.stdout.isatty() and not as_json and wanted is None:
+            shows.append(stack.enter_context(_open_table()))
+        shown = ShownPicture(0, NO_PICTURE, f"Camera of rig {rig.name}", camera=in_use)
+        watch = CameraWatch(camera, shown, wanted, interrupted, shows)
+        search = partial(
+            find_landmarks, plane=partial(_load_valid_plane, rig, camera), sheath_diameter_mm=_SHEATH_MM
+        )
+        if wanted is None or web:
             watch.search(search)
         while not watch.has_ended:
             watch.step()
-    if watch.last is None:
+    last = watch.last
+    if last is None:
         return _INTERRUPTED
     if not watch.landmarks and watch.interrupted() is None:
-        watch.landmarks = search(watch.last.image)
-    _report(order, watch, camera)
-    _save(order.save, watch.last.image, _describe_camera(order.rig, camera))
+        watch.landmarks = search(last.image)
+    document = {
+        "rig": rig.name,
+        "camera": in_use.model_dump(),
+        "ok": False not in [score.good for score in last.scores],
+        "pictures": watch.taken,
+        "landmarks": [asdict(mark) for mark in watch.landmarks],
+    }
+    show(document, as_json, lambda _: _print(rig, last, watch.landmarks))
+    if save is not None:
+        require_writable(save, force=False, hint="choose another name")  # somebody may have made it meanwhile
+        write_atomically(save, encode_frame(last.image, in_use))
+        say(f"written: {save}")
     if watch.interrupted() is not None:
         return _INTERRUPTED
-    return 1 if any(score.good is False for score in watch.last.scores) else 0
-
-
-def _search(order: CameraOrder, camera: Camera, image: Picture) -> tuple[Landmark, ...]:
-    return find_landmarks(image, partial(_load_valid_plane, order.rig, camera), _SHEATH_MM)
+    return 0 if document["ok"] else 1
 
 
 def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
@@ -113,67 +116,28 @@ def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
     return load_plane_map(rig)
 
 
-# Showing
-
-
 @contextmanager
-def _open_shows(order: CameraOrder, camera: Camera) -> Iterator[Show]:
-    """Open what shows pictures while they are taken: a page, a table on a terminal, both, or nothing."""
-    with ExitStack() as stack:
-        shows: list[Show] = []
-        if order.web:
-            page = stack.enter_context(closing(PicturePage()))
-            say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
-            heading, camera_of_rig = f"Camera of rig {order.rig.name}", _describe_camera(order.rig, camera)
-
-            def show_in_page(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
-                page.show(
-                    ShownPicture(
-                        picture.number,
-                        picture.image,
-                        heading,
-                        scores=picture.scores,
-                        landmarks=landmarks,
-                        camera=camera_of_rig,
-                    )
-                )
-
-            shows.append(show_in_page)
-        if sys.stdout.isatty() and not order.as_json and order.wanted is None:
-            shows.append(stack.enter_context(_open_table()))
-
-        def show_all(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
-            for each in shows:
-                each(picture, landmarks)
-
-        yield show_all
-
-
-@contextmanager
-def _open_table() -> Iterator[Show]:
+def _open_table() -> Iterator[Callable[[ShownPicture], None]]:
     """Keep a table on the terminal up to date; it is gone in the end."""
     from rich.console import Console
     from rich.live import Live
-    from rich.table import Table
     from rich.text import Text
 
     console = Console(file=cast("IO[str]", SafeStandardError()))
     with Live(console=console, refresh_per_second=8, transient=True) as live:
 
-        def show_row(picture: ScoredPicture, landmarks: tuple[Landmark, ...]) -> None:
-            table = Table.grid(padding=(0, 2))
-            table.add_row("", f"picture {picture.number}; Ctrl+C ends")
+        def show_lines(picture: ShownPicture) -> None:
+            lines = [f"picture {picture.number}; Ctrl+C ends"]
             for check in _list_checks(picture.scores):
-                value = "\n".join(filter(None, (f"{check['check']}: {check['value']}", check["solution"])))
-                table.add_row(check["status"], Text(escape_controls(value)))
-            for landmark in landmarks:
-                table.add_row("", Text(escape_controls(_describe(landmark))))
-            live.update(table)
+                lines.append(f"{check['status']:4}  {check['check']}: {check['value']}")
+                lines += [f"      {check['solution']}"] if check["solution"] else []
+            lines += [f"      {_describe(landmark)}" for landmark in picture.landmarks]
+            live.update(Text(escape_controls("\n".join(lines))))
 
-        yield show_row
+        yield show_lines
 
 
-def _list_checks(scores: tuple[Score, ...]) -> list[dict[str, str]]:
+def _list_checks(scores: Sequence[Score]) -> list[dict[str, str]]:
     """Return scores as checks."""
     return [
         {
@@ -190,41 +154,8 @@ def _describe(landmark: Landmark) -> str:
     return f"{landmark.name}: {landmark.text if landmark.found else f'not found: {landmark.text}'}"
 
 
-def _report(order: CameraOrder, watch: CameraWatch, camera: Camera) -> None:
-    """Print the scores of the last picture; as JSON those of all, if their number was given."""
-    assert watch.last is not None
-    document = {
-        "rig": order.rig.name,
-        "camera": _describe_camera(order.rig, camera).model_dump(),
-        "ok": False not in [score.good for score in watch.last.scores],
-        "pictures": watch.taken,
-        "landmarks": [asdict(mark) for mark in watch.landmarks],
-    }
-    show(document, order.as_json, lambda _: _print(order, watch, watch.last))
-
-
-def _print(order: CameraOrder, watch: CameraWatch, last: ScoredPicture | None) -> None:
-    if last is not None:
-        print_line(f"picture {last.number} of rig {order.rig.name}")
-        print_checks(_list_checks(last.scores), as_json=False)
-    for landmark in watch.landmarks:
+def _print(rig: RigDescription, last: ShownPicture, landmarks: Sequence[Landmark]) -> None:
+    print_line(f"picture {last.number} of rig {rig.name}")
+    print_checks(_list_checks(last.scores), as_json=False)
+    for landmark in landmarks:
         print_line(f"      {_describe(landmark)}", 6)
-
-
-def _describe_camera(rig: RigDescription, camera: Camera) -> CameraInUse:
-    """Return the camera as a calibration keeps it."""
-    return CameraInUse(driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings.in_use)
-
-
-def _require_png(save: Path | None) -> None:
-    if save is not None and save.suffix.lower() != ".png":
-        raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
-
-
-def _save(path: Path | None, image: Picture, camera: CameraInUse) -> None:
-    """Write a test frame. Raises `OutputExistsError` if somebody has made a file of that name meanwhile."""
-    if path is None:
-        return
-    require_writable(path, force=False, hint="choose another name")
-    write_atomically(path, encode_frame(image, camera))
-    say(f"written: {path}")

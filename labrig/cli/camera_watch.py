@@ -1,8 +1,8 @@
 """Takes pictures of a camera and scores each, while landmarks are searched in one of them beside that."""
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -11,26 +11,14 @@ from labrig.clock import Clock
 from labrig.devices.camera import Camera
 from labrig.devices.clocks import SystemClock
 from labrig.devices.worker import WorkerThread
+from labrig.report.picture_page import ShownPicture
 from labrig.vision.landmarks import Landmark
 from labrig.vision.picture import Picture
-from labrig.vision.picture_quality import Score, judge_quality, measure_flicker, measure_quality
+from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
 
 _REMEMBERED = 64
 _PERIOD_S = 0.1
 """Shortest time between two pictures that a person watches: nobody sees more, and a simulated camera has no rate."""
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredPicture:
-    """A picture with its number, from 1, and its scores."""
-
-    number: int
-    image: Picture
-    scores: tuple[Score, ...]
-
-
-Show = Callable[[ScoredPicture, tuple[Landmark, ...]], None]
-"""Shows a picture, and the landmarks of one shortly before."""
 
 
 @dataclass
@@ -40,28 +28,31 @@ class CameraWatch:
     Attributes
     ----------
     camera : Camera
+    shown : ShownPicture
+        Heading and camera of every picture that is shown.
     wanted : int or None
         How many pictures; None: until a signal comes.
     interrupted : SignalNote
-    show : callable
-        Shows each picture.
+    shows : sequence of callable
+        Each shows every picture, with its scores and the landmarks of one shortly before.
     clock : Clock
         Paces pictures that a person watches.
     taken : list
         The scores of every picture, ready for JSON, if a number is wanted.
-    last : ScoredPicture or None
+    last : ShownPicture or None
         The newest.
     landmarks : tuple of Landmark
         Those of the last picture that was searched; empty before.
     """
 
     camera: Camera
+    shown: ShownPicture
     wanted: int | None
     interrupted: SignalNote
-    show: Show
+    shows: Sequence[Callable[[ShownPicture], None]]
     clock: Clock = field(default_factory=SystemClock)
     taken: list[dict[str, Any]] = field(default_factory=list)
-    last: ScoredPicture | None = None
+    last: ShownPicture | None = None
     landmarks: tuple[Landmark, ...] = ()
     _times_s: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _means: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
@@ -85,10 +76,17 @@ class CameraWatch:
         self._times_s.append(frame.t_s)
         self._means.append(quality.mean_grey)
         scores = judge_quality(quality, measure_flicker(self._times_s, self._means))
-        self.last = ScoredPicture(frame.sequence + 1, frame.image, scores)
+        self.last = replace(
+            self.shown,
+            number=frame.sequence + 1,
+            image=frame.image,
+            scores=scores,
+            landmarks=self.landmarks,
+        )
         if self.wanted is not None:
             self.taken.append({"picture": self.last.number, "scores": [asdict(score) for score in scores]})
-        self.show(self.last, self.landmarks)
+        for show in self.shows:
+            show(self.last)
 
     def search(self, find: Callable[[Picture], tuple[Landmark, ...]]) -> None:
         """Search one picture after another for landmarks, and take and show pictures meanwhile, to the end."""

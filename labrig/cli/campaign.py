@@ -17,7 +17,6 @@ def campaign(
             "--set",
             metavar="KEY=VALUE",
             help="Override a key of the campaign file, such as repetitions=5; repeatable.",
-            show_default=False,
         ),
     ] = None,
     workers: WorkersOption = None,
@@ -27,7 +26,6 @@ def campaign(
         typer.Option(
             metavar="DIR",
             help="Folder of the campaign; one that was begun is gone on with. Default: data/campaigns/NAME.",
-            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,

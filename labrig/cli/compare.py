@@ -28,11 +28,7 @@ def compare(
     ] = None,
     where: Annotated[
         str | None,
-        typer.Option(
-            metavar="CONDITION",
-            help="Compare the runs that fit, as for labrig runs --where.",
-            show_default=False,
-        ),
+        typer.Option(metavar="CONDITION", help="Compare the runs that fit, as for labrig runs --where."),
     ] = None,
     quantity: Annotated[
         str | None,
@@ -40,7 +36,6 @@ def compare(
             metavar="NAME",
             help="A column of the results' tables, or TABLE.COLUMN. Default: that of a campaign's page; of runs "
             "radius_mm, else target_error_mm.",
-            show_default=False,
         ),
     ] = None,
     by: Annotated[
@@ -50,17 +45,12 @@ def compare(
             metavar="FIELD",
             help="Group by needle, gel, specimen, hole, run, another column, or a key of the protocol; repeatable. "
             "Default: needle and gel.",
-            show_default=False,
         ),
     ] = None,
     runs_dir: RunsDirOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="New folder to write to. Default: a new one in data/comparisons.",
-            show_default=False,
-        ),
+        typer.Option(metavar="DIR", help="New folder to write to. Default: a new one in data/comparisons."),
     ] = None,
     as_json: AsJson = False,
 ) -> int:

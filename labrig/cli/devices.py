@@ -30,11 +30,11 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when a check failed."""
-    from labrig.cli.plugin_faults import find_plugin_faults
     from labrig.devices.check import check_rig
     from labrig.devices.check_result import CheckResult, CheckStatus
     from labrig.devices.dead_man import try_dead_man
     from labrig.devices.rig_file import load_rig
+    from labrig.library.plugin_faults import find_plugin_faults
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
     description = load_rig(find_rig_file(rig))
@@ -81,24 +81,19 @@ def camera(
             max=100_000,
             help="Take so many pictures and end. Default: until interrupted; with --json, --save or without a "
             "terminal 16.",
-            show_default=False,
         ),
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.png",
-            help="Write the last picture to a new file, as a test frame.",
-            show_default=False,
-        ),
+        typer.Option(metavar="FILE.png", help="Write the last picture to a new file, as a test frame."),
     ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when a score of the last picture is beyond its limit, and with 130 when interrupted."""
-    from labrig.cli.camera_view import CameraOrder, view_camera
+    from labrig.cli.camera_view import view_camera
     from labrig.devices.rig_file import load_rig
 
-    return view_camera(CameraOrder(load_rig(find_rig_file(rig)), web, pictures, save, as_json))
+    return view_camera(load_rig(find_rig_file(rig)), web=web, pictures=pictures, save=save, as_json=as_json)
 
 
 @app.command("simulate", help="Serve simulated EPOS2 drives to any CANopen client, until interrupted.")

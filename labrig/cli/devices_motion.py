@@ -30,10 +30,7 @@ CurrentOption = Annotated[
 
 def home(
     axis: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--axis", metavar="NAME", help=f"{_NAMES}; repeatable. Default: all.", show_default=False
-        ),
+        list[str] | None, typer.Option("--axis", metavar="NAME", help=f"{_NAMES}; repeatable. Default: all.")
     ] = None,
     needle: Annotated[
         Literal["mounted", "none"],
@@ -42,8 +39,7 @@ def home(
     method: Annotated[
         int | None,
         typer.Option(
-            help="Homing method of the drive; 35 homes where the axis stands. Default: the rig file's.",
-            show_default=False,
+            help="Homing method of the drive; 35 homes where the axis stands. Default: the rig file's."
         ),
     ] = None,
     rig: RigOption = None,
@@ -74,23 +70,19 @@ def jog(
             "--distance",
             help="Signed distance in mm or rad; without a reference at most 20 mm or half a turn. "
             "Default: 10 mm or a quarter turn.",
-            show_default=False,
         ),
     ] = None,
     check: Annotated[
         Literal["travel", "backlash", "limits"] | None,
         typer.Option(
             help="travel: compare with your reading of graph paper. backlash: measure the play on the way back. "
-            "limits: go to both limits of a referenced axis.",
-            show_default=False,
+            "limits: go to both limits of a referenced axis."
         ),
     ] = None,
     speed: Annotated[
         float | None,
         typer.Option(
-            "--speed",
-            help="Speed in mm/s or rad/s, at most 5 mm/s or 1 rad/s. Default: 1 mm/s or 0.2 rad/s.",
-            show_default=False,
+            "--speed", help="Speed in mm/s or rad/s, at most 5 mm/s or 1 rad/s. Default: 1 mm/s or 0.2 rad/s."
         ),
     ] = None,
     rig: RigOption = None,
@@ -119,10 +111,7 @@ def withdraw(
     run: Annotated[
         Path | None,
         typer.Option(
-            "--run",
-            metavar="RUN",
-            help="Run that left the needle. Default: the run that the rig remembers.",
-            show_default=False,
+            "--run", metavar="RUN", help="Run that left the needle. Default: the run that the rig remembers."
         ),
     ] = None,
     at: Annotated[
@@ -132,7 +121,6 @@ def withdraw(
             metavar="AXIS=POSITION",
             help="Where an axis stands, in mm or rad, if not as recorded: insertion=12.5 is the needle outside the "
             "sheath; repeatable.",
-            show_default=False,
         ),
     ] = None,
     rig: RigOption = None,

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.damage import report_damage, require_undamaged
-from labrig.cli.options import RunUrlArgument
+from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.progress import show_working
 from labrig.errors import InputError, Problem, RecordError
@@ -31,23 +31,18 @@ _TABLES = frozenset({Format.CSV, Format.PARQUET, Format.MATLAB})
 
 
 def export(
-    run: RunUrlArgument,
+    run: RunArgument,
     formats: Annotated[
         list[Format],
         typer.Option(
             "--format",
             help="csv, parquet: a file for each table; matlab: run.mat, which data/read_run.m reads; record: the "
             "record itself; figures: those of the page as SVG and PDF; film: each insertion as MP4. Repeatable.",
-            show_default=False,
         ),
     ],
     out: Annotated[
         str | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder to write to, or its URL. Default: data/exports/RUN.",
-            show_default=False,
-        ),
+        typer.Option(metavar="DIR", help="Folder to write to, or its URL. Default: data/exports/RUN."),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace existing files; copy a damaged record as it is.")
@@ -56,7 +51,7 @@ def export(
 ) -> int:
     """Exit with 4 when the record is damaged; tables are written all the same, a copy only with --force."""
     from labrig.record.reader import fetch_folder
-    from labrig.record.remote import output_folder, require_apart
+    from labrig.record.remote import output_folder, require_apart, restore_url
 
     chosen, is_copy = frozenset(formats), Format.RECORD in formats
     if is_copy and len(chosen) > 1:
@@ -71,7 +66,7 @@ def export(
         write(folder)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if as_json:
-        print_json({"run": run, "out": place, "files": files, "ok": not damage})
+        print_json({"run": restore_url(run), "out": place, "files": files, "ok": not damage})
     else:
         for file in [""] if is_copy else files:
             print_line(f"{place.rstrip('/')}/{file}")

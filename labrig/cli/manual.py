@@ -17,8 +17,7 @@ SITE = SOURCE / "site"
 
 def manual(
     topic: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[TOPIC]", help="Name of a page, or words of its title.", show_default=False),
+        list[str] | None, typer.Argument(metavar="[TOPIC]", help="Name of a page, or words of its title.")
     ] = None,
 ) -> None:
     """Open the page in a browser if there is a display, and print where it is; without TOPIC, list the pages."""

@@ -70,18 +70,12 @@ def tip(
         typer.Option(metavar="FILE", help="Picture of a tip; a JSON file of the same name is beside it."),
     ],
     heading_deg: Annotated[
-        float | None,
-        typer.Option(
-            help="Heading of the needle, within 7 degrees. Default: try all headings.",
-            show_default=False,
-        ),
+        float | None, typer.Option(help="Heading of the needle, within 7 degrees. Default: try all headings.")
     ] = None,
     near_px: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            metavar="U V",
-            help="Place of the tip, within 60 px. Default: search the whole picture.",
-            show_default=False,
+            metavar="U V", help="Place of the tip, within 60 px. Default: search the whole picture."
         ),
     ] = None,
     intrinsics: IntrinsicsOption = None,

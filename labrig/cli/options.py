@@ -1,10 +1,10 @@
 """Options that several commands share, and the files that they name."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
@@ -27,7 +27,6 @@ RigOption = Annotated[
         "--rig",
         metavar="FILE",
         help="Rig file. Default: $LABRIG_RIG, else calibration/rig-simulated.yaml of the lab folder.",
-        show_default=False,
     ),
 ]
 
@@ -38,19 +37,12 @@ RunsDirOption = Annotated[
         "--runs-dir",
         metavar="DIR",
         help=f"Folder that holds the runs. Default: ${RUNS_DIR_VARIABLE}, else {RUNS} of the lab folder.",
-        show_default=False,
     ),
 ]
 
 
 def choose_local_runs_dir(given: Path | None) -> RunsDir:
-    """Return the folder of the runs as `choose_runs_dir` does.
-
-    Raises
-    ------
-    InputError
-        When it is a URL: a live run writes on the local disk.
-    """
+    """Return the folder of the runs as `choose_runs_dir` does. Raises `InputError` when it is a URL."""
     chosen = choose_runs_dir(given)
     if ":" in str(chosen.path):
         from labrig.record.remote import require_local
@@ -62,82 +54,44 @@ def choose_local_runs_dir(given: Path | None) -> RunsDir:
     return chosen
 
 
-def find_runs_dir(given: Path | None) -> Path:
-    """Return the folder of the runs, and say which it is if that cannot be seen from the command line.
-
-    Raises `InputError` as `choose_local_runs_dir`.
-    """
+def find_runs_dir(given: Path | None = None) -> Path:
+    """Return that folder, and say which it is if that cannot be seen from the command line."""
     chosen = choose_local_runs_dir(given)
     if given is None and chosen.path != RUNS:
         say(f"runs: {chosen.path}, {chosen.reason}")
     return chosen.path
 
 
-def _find_protocol(given: Path) -> Path:
-    """Return a protocol file as `_find_file`; the name of a campaign tells itself by its beginning."""
-    return find_protocol_file(given, is_campaign=given.name.startswith(CAMPAIGN_PREFIX))
+def _name_file(metavar: str, what: str, names: Callable[[], list[str]]) -> Any:
+    """Return an argument that names a protocol or a campaign; a campaign's name tells itself by its beginning."""
+
+    def find(given: Path | None) -> Path | None:
+        if given is None:
+            return None
+        return find_protocol_file(given, is_campaign=names is list_campaigns or _is_campaign(given))
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return typer.Argument(metavar=metavar, help=what, callback=find, autocompletion=complete)
 
 
-def _find_campaign(given: Path | None) -> Path | None:
-    """Return a campaign file as `_find_file`; None if none is given."""
-    return None if given is None else find_protocol_file(given, is_campaign=True)
-
-
-def _complete_protocol(incomplete: str) -> list[str]:
-    return [name for name in list_protocols() if name.startswith(incomplete)]
+def _is_campaign(given: Path) -> bool:
+    return given.name.startswith(CAMPAIGN_PREFIX)
 
 
 ProtocolArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="PROTOCOL",
-        help="Protocol file (YAML), or its name in the lab folder.",
-        callback=_find_protocol,
-        autocompletion=_complete_protocol,
-    ),
+    Path, _name_file("PROTOCOL", "Protocol file (YAML), or its name in the lab folder.", list_protocols)
 ]
-
-
 CampaignArgument = Annotated[
     Path,
-    typer.Argument(
-        metavar="FILE",
-        help="Campaign file (YAML), or its name in the lab folder's protocols.",
-        callback=_find_campaign,
-        autocompletion=lambda incomplete: [name for name in list_campaigns() if name.startswith(incomplete)],
-        show_default=False,
-    ),
+    _name_file("FILE", "Campaign file (YAML), or its name in the lab folder's protocols.", list_campaigns),
 ]
-
-
-def _find_run(run: Path) -> Path:
-    return require_run_folder(run, choose_runs_dir().path)
-
-
-def _find_run_or_url(run: str) -> str:
-    return run if ":" in run else str(_find_run(Path(run)))
 
 
 def find_run_or_picture(source: Path) -> Path:
     """Return the folder of a run that is named, or a file as it is."""
     return find_run_folder(source, choose_runs_dir().path)
-
-
-def _find_all(runs: list[Path]) -> list[Path]:
-    return [_find_run(run) for run in runs]
-
-
-def _find_local(run: Path) -> Path:
-    """Refuse a URL: this command writes into the run."""
-    if ":" in str(run):
-        from labrig.record.remote import require_local
-
-        require_local(run)
-    return _find_run(run)
-
-
-def _find_all_local(runs: list[Path]) -> list[Path]:
-    return [_find_local(run) for run in runs]
 
 
 def _complete_run(incomplete: str) -> list[str]:
@@ -149,103 +103,58 @@ def _complete_run(incomplete: str) -> list[str]:
     return []
 
 
-RunArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RUN",
-        help="Folder of a run, its name in data/runs, or its URL.",
-        callback=_find_run,
-        autocompletion=_complete_run,
-    ),
-]
-RunUrlArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN",
-        help="Folder of a run, its name in data/runs, or its URL.",
-        callback=_find_run_or_url,
-        autocompletion=_complete_run,
-    ),
-]
-RunsArgument = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RUN...",
-        help="Folders of runs, their names in data/runs, or URLs.",
-        callback=_find_all,
-        autocompletion=_complete_run,
-    ),
-]
-LocalRunsOrNoneArgument = Annotated[
-    list[Path] | None,
-    typer.Argument(
-        metavar="RUN...",
-        help="Folders of runs, or their names in data/runs.",
-        callback=lambda given: _find_all_local(given or []),
-        autocompletion=_complete_run,
-        show_default=False,
-    ),
-]
-LocalRunArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RUN",
-        help="Folder of a run, or its name in data/runs.",
-        callback=_find_local,
-        autocompletion=_complete_run,
-    ),
-]
-LocalRunsArgument = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RUN...",
-        help="Folders of runs, or their names in data/runs.",
-        callback=_find_all_local,
-        autocompletion=_complete_run,
-    ),
-]
+def _name_run(metavar: str, *, local: bool = True) -> Any:
+    """Return an argument that names runs; `local` refuses a URL, for a command that writes into them."""
+
+    def find(run: Path) -> Path:
+        if local and ":" in str(run):
+            from labrig.record.remote import require_local
+
+            require_local(run)
+        return require_run_folder(run, choose_runs_dir().path)
+
+    def find_all(given: Any) -> Any:
+        return [find(run) for run in given] if isinstance(given, list | tuple) else given and find(given)
+
+    urls = "" if local else ", or their URLs"
+    help_text = f"Folder of a run, or its name in data/runs{urls}."
+    return typer.Argument(metavar=metavar, help=help_text, callback=find_all, autocompletion=_complete_run)
+
+
+RunArgument = Annotated[Path, _name_run("RUN", local=False)]
+RunsArgument = Annotated[list[Path], _name_run("RUN...", local=False)]
+LocalRunArgument = Annotated[Path, _name_run("RUN")]
+LocalRunsArgument = Annotated[list[Path], _name_run("RUN...")]
+LocalRunsOrNoneArgument = Annotated[list[Path] | None, _name_run("RUN...")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
         help="Override a value of the protocol, or of the rig file with the prefix rig.; repeatable.",
-        show_default=False,
     ),
 ]
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
 ]
-SeedOption = Annotated[
-    int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)
-]
+SeedOption = Annotated[int | None, typer.Option("--seed", help="Override the protocol's seed.")]
 LiveKind = Literal["viewer", "web"]
 """The viewer's window, or a page for a browser."""
 
 LiveOption = Annotated[
     LiveKind | None,
     typer.Option(
-        "--live",
-        help="Show the run while it is made: --live in the rerun viewer, --live web in a browser.",
-        show_default=False,
+        "--live", help="Show the run while it is made: --live in the rerun viewer, --live web in a browser."
     ),
 ]
 
 
 WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", min=1, max=1000, help="Processes. Default: one for each core.", show_default=False
-    ),
+    int | None, typer.Option("--workers", min=1, max=1000, help="Processes. Default: one for each core.")
 ]
 ClusterOption = Annotated[
     str | None,
-    typer.Option(
-        "--cluster",
-        metavar="ADDRESS",
-        help="Workers of a dask scheduler (tcp://HOST:PORT).",
-        show_default=False,
-    ),
+    typer.Option("--cluster", metavar="ADDRESS", help="Workers of a dask scheduler (tcp://HOST:PORT)."),
 ]
 
 InsertionOption = Annotated[
@@ -254,35 +163,24 @@ InsertionOption = Annotated[
 ]
 OptionalInsertion = Annotated[
     Literal["right", "left", "up", "down"] | None,
-    typer.Option(
-        "--insertion", help="Direction of the insertion in the picture; with --px-per-mm.", show_default=False
-    ),
+    typer.Option("--insertion", help="Direction of the insertion in the picture; with --px-per-mm."),
 ]
 
 IntrinsicsOption = Annotated[
-    Path | None,
-    typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
+    Path | None, typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.")
 ]
-PlaneOption = Annotated[
-    Path | None, typer.Option("--plane", metavar="FILE", help="Plane map of the camera.", show_default=False)
-]
-PxPerMmOption = Annotated[
-    float | None, typer.Option("--px-per-mm", help="Scale of rectified pictures.", show_default=False)
-]
+PlaneOption = Annotated[Path | None, typer.Option("--plane", metavar="FILE", help="Plane map of the camera.")]
+PxPerMmOption = Annotated[float | None, typer.Option("--px-per-mm", help="Scale of rectified pictures.")]
 OriginOption = Annotated[
     tuple[float, float] | None,
-    typer.Option("--origin-px", metavar="U V", help="Pixel of the plane's origin.", show_default=False),
+    typer.Option("--origin-px", metavar="U V", help="Pixel of the plane's origin."),
 ]
 NeedleDiameterOption = Annotated[
     float, typer.Option("--needle-diameter-mm", help="Outer diameter of the needle.")
 ]
 SheathDiameterOption = Annotated[
     float | None,
-    typer.Option(
-        "--sheath-diameter-mm",
-        help="Outer diameter of the sheath, if it is in the picture.",
-        show_default=False,
-    ),
+    typer.Option("--sheath-diameter-mm", help="Outer diameter of the sheath, if it is in the picture."),
 ]
 
 DEFAULT_NEEDLE_DIAMETER_MM = 1.2

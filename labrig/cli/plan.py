@@ -16,8 +16,7 @@ def plan(
         Path, typer.Argument(metavar="SCENARIO", help="Needle, target and obstacles (YAML or JSON).")
     ],
     figure: Annotated[
-        Path | None,
-        typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.", show_default=False),
+        Path | None, typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.")
     ] = None,
     as_json: AsJson = False,
 ) -> int:

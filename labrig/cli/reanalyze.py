@@ -27,11 +27,7 @@ def reanalyze(
     run_paths: LocalRunsOrNoneArgument = None,
     where: Annotated[
         str | None,
-        typer.Option(
-            metavar="CONDITION",
-            help="Measure the runs that fit, as for labrig runs --where.",
-            show_default=False,
-        ),
+        typer.Option(metavar="CONDITION", help="Measure the runs that fit, as for labrig runs --where."),
     ] = None,
     settings: Annotated[
         list[str] | None,
@@ -39,7 +35,6 @@ def reanalyze(
             "--set",
             metavar="KEY=VALUE",
             help="Override analysis.*, or for an insertion estimator.*, planner.*, policy.*; repeatable.",
-            show_default=False,
         ),
     ] = None,
     workers: WorkersOption = None,

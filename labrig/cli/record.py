@@ -35,9 +35,7 @@ def report(
     run_paths: LocalRunsArgument,
     result: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", min=1, help="Number of the result to show. Default: the newest.", show_default=False
-        ),
+        typer.Option(metavar="N", min=1, help="Number of the result to show. Default: the newest."),
     ] = None,
     as_json: AsJson = False,
 ) -> int:

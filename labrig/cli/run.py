@@ -28,10 +28,7 @@ def run(
     run_name: Annotated[
         str | None,
         typer.Option(
-            "--run-name",
-            metavar="NAME",
-            help="Name of the run's folder. Default: UTC time and experiment.",
-            show_default=False,
+            "--run-name", metavar="NAME", help="Name of the run's folder. Default: UTC time and experiment."
         ),
     ] = None,
     seed: SeedOption = None,

@@ -38,18 +38,16 @@ def list_(
             metavar="CONDITION",
             help='List only runs that fit, such as "gelatin_percent=13 and exit_status=success". '
             "Operators: = != < <= > >= ~ (contains), and, or, not, brackets.",
-            show_default=False,
         ),
     ] = None,
     sort: Annotated[
-        str | None, typer.Option(metavar="FIELD", help="Sort by a field, smallest first.", show_default=False)
+        str | None, typer.Option(metavar="FIELD", help="Sort by a field, smallest first.")
     ] = None,
     show: Annotated[
         list[str] | None,
         typer.Option(
             metavar="FIELD",
             help="A column more, such as mean_radius_mm or target_error_mm of the newest result; repeatable.",
-            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
@@ -251,20 +249,17 @@ def _print_check(path: Path, found: Any) -> None:
 @app.command("annotate", help="Tag runs, add a note to them, or judge whether they can be trusted.")
 def annotate(
     runs: LocalRunsArgument,
-    tag: Annotated[
-        list[str] | None, typer.Option(metavar="TAG", help="Add a tag; repeatable.", show_default=False)
-    ] = None,
+    tag: Annotated[list[str] | None, typer.Option(metavar="TAG", help="Add a tag; repeatable.")] = None,
     untag: Annotated[
-        list[str] | None, typer.Option(metavar="TAG", help="Take a tag off; repeatable.", show_default=False)
+        list[str] | None, typer.Option(metavar="TAG", help="Take a tag off; repeatable.")
     ] = None,
-    note: Annotated[str | None, typer.Option(metavar="TEXT", help="Add a note.", show_default=False)] = None,
+    note: Annotated[str | None, typer.Option(metavar="TEXT", help="Add a note.")] = None,
     verdict: Annotated[
         Literal["good", "doubtful", "bad"] | None,
-        typer.Option(help="State whether they can be trusted; the last verdict counts.", show_default=False),
+        typer.Option(help="State whether they can be trusted; the last verdict counts."),
     ] = None,
     by: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Name of the author. Default: the account's.", show_default=False),
+        str | None, typer.Option(metavar="NAME", help="Name of the author. Default: the account's.")
     ] = None,
     as_json: AsJson = False,
 ) -> int:

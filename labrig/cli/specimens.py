@@ -17,8 +17,7 @@ def _complete_name(incomplete: str) -> list[str]:
 
 def specimens(
     name: Annotated[
-        str | None,
-        typer.Argument(metavar="[NAME]", help="Show this one.", autocompletion=_complete_name),
+        str | None, typer.Argument(metavar="[NAME]", help="Show this one.", autocompletion=_complete_name)
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -31,22 +31,16 @@ def template(
         ),
     ],
     frame: Annotated[
-        int | None,
-        typer.Option(help="Frame of the run. Default: its last picture of a needle.", show_default=False),
+        int | None, typer.Option(help="Frame of the run. Default: its last picture of a needle.")
     ] = None,
     tip_px: Annotated[
         tuple[float, float] | None,
-        typer.Option(
-            metavar="U V",
-            help="Pixel of the tip. Default in a run: the end of the shaft.",
-            show_default=False,
-        ),
+        typer.Option(metavar="U V", help="Pixel of the tip. Default in a run: the end of the shaft."),
     ] = None,
     heading_deg: Annotated[
         float | None,
         typer.Option(
-            help="Heading of the needle, in a picture of no run from its right. Default in a run: that of the shaft.",
-            show_default=False,
+            help="Heading of the needle, in a picture of no run from its right. Default in a run: that of the shaft."
         ),
     ] = None,
     force: ForceOption = False,

@@ -161,6 +161,15 @@ def _describe_mask(rig: RigDescription, path: Path) -> str:
     return f"{path.name}: {share:.1f} % of the picture is not the needle"
 
 
+def list_calibration_ages(rig: RigDescription, now: datetime) -> tuple[CheckResult, ...]:
+    """Return the age of each file of a rig's calibration that is there."""
+    return tuple(
+        _check_age(name.removesuffix(".json"), path, now, moves=rig.kind != ONLY_SIMULATED)
+        for name, path in rig.calibration_paths().items()
+        if path.is_file()
+    )
+
+
 def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
     """Check the age of a calibration; on a bench the camera is touched sooner or later."""
     check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"

@@ -11,7 +11,6 @@ names the thing, its value, the limit and a hint.
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -24,8 +23,7 @@ from labrig.analysis.run import analyze_run, name_damage
 from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store
 from labrig.campaign.run import write_report as write_campaign
 from labrig.devices.clocks import SystemClock
-from labrig.durable import free_bytes
-from labrig.errors import Problem, RecordError
+from labrig.errors import RecordError
 from labrig.experiments.registry import (
     find_experiment,
     find_run_experiment,
@@ -33,10 +31,11 @@ from labrig.experiments.registry import (
     load_run_result,
 )
 from labrig.lab import CAMPAIGNS, choose_runs_dir, find_in_lab
+from labrig.library.checking import Checked, check_sources
 from labrig.library.names import find_protocol_file, find_rig_file, require_run_folder
 from labrig.library.resumption import resume_run
 from labrig.library.sources import Sources
-from labrig.library.specimens import prepare_specimens, require_usable_specimens
+from labrig.library.specimens import require_usable_specimens
 from labrig.record.difference import Difference, list_differences
 from labrig.record.notes import annotate_run
 from labrig.record.provenance import collect_provenance
@@ -44,9 +43,6 @@ from labrig.record.reader import Run
 from labrig.record.reader import open_run as open_run_folder
 from labrig.record.remote import is_url
 from labrig.runner.attendant import Attendant
-from labrig.runner.dry_run import plan_run
-from labrig.runner.experiment import RunPlan
-from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
 from labrig.runner.replay import Replay, replay_run, replay_work
 from labrig.runner.whole_run import FinishedRun, RunOrder, perform, write_page
 
@@ -90,7 +86,7 @@ def open_run(run: AnyRun, *, runs_dir: Path | str | None = None) -> Run:
         return run
     if is_url(run):
         return open_run_folder(run)
-    folder = choose_runs_dir(None if runs_dir is None else Path(runs_dir)).path
+    folder = _find_runs_dir(runs_dir)
     return open_run_folder(require_run_folder(Path(run), folder))
 
 
@@ -131,7 +127,7 @@ def run(
         tuple(settings),
         seed,
     )
-    finished = make_run(sources, choose_runs_dir(None if runs_dir is None else Path(runs_dir)).path, name)
+    finished = make_run(sources, _find_runs_dir(runs_dir), name)
     return _open_finished(finished)
 
 
@@ -179,31 +175,6 @@ def resume(run: AnyRun, *, rig: Path | str | None = None) -> Run:
     return _open_finished(resume_run(open_run(run).path, rig_file, _name_program(), _SILENT))
 
 
-@dataclass(frozen=True)
-class Checked:
-    """What a dry run tells: the plan, the disk space that it takes [bytes], and what speaks against it.
-
-    Attributes
-    ----------
-    plan : RunPlan
-        Trials, duration, pictures, moves, questions.
-    disk_bytes : int
-        What its record takes.
-    problems, warnings : tuple of Problem
-        Reasons against it, and what is doubtful.
-    """
-
-    plan: RunPlan
-    disk_bytes: int
-    problems: tuple[Problem, ...]
-    warnings: tuple[Problem, ...]
-
-    @property
-    def ok(self) -> bool:
-        """Whether it can run."""
-        return not self.problems
-
-
 def check(
     protocol: Path | str,
     *,
@@ -221,23 +192,9 @@ def check(
     FileFormatError
         With every problem of protocol and rig file.
     """
-    file, rig_file = find_protocol_file(Path(protocol), is_campaign=False), None if rig is None else Path(rig)
-    loaded, description = Sources(file, rig_file, tuple(settings), seed).load()
-    folder = choose_runs_dir(None if runs_dir is None else Path(runs_dir)).path
-    experiment = find_experiment(loaded.experiment)
-    experiment.require_parts()
-    specimens = prepare_specimens(loaded, description, folder, SystemClock().utc())
-    plan = plan_run(experiment, specimens.protocol, description)
-    needed, free = count_needed_bytes(plan, description), free_bytes(folder)
-    message = f"the run needs {needed / 1e6:.0f} MB, and that disk has {free / 1e6:.0f} MB free"
-    full = (Problem(str(folder), message, "make room on that disk"),) if free < needed else ()
-    refused = plan.problems if plan.refusal is None else (plan.refusal,)
-    return Checked(
-        plan,
-        estimate_disk_bytes(plan, description),
-        (*specimens.problems, *refused, *full),
-        (*specimens.warnings, *plan.warnings),
-    )
+    file = find_protocol_file(Path(protocol), is_campaign=False)
+    sources = Sources(file, None if rig is None else Path(rig), tuple(settings), seed)
+    return check_sources(sources, _find_runs_dir(runs_dir))
 
 
 def reanalyze(
@@ -389,6 +346,10 @@ def _open_finished(finished: FinishedRun) -> Run:
     if error is not None:
         raise error.reword(f"{error.message}; its record is kept: {finished.path}")
     return open_run_folder(finished.path)
+
+
+def _find_runs_dir(given: Path | str | None) -> Path:
+    return choose_runs_dir(None if given is None else Path(given)).path
 
 
 def _name_program() -> tuple[str, ...]:

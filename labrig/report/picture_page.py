@@ -17,6 +17,7 @@ from threading import Thread
 from typing import Any
 
 import cv2
+import numpy as np
 
 from labrig.input_file import parse_json
 from labrig.report.web_page import LOCALHOST
@@ -59,6 +60,10 @@ class Verdict:
 
     taken: bool
     text: str
+
+
+NO_PICTURE: Picture = np.zeros((1, 1), np.uint8)
+"""Stands for one that is still to come."""
 
 
 @dataclass(frozen=True, eq=False)

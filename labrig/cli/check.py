@@ -1,0 +1,70 @@
+"""`labrig check`: whether a protocol can run on a rig, before anything moves."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from labrig.cli.options import ProtocolArgument, RigOption, SeedOption, SetOption, find_runs_dir
+from labrig.cli.output import AsJson, failure_document, failure_lines, print_json, print_line, say
+from labrig.errors import FileFormatError, InputError, Problem
+from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
+from labrig.text import format_count
+
+
+def check(
+    protocol: ProtocolArgument,
+    rig: RigOption = None,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
+    from labrig.library.checking import check_sources
+    from labrig.library.plugin_faults import find_plugin_faults
+    from labrig.library.sources import Sources
+
+    faults = _report(find_plugin_faults(EXPERIMENTS))
+    try:
+        found = check_sources(Sources(protocol, rig, tuple(settings or ()), seed), find_runs_dir(None))
+    except FileFormatError as error:
+        if not as_json:
+            raise
+        for line in failure_lines(error):
+            say(line)
+        problems = [asdict(problem) for problem in error.problems]
+        print_json(
+            {"ok": False, "problems": problems, "duration_s": None, "disk_bytes": None, "plugins": faults}
+        )
+        return error.exit_code
+    if found.rig_name is not None:
+        faults += _report(find_plugin_faults(DRIVES, CAMERAS))
+    if as_json:
+        print_json({**found.document(), "plugins": faults})
+        return 0 if found.ok else 1
+    _print_problems(found.problems)
+    _print_problems(found.warnings, "warning: ")
+    where = "without a rig" if found.rig_name is None else f"on rig {found.rig_name}"
+    print_line(
+        f"{protocol} {'can' if found.ok else 'cannot'} run {where}: {found.plan.duration_s / 60:.0f} min of motion, "
+        f"{format_count(found.plan.operator_steps, 'operator step')}, "
+        f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
+    )
+    for age in found.calibration:
+        print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
+    for note in found.plan.notes:
+        print_line(note)
+    print_line(f"not checked here: {', '.join(found.left_to_run)}")
+    return 0 if found.ok else 1
+
+
+def _report(faults: Sequence[InputError]) -> list[dict[str, object]]:
+    """Say which plugins cannot be used, and return them for JSON; nothing else needs them."""
+    for fault in faults:
+        say(f"note: {fault.message}")
+    return [failure_document(fault) for fault in faults]
+
+
+def _print_problems(problems: Sequence[Problem], kind: str = "") -> None:
+    for problem in problems:
+        print_line(f"{kind}{problem.where}: {problem.message}")
+        if problem.hint:
+            print_line(f"  hint: {problem.hint}", 4)

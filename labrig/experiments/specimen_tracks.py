@@ -40,7 +40,7 @@ def find_tracks(runs_dir: Path, names: Collection[str], *, simulated: bool) -> F
     unread = []
     if found:
         condition = " or ".join(f'{BLOCK_NAME}="{name}"' for name in found)
-        for path in [run.summary.run for run in find_runs(runs_dir, condition, reverse=True)]:
+        for path in [run.summary.run for run in reversed(find_runs(runs_dir, condition))]:
             try:
                 left = _list_tracks(path, simulated)
             except LabrigError as error:

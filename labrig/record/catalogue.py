@@ -95,8 +95,6 @@ def find_runs(
     where: str | None = None,
     sort: str | None = None,
     show: Sequence[str] = (),
-    *,
-    reverse: bool = False,
 ) -> list[FoundRun]:
     """Find the runs of a folder that fit a condition.
 
@@ -110,8 +108,6 @@ def find_runs(
         The field to sort by, smallest first, runs without it last; None: newest first.
     show : sequence of str
         Further fields whose values are returned.
-    reverse : bool
-        Turn that order round; runs without the field stay last.
 
     Raises
     ------
@@ -144,7 +140,7 @@ def find_runs(
 
     fitting = [run for run in runs if condition is None or condition.fits(look_up(run))]
     found = [FoundRun(run.summary, {name: look_up(run)(name) for name in names}) for run in fitting]
-    return _in_order(found, sort, reverse)
+    return found if sort is None else sorted(found, key=lambda run: _sort_key(run.fields[sort]))
 
 
 def manifest_fields(manifest: Mapping[str, object]) -> Fields:
@@ -279,15 +275,9 @@ def _gather(value: object, path: str, left_out: frozenset[str], found: dict[str,
         found.setdefault(path, {})[value if value is None or math.isfinite(value) else None] = None
 
 
-def _in_order(found: list[FoundRun], sort: str | None, reverse: bool) -> list[FoundRun]:
-    if sort is None:
-        return found[::-1] if reverse else found
-    having = [run for run in found if any(value is not None for value in run.fields[sort])]
-    lacking = [run for run in found if all(value is None for value in run.fields[sort])]
-    return sorted(having, key=lambda run: _sort_key(run.fields[sort]), reverse=reverse) + lacking
-
-
 def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
-    """Order numbers before text; the first of several values counts."""
-    value = next(value for value in values if value is not None)
+    """Order numbers before text before nothing; the first of several values counts."""
+    value = next((value for value in values if value is not None), None)
+    if value is None:
+        return 2, 0.0, ""
     return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")

@@ -1,10 +1,7 @@
-"""The language of `labrig runs --where`: comparisons of a run's fields, joined by and, or, not.
+"""The language of `labrig runs --where`: comparisons of a run's fields, joined by and, or, not and brackets.
 
 .. code-block:: text
 
-    condition  = union { "or" union }
-    union      = negation { "and" negation }
-    negation   = "not" negation | "(" condition ")" | comparison
     comparison = field ( "=" | "!=" | "<" | "<=" | ">" | ">=" | "~" ) value
     value      = a word, or any text in single or double quotes
 
@@ -13,6 +10,7 @@ sides are numbers they are compared as numbers, else as text, so that ISO dates 
 text is contained, ignoring case. A run without the field does not fit.
 """
 
+import ast
 import json
 import operator
 import re
@@ -52,7 +50,9 @@ _USUAL = (
     "mean_radius_mm",
 )
 _LEAST_LIKENESS = 0.75
-_TOKEN = re.compile(r"""\s*(<=|>=|!=|[=<>~()]|"[^"]*"|'[^']*'|[^\s=!<>~()"']+)""")
+_COMPARISON = re.compile(
+    r"""(?!(?:and|or|not)\b)([^\s=!<>~()"']+)\s*(<=|>=|!=|[=<>~])\s*("[^"]*"|'[^']*'|[^\s=!<>~()"']+)"""
+)
 _JOINTS = frozenset({"and", "or", "not"})
 _ORDERS: dict[str, Callable[..., bool]] = {
     "=": operator.eq,
@@ -61,7 +61,6 @@ _ORDERS: dict[str, Callable[..., bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-_SIGNS = (*_ORDERS, "!=", "~")
 
 
 @dataclass(frozen=True)
@@ -100,98 +99,52 @@ def find_paths(name: str, known: Collection[str]) -> tuple[str, ...]:
 
 
 def parse_condition(text: str) -> Condition:
-    """Read a condition. Raises `InputError`, which names the first invalid character, and what was expected there."""
-    parser = _Parser(text)
-    fits = parser.parse_condition(0)
-    parser.expect_end()
-    return Condition(tuple(parser.names), fits)
-
-
-class _Parser:
-    """A parser in one pass; each method reads one rule of the grammar and returns its test."""
-
-    def __init__(self, text: str) -> None:
-        self.names: list[tuple[str, int]] = []
-        self._text = text
-        self._tokens: list[tuple[str, int]] = []
-        position, end = 0, len(text.rstrip())
-        while position < end:
-            match = _TOKEN.match(text, position)
-            if match is None:
-                raise self._error(position + 1, "this cannot be read; is a quote open?")
-            self._tokens.append((match[1], match.start(1) + 1))
-            position = match.end()
-        self._tokens.append(("", end + 1))
-
-    def expect_end(self) -> None:
-        if self._next:
-            raise self._refuse(
-                "and, or, or the end (a number goes alone: its unit stands in the field's name)"
-            )
-
-    def parse_condition(self, depth: int) -> Callable[[Lookup], bool]:
-        tests = [self._parse_union(depth)]
-        while self._accept("or"):
-            tests.append(self._parse_union(depth))
-        return lambda lookup: any(test(lookup) for test in tests)
-
-    def _parse_union(self, depth: int) -> Callable[[Lookup], bool]:
-        tests = [self._parse_negation(depth)]
-        while self._accept("and"):
-            tests.append(self._parse_negation(depth))
-        return lambda lookup: all(test(lookup) for test in tests)
-
-    def _parse_negation(self, depth: int) -> Callable[[Lookup], bool]:
-        if depth > _MAX_DEPTH:
-            raise self._error(self._tokens[0][1], f"more than {_MAX_DEPTH} levels")
-        if self._accept("not"):
-            test = self._parse_negation(depth + 1)
-            return lambda lookup: not test(lookup)
-        if self._accept("("):
-            inner = self.parse_condition(depth + 1)
-            if not self._accept(")"):
-                raise self._refuse("a closing bracket")
-            return inner
-        return self._parse_comparison()
-
-    def _parse_comparison(self) -> Callable[[Lookup], bool]:
-        if not self._is_word or self._next in _JOINTS:
-            raise self._refuse("the name of a field")
-        name, column = self._take()
-        if self._next not in _SIGNS:
-            raise self._refuse("one of = != < <= > >= ~")
-        sign, _ = self._take()
-        if not self._is_word and self._next[:1] not in {'"', "'"}:
-            raise self._refuse("a value (equal is one =)" if self._next == "=" else "a value")
-        is_quoted = not self._is_word
-        value, _ = self._take()
-        self.names.append((name, column))
+    """Read a condition. Raises `InputError`, which names the first place that makes no sense."""
+    found = list(_COMPARISON.finditer(text))
+    rest = _COMPARISON.sub(lambda match: " " * len(match[0]), text)
+    strange = next((word for word in re.finditer(r"[^\s()]+", rest) if word[0] not in _JOINTS), None)
+    if strange is not None or not found:
+        raise _refuse(text, 1 if strange is None else strange.start() + 1, "this is no comparison")
+    if rest.count("(") + rest.count("not") > _MAX_DEPTH:
+        raise _refuse(text, 1, f"more than {_MAX_DEPTH} brackets and nots")
+    tests = []
+    for match in found:
+        name, sign, value = match.groups()
+        is_quoted = value[0] in "\"'"
         number = None if is_quoted else _parse_number(value)
-        return _make_test(name, sign, value[1:-1] if is_quoted else value, number)
+        tests.append(_make_test(name, sign, value[1:-1] if is_quoted else value, number))
+    numbers = iter(range(len(tests)))
+    joined = " ".join(_COMPARISON.sub(lambda _: f" c{next(numbers)} ", text).split())
+    try:
+        fits = _join(ast.parse(joined, mode="eval").body, tests)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise _refuse(text, len(text), "and, or, not and brackets do not join the comparisons") from error
+    return Condition(tuple((match[1], match.start() + 1) for match in found), fits)
 
-    @property
-    def _next(self) -> str:
-        return self._tokens[0][0]
 
-    @property
-    def _is_word(self) -> bool:
-        return self._next != "" and self._next[0] not in "=!<>~()\"'"
+def _join(node: ast.expr, tests: Sequence[Callable[[Lookup], bool]]) -> Callable[[Lookup], bool]:
+    """Return the test that joined comparisons make. Raises `SyntaxError` for what is neither and, or nor not."""
+    match node:
+        case ast.Name(id=name):
+            return tests[int(name[1:])]
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            inner = _join(operand, tests)
+            return lambda lookup: not inner(lookup)
+        case ast.BoolOp(op=joint, values=values):
+            parts, combine = (
+                [_join(value, tests) for value in values],
+                any if isinstance(joint, ast.Or) else all,
+            )
+            return lambda lookup: combine(part(lookup) for part in parts)
+    raise SyntaxError
 
-    def _accept(self, text: str) -> bool:
-        return self._next == text and bool(self._take())
 
-    def _take(self) -> tuple[str, int]:
-        return self._tokens.pop(0)
-
-    def _refuse(self, expected: str) -> InputError:
-        found = repr(self._next) if self._next else "the end"
-        return self._error(self._tokens[0][1], f"expected {expected}, found {found}")
-
-    def _error(self, column: int, what: str) -> InputError:
-        return InputError(
-            f"--where {self._text!r}, character {column}: {what}",
-            'for example: --where "gelatin_percent=13 and exit_status=success"',
-        )
+def _refuse(text: str, column: int, what: str) -> InputError:
+    return InputError(
+        f"--where {text!r}, character {column}: {what}",
+        'for example: --where "gelatin_percent=13 and exit_status=success"; equal is one =, a number goes without its '
+        "unit, a text with blanks in quotes",
+    )
 
 
 def _make_test(name: str, sign: str, text: str, number: float | None) -> Callable[[Lookup], bool]:

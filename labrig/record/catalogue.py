@@ -15,11 +15,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import from_json
+
 from labrig.errors import InputError, RecordError
 from labrig.input_file import read_file
 from labrig.record.condition import ALWAYS_KNOWN, Value, find_paths, parse_condition, require_field
 from labrig.record.json_lines import plain_text, read_lines
-from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, PROTOCOL, SCHEMA_VERSION, inside
+from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, SCHEMA_VERSION, inside
 from labrig.record.manifest import has_ended
 from labrig.record.notes import Annotations, read_annotations
 from labrig.record.results import list_results, read_result
@@ -155,10 +157,10 @@ def manifest_fields(manifest: Mapping[str, object]) -> Fields:
 class _ReadRun:
     """A run as its manifest and notes tell it."""
 
-    def __init__(self, run: Path, manifest: Mapping[str, object]) -> None:
+    def __init__(self, run: Path, manifest: Mapping[str, object], *, has_notes: bool) -> None:
         self._manifest = manifest
         self._annotations = Annotations()
-        if manifest:
+        if manifest and has_notes:
             with suppress(RecordError):
                 self._annotations = read_annotations(run)
         self.summary = _summarise(run, manifest, self._annotations)
@@ -202,21 +204,29 @@ def _read_runs(runs_dir: Path) -> list[_ReadRun]:
         return []
     except OSError as error:
         raise InputError(f"cannot list {runs_dir}: {error.strerror}", "give a folder of runs") from error
-    runs = [
-        _ReadRun(runs_dir / name, manifest)
-        for name in folders
-        if (manifest := _find_manifest(runs_dir / name)) is not None
-    ]
+    runs = []
+    for name in folders:
+        run = runs_dir / name
+        with suppress(OSError):  # it has just gone, or is not ours to read
+            held = os.listdir(run)  # noqa: PTH208 - names are enough, and take a tenth of the time
+            if PROTOCOL in held:
+                runs.append(_ReadRun(run, _read_manifest(run), has_notes=NOTES in held))
     return sorted(runs, key=lambda run: run.summary.started or "", reverse=True)
 
 
-def _find_manifest(run: Path) -> Mapping[str, object] | None:
-    """Return the manifest of a run, empty if it is damaged; None for a folder that is no run."""
-    if not (run / PROTOCOL).exists():
-        return None
+def _read_manifest(run: Path) -> Mapping[str, object]:
+    """Return the manifest of a run, empty if it is damaged.
+
+    Not by `labrig.record.manifest`: of thousands of runs, its care for numbers takes longer than all the rest.
+    """
     try:
-        # Not by `read_manifest`: of thousands of runs, its care for numbers takes as long as all the rest.
-        manifest = json.loads(read_file(run / MANIFEST))
+        content = read_file(run / MANIFEST)
+        try:
+            manifest = from_json(content)
+        except (
+            ValueError
+        ):  # it takes no lone surrogates, which stand for the bytes of names that are not UTF-8
+            manifest = json.loads(content)
     except (OSError, ValueError, RecursionError):
         return {}
     is_one = isinstance(manifest, dict) and isinstance(manifest.get("exit_status"), str)

@@ -1,39 +1,34 @@
 """How what was computed again agrees with what is recorded, printed alike by `replay` and `reanalyze`."""
 
 from textwrap import shorten
+from typing import TYPE_CHECKING
 
 from labrig.cli.output import print_line
-from labrig.record.agreement import Agreement, Deviation, Verdict
+
+if TYPE_CHECKING:
+    from labrig.record.agreement import Agreement
 
 _VERDICTS = {
-    Verdict.IDENTICAL: "every decision and every number is the same",
-    Verdict.EQUIVALENT: "the same decisions, and every number within its tolerance",
-    Verdict.DIFFERENT: "a decision is another one, or a number is beyond its tolerance",
+    "identical": "every decision and every number is the same",
+    "equivalent": "the same decisions, and every number within its tolerance",
+    "different": "a decision is another one, or a number is beyond its tolerance",
 }
 _MOST_QUANTITIES, _WIDEST = 3, 100
 
 
-def print_verdict(agreement: Agreement) -> None:
-    """Print the verdict."""
-    print_line(f"{agreement.verdict}: {_VERDICTS[agreement.verdict]}")
-
-
-def print_deviation(deviation: Deviation, place: str, names: tuple[str, str]) -> None:
-    """Print the first decision, or number beyond its tolerance, with both values under these names."""
-    print_line(f"  first {place}: {deviation.path}")
-    for name, value in zip(names, (deviation.recorded, deviation.now), strict=True):
-        print_line(f"  {name}: {shorten(str(value), _WIDEST)}")
-    if deviation.tolerance is not None:
-        print_line(f"  they differ by {deviation.size:.3g}; {deviation.tolerance:.3g} is allowed")
-
-
-def print_largest(agreement: Agreement) -> None:
-    """Print the quantities that come nearest to their tolerance, or are farthest beyond it."""
-    by_share = sorted(agreement.shares.items(), key=lambda item: -item[1])
+def print_agreement(found: "Agreement", place: str, names: tuple[str, str]) -> None:
+    """Print the verdict, the first difference with both values under these names, and the largest differences."""
+    print_line(f"{found.verdict}: {_VERDICTS[found.verdict]}")
+    first = found.first
+    if first is not None:
+        print_line(f"  first {place}: {first.path}")
+        for name, value in zip(names, (first.recorded, first.now), strict=True):
+            print_line(f"  {name}: {shorten(str(value), _WIDEST)}")
+        if first.tolerance is not None:
+            print_line(f"  they differ by {first.size:.3g}; {first.tolerance:.3g} is allowed")
+    by_share = sorted(found.shares.items(), key=lambda item: -item[1])
     for quantity, share in by_share[:_MOST_QUANTITIES]:
-        size = agreement.largest[quantity]
+        size = found.largest[quantity]
         print_line(f"  largest difference of {quantity}: {size:.2g}, {100 * share:.2g} % of its tolerance")
-    if len(by_share) > _MOST_QUANTITIES:
-        print_line(
-            f"  {len(by_share) - _MOST_QUANTITIES} other quantities differ by less of theirs; --json lists them"
-        )
+    if (others := len(by_share) - _MOST_QUANTITIES) > 0:
+        print_line(f"  {others} other quantities differ by less of theirs; --json lists them")

@@ -3,22 +3,19 @@
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.options import (
-    LocalRunsOrNoneArgument,
-    RunsDirOption,
-    WorkersOption,
-    find_runs_dir,
-)
-from labrig.cli.output import AsJson, say
-from labrig.cli.several_runs import do_each, find_matching_runs, require_runs_or_condition
+from labrig.cli.agreement import print_agreement
+from labrig.cli.options import LocalRunsOrNoneArgument, RunsDirOption, WorkersOption, find_runs_dir
+from labrig.cli.output import AsJson, print_line, print_table, say
+from labrig.cli.several_runs import add_damage, do_each, find_matching_runs, require_runs_or_condition
 from labrig.cli.signals import Interruption
-from labrig.errors import WorkersError
+from labrig.errors import LabrigError, WorkersError
 
 _Work = tuple[Path, Callable[[], Mapping[str, object]]]
 
@@ -42,31 +39,33 @@ def reanalyze(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.cli.analyze import analyze_several
     from labrig.cli.attendant import TerminalAttendant
-    from labrig.cli.result_comparison import show_result
-    from labrig.library.door import reanalyze as measure
+    from labrig.cli.progress import hold_bar
+    from labrig.library import door
 
     require_runs_or_condition(run_paths or (), where, "reanalyze")
     runs = list(dict.fromkeys(run_paths or find_matching_runs(find_runs_dir(runs_dir), where)))
-    overrides, command_line = tuple(settings or ()), tuple(sys.argv)
-    show = partial(show_result, as_json=as_json)
+    overrides, attendant = tuple(settings or ()), TerminalAttendant()
+    show = partial(_show, as_json=as_json)
     if len(runs) == 1 and workers is None:
         (run,) = runs
-        alone: _Work = (
-            run,
-            lambda: show(run, measure(run, settings=overrides, attendant=TerminalAttendant())),
-        )
-        return do_each([alone], as_json, key="analysis")
+
+        def measure_and_show() -> Mapping[str, object]:
+            return show(run, door.reanalyze(run, settings=overrides, attendant=attendant))
+
+        return do_each([(run, measure_and_show)], as_json, key="analysis")
     measured = 0
 
     def list_works() -> Iterator[_Work]:
         nonlocal measured
-        outcomes = analyze_several(runs, command_line, overrides, workers)
+        outcomes = door.reanalyze_runs(
+            runs, settings=overrides, workers=workers, attendant=attendant, command_line=sys.argv
+        )
         with closing(outcomes):
             for run, outcome in outcomes:
                 measured += 1
-                yield run, partial(show, run, outcome)
+                with hold_bar():
+                    yield run, partial(show, run, outcome)
 
     try:
         return do_each(list_works(), as_json, key="analysis")
@@ -74,3 +73,48 @@ def reanalyze(
         if measured:
             say(f"{measured} of {len(runs)} runs are measured; their results are kept")
         raise
+
+
+def _show(path: Path, outcome: Any, *, as_json: bool) -> dict[str, object]:
+    """Print a new result beside the one that it is compared with, and return its row. Raises an error in its place."""
+    from labrig.analysis.divergence import compare_results, find_frame
+    from labrig.experiments.registry import find_run_experiment, load_run_result
+    from labrig.record.reader import open_run
+
+    if isinstance(outcome, LabrigError):
+        raise outcome
+    run, new = open_run(path), outcome.document
+    old = None if new["parent"] is None else load_run_result(run, new["parent"])
+    if not as_json:
+        print_line(str(path))
+        for name, result in (("old", old), ("new", outcome)):
+            if result is not None:
+                changed = " ".join(result.content.overrides) or "the run's own settings"
+                print_line(f"{name}: analysis/{result.path.name}, {changed}")
+        summarise = find_run_experiment(run).summarise
+        before = {} if old is None else summarise(old.document).values
+        rows = [[name, before.get(name), value] for name, value in summarise(new).values.items()]
+        print_table(("", "old", "new"), rows)
+    row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}
+    row |= {"parent": new["parent"], "verdict": None, "first_difference": None, "largest": {}}
+    if old is not None:
+        found = compare_results(old.document, new)
+        first = found.first
+        frame = None if first is None else find_frame(first.path, new) or find_frame(first.path, old.document)
+        if not as_json:
+            place = "of all" if frame is None else f"in frame {frame}"
+            print_agreement(found, place, ("before", "now"))
+        row |= {"verdict": str(found.verdict), "largest": found.largest}
+        row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
+    return add_damage(row, new["damage"])
+
+
+def _find_missing_needle(document: Mapping[str, Any]) -> str | None:
+    """Say and return that no picture shows a needle, as in an imported folder of other pictures."""
+    measured = document.get("measurements", ())
+    if not measured or any(measurement["found"] for measurement in measured):
+        return None
+    first = measured[0]["reason"]
+    reason = f"shaft and tip were found in none of {len(measured)} pictures; the first: {first}"
+    say(f"note: {reason}")
+    return reason

@@ -10,20 +10,21 @@ names the thing, its value, the limit and a hint.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
+from labrig.analysis.batch import analyze_runs
 from labrig.analysis.comparison import compare_runs
 from labrig.analysis.comparison_result import Comparison
-from labrig.analysis.engine import DEFAULT_WORKERS, open_process_pool
 from labrig.analysis.measurements import load_runs, open_measured_runs
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run, name_damage
 from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store
 from labrig.campaign.run import write_report as write_campaign
+from labrig.campaign.tasks import CampaignTasks
 from labrig.devices.clocks import SystemClock
-from labrig.errors import RecordError
+from labrig.errors import LabrigError, RecordError, WorkersError
 from labrig.experiments.registry import (
     find_experiment,
     find_run_experiment,
@@ -33,6 +34,7 @@ from labrig.experiments.registry import (
 from labrig.lab import CAMPAIGNS, choose_runs_dir, find_in_lab
 from labrig.library.checking import Checked, check_sources
 from labrig.library.names import find_protocol_file, find_rig_file, require_run_folder
+from labrig.library.pools import open_pool
 from labrig.library.resumption import resume_run
 from labrig.library.sources import Sources
 from labrig.library.specimens import require_usable_specimens
@@ -45,6 +47,7 @@ from labrig.record.remote import is_url
 from labrig.runner.attendant import Attendant
 from labrig.runner.replay import Replay, replay_run, replay_work
 from labrig.runner.whole_run import FinishedRun, RunOrder, perform, write_page
+from labrig.text import format_count
 
 __all__ = [
     "Attendant",
@@ -58,6 +61,7 @@ __all__ = [
     "make_run",
     "open_run",
     "reanalyze",
+    "reanalyze_runs",
     "replay",
     "resume",
     "run",
@@ -230,6 +234,31 @@ def reanalyze(
         )
 
 
+def reanalyze_runs(
+    runs: Sequence[Path],
+    *,
+    settings: Sequence[str] = (),
+    workers: int | None = None,
+    attendant: Attendant = _SILENT,
+    command_line: Sequence[str] = (),
+) -> Generator[tuple[Path, AnyResult | LabrigError], None, None]:
+    """Measure several runs at once, as `reanalyze` does, and yield each with its result as it comes, or its error."""
+    title = f"measuring {format_count(len(runs), 'run')}"
+    with (
+        open_pool(workers, None, "analysed runs", attendant.say) as pool,
+        attendant.progress(title, 1.0) as progress,
+    ):
+        yield from analyze_runs(
+            runs,
+            find_run_experiment,
+            pool,
+            overrides=settings,
+            progress=lambda done, of, run: progress(done / of, f"{done} of {of} pictures, {run.name}"),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(tuple(command_line) or _name_program()),
+        )
+
+
 def replay(run: AnyRun, *, attendant: Attendant = _SILENT) -> Replay:
     """Repeat the procedure of a run with its recorded answers, and say whether it decides the same again.
 
@@ -284,31 +313,64 @@ def run_campaign(
     out: Path | str | None = None,
     rig: Path | str | None = None,
     settings: Sequence[str] = (),
-    workers: int = DEFAULT_WORKERS,
+    workers: int | None = None,
+    cluster: str | None = None,
+    attendant: Attendant = _SILENT,
 ) -> Campaign:
     """Repeat a protocol virtually as a campaign file says; return its table, its result and its page.
 
-    Begun again on the same folder, it goes on behind its last row.
+    Begun again on the same folder, it goes on behind its last row; interrupted, it leaves a page of what is done.
 
     Parameters
     ----------
     out : Path, str or None
         Its folder; None: one of the campaign's name in `data/campaigns` of the lab folder.
+    workers, cluster
+        As for `open_pool`.
 
     Raises
     ------
     FileFormatError, InputError
         When something cannot be used.
+    DiskError, MachineError
+        When it cannot go on; what is done stays done.
     """
-    loaded = load_campaign_files(
-        find_protocol_file(Path(file), is_campaign=True),
-        find_rig_file,
-        settings=settings,
-        rig=None if rig is None else Path(rig),
-    )
+    with attendant.progress("reading the arms", 1.0) as progress:
+        loaded = load_campaign_files(
+            find_protocol_file(Path(file), is_campaign=True),
+            find_rig_file,
+            settings=settings,
+            rig=None if rig is None else Path(rig),
+            progress=lambda share: progress(share, "arms"),
+        )
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
-    with open_store(loaded, folder) as store, open_process_pool(workers, "computed tasks") as pool:
-        compute_campaign(loaded, store, pool)
+    with open_store(loaded, folder) as store:
+        begin, count = store.done, CampaignTasks(loaded).count
+        if store.change and begin:
+            attendant.say(f"note: the first rows were {store.change}; last digits may differ")
+        if begin == count or store.ended_by_rule:
+            attendant.say(
+                f"{folder}: the campaign has ended with {format_count(begin, 'task')}; nothing is left to do"
+            )
+        elif begin:
+            attendant.say(f"{folder}: {begin} of {count} tasks are done; the campaign goes on behind them")
+        try:
+            with (
+                open_pool(workers, cluster, "computed tasks", attendant.say) as pool,
+                attendant.progress(loaded.file.campaign, float(max(1, count - begin))) as tell,
+            ):
+                compute_campaign(
+                    loaded,
+                    store,
+                    pool,
+                    progress=lambda done, of: tell(float(done - begin), f"{done} of {of} tasks"),
+                )
+        except (KeyboardInterrupt, WorkersError):
+            attendant.say(f"{store.done} of {count} tasks are done; the same command goes on behind them")
+            if store.done:
+                attendant.say(f"report  {write_campaign(loaded, store).report}")
+            raise
+        attendant.say("writing the report")
         return write_campaign(loaded, store)
 
 

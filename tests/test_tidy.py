@@ -58,6 +58,7 @@ def test_imports_inside_functions_stand_in_cli_alone() -> None:
     assert importing <= {
         "library/door.py",  # `import labrig` loads what is called
         "library/names.py",
+        "library/pools.py",  # dask, which is not installed with labrig
         "record/catalogue.py",  # a list of runs needs no reader
         "runner/whole_run.py",  # what draws is loaded after the processes that measure are forked
     }

@@ -1,12 +1,9 @@
 """How what was computed again agrees with what is recorded, printed alike by `replay` and `reanalyze`."""
 
 from textwrap import shorten
-from typing import TYPE_CHECKING
+from typing import Any
 
 from labrig.cli.output import print_line
-
-if TYPE_CHECKING:
-    from labrig.record.agreement import Agreement
 
 _VERDICTS = {
     "identical": "every decision and every number is the same",
@@ -16,7 +13,7 @@ _VERDICTS = {
 _MOST_QUANTITIES, _WIDEST = 3, 100
 
 
-def print_agreement(found: "Agreement", place: str, names: tuple[str, str]) -> None:
+def print_agreement(found: Any, place: str, names: tuple[str, str]) -> None:
     """Print the verdict, the first difference with both values under these names, and the largest differences."""
     print_line(f"{found.verdict}: {_VERDICTS[found.verdict]}")
     first = found.first

@@ -60,9 +60,7 @@ def view_camera(
     LockedError, CameraError
         When the camera cannot be opened, or gives no picture.
     """
-    if save is not None and save.suffix.lower() != ".png":
-        raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
-    require_writable(save, force=False, hint="choose another name")
+    _require_new_png(save)
     is_watched = sys.stdout.isatty() and not as_json and save is None
     wanted = pictures if pictures is not None or web or is_watched else _COUNTED
     with ExitStack() as stack:
@@ -71,13 +69,7 @@ def view_camera(
         in_use = CameraInUse(
             driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings.in_use
         )
-        shows: list[Callable[[ShownPicture], None]] = []
-        if web:
-            page = stack.enter_context(closing(PicturePage()))
-            say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
-            shows.append(page.show)
-        if sys.stdout.isatty() and not as_json and wanted is None:
-            shows.append(stack.enter_context(_open_table()))
+        shows = _open_shows(stack, web=web, table=is_watched and wanted is None)
         shown = ShownPicture(0, NO_PICTURE, f"Camera of rig {rig.name}", camera=in_use)
         watch = CameraWatch(camera, shown, wanted, interrupted, shows)
         search = partial(
@@ -92,21 +84,40 @@ def view_camera(
         return _INTERRUPTED
     if not watch.landmarks and watch.interrupted() is None:
         watch.landmarks = search(last.image)
+    is_good = False not in [score.good for score in last.scores]
     document = {
         "rig": rig.name,
         "camera": in_use.model_dump(),
-        "ok": False not in [score.good for score in last.scores],
+        "ok": is_good,
         "pictures": watch.taken,
         "landmarks": [asdict(mark) for mark in watch.landmarks],
     }
     show(document, as_json, lambda _: _print(rig, last, watch.landmarks))
     if save is not None:
-        require_writable(save, force=False, hint="choose another name")  # somebody may have made it meanwhile
+        _require_new_png(save)  # somebody may have made it meanwhile
         write_atomically(save, encode_frame(last.image, in_use))
         say(f"written: {save}")
     if watch.interrupted() is not None:
         return _INTERRUPTED
-    return 0 if document["ok"] else 1
+    return 0 if is_good else 1
+
+
+def _open_shows(stack: ExitStack, *, web: bool, table: bool) -> list[Callable[[ShownPicture], None]]:
+    """Open what shows pictures while they are taken: a page, a table on a terminal, both, or nothing."""
+    shows: list[Callable[[ShownPicture], None]] = []
+    if web:
+        page = stack.enter_context(closing(PicturePage()))
+        say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
+        shows.append(page.show)
+    if table:
+        shows.append(stack.enter_context(_open_table()))
+    return shows
+
+
+def _require_new_png(save: Path | None) -> None:
+    if save is not None and save.suffix.lower() != ".png":
+        raise InputError(f"--save {save} is no PNG file", "give a name that ends in .png")
+    require_writable(save, force=False, hint="choose another name")
 
 
 def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:

@@ -1,16 +1,13 @@
 """`labrig campaign`: repeats a protocol virtually, thousands of times, and writes one table and its page."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from labrig.cli.options import CampaignArgument, ClusterOption, WorkersOption
 from labrig.cli.output import AsJson, print_json, print_line, print_table, say
 from labrig.text import format_count, interval, number
-
-if TYPE_CHECKING:
-    from labrig.campaign.run import Campaign
 
 
 def campaign(
@@ -53,7 +50,7 @@ def campaign(
     return 0 if done.result.failed < done.result.done else 1
 
 
-def _print(campaign: "Campaign") -> None:
+def _print(campaign: Any) -> None:
     result, is_judged = campaign.result, campaign.result.tolerance is not None
     rows = []
     for arm in result.arms:
@@ -73,7 +70,7 @@ def _print(campaign: "Campaign") -> None:
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")
 
 
-def _make_document(campaign: "Campaign") -> dict[str, Any]:
+def _make_document(campaign: Any) -> dict[str, Any]:
     result = campaign.result
     mean, ci95 = ("mean_error_mm", "ci95_mm") if result.measure.endswith("error_mm") else ("mean", "ci95")
     arms = [

@@ -24,7 +24,7 @@ def check(
 
     faults = _report(find_plugin_faults(EXPERIMENTS))
     try:
-        found = check_sources(Sources(protocol, rig, tuple(settings or ()), seed), find_runs_dir(None))
+        found = check_sources(Sources(protocol, rig, tuple(settings or ()), seed), find_runs_dir())
     except FileFormatError as error:
         if not as_json:
             raise

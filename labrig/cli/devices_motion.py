@@ -1,6 +1,7 @@
 """`labrig devices home|jog|withdraw`: commission a rig axis by axis, and withdraw a needle from tissue."""
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
@@ -10,7 +11,15 @@ from typing import Annotated, Any, Literal
 import typer
 
 from labrig.cli.options import RigOption, YesOption, find_runs_dir
-from labrig.cli.output import AsJson, print_checks
+from labrig.cli.output import (
+    AsJson,
+    failure_document,
+    failure_lines,
+    print_checks,
+    print_json,
+    print_line,
+    say,
+)
 from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
 from labrig.library.names import find_rig_file
 
@@ -128,10 +137,41 @@ def withdraw(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the needle is out; the withdrawal is recorded as a run of its own."""
-    from labrig.cli.withdraw import withdraw_and_print
+    from labrig.cli.attendant import TerminalAttendant
+    from labrig.cli.finished_run import say_where_needle_is
+    from labrig.cli.rigs import remark_on_yes
+    from labrig.devices.rig_file import load_rig
+    from labrig.library.withdrawal import withdraw_needle
+    from labrig.record.manifest import read_checksum
 
-    standing = dict(map(_read_position, at or ()))
-    return withdraw_and_print(rig, run, find_runs_dir(None), standing, yes=yes, as_json=as_json)
+    description = load_rig(find_rig_file(rig))
+    remark_on_yes(description, yes=yes)
+    done = withdraw_needle(
+        description,
+        run,
+        find_runs_dir(),
+        standing=dict(map(_read_position, at or ())),
+        attendant=TerminalAttendant(),
+        command_line=sys.argv,
+    )
+    error, checksum = done.outcome.error, read_checksum(done.path)
+    if error is not None:
+        say_where_needle_is(done.needle)
+        for line in failure_lines(error):
+            say(line)
+        say(f"again: {done.retry}\nthe record is kept: {done.path}")
+    if as_json:
+        document: dict[str, object] = {
+            "run": str(done.path),
+            "exit_status": done.outcome.exit_status,
+            "reason": done.outcome.reason or None,
+            "checksum": checksum,
+            "needle": done.needle.document(),
+        }
+        print_json(document if error is None else {**document, "error": failure_document(error)})
+    elif error is None:
+        print_line(f"the needle is out\nrecord  {done.path}\nchecksum {checksum}")
+    return 0 if error is None else error.exit_code
 
 
 def _read_position(text: str) -> tuple[str, float]:

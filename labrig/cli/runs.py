@@ -4,7 +4,7 @@ import getpass
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -20,9 +20,6 @@ from labrig.cli.several_runs import do_for_each_run
 from labrig.errors import InputError, RecordError
 from labrig.lab import choose_runs_dir, find_lab_folder
 from labrig.text import format_count
-
-if TYPE_CHECKING:
-    from labrig.record.catalogue import FoundRun, RunSummary
 
 app = typer.Typer()
 
@@ -81,12 +78,12 @@ def _suggest_first_run() -> str:
     return "make the first with: labrig run steerability"
 
 
-def _make_row(found: "FoundRun") -> dict[str, object]:
+def _make_row(found: Any) -> dict[str, object]:
     asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
     return {**found.summary.document(), **asked}
 
 
-def _print_runs(found: Sequence["FoundRun"]) -> None:
+def _print_runs(found: Sequence[Any]) -> None:
     """Print a table, with a column more for each field that was searched, sorted by or asked for, and for remarks."""
     asked = [name for name in found[0].fields if name not in _SHOWN]
     columns = {name: [_join(run.fields[name]) for run in found] for name in asked}
@@ -103,7 +100,7 @@ def _print_runs(found: Sequence["FoundRun"]) -> None:
     )
 
 
-def _format_summary(summary: "RunSummary") -> list[object]:
+def _format_summary(summary: Any) -> list[object]:
     done, planned = summary.trials_done, summary.trials_planned
     trials = f"{done} of {planned}" if planned else None
     return [summary.run.name, summary.protocol, summary.exit_status, trials]

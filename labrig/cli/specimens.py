@@ -29,7 +29,7 @@ def specimens(
     from labrig.protocol.specimen_file import load_specimen
 
     specimen, sha256 = load_specimen(name)
-    folder = find_runs_dir(None)
+    folder = find_runs_dir()
     found = {
         kind: find_tracks(folder, [name], simulated=kind == "simulated") for kind in ("real", "simulated")
     }

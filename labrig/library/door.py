@@ -344,7 +344,10 @@ def run_campaign(
             progress=lambda share: progress(share, "arms"),
         )
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
-    with open_store(loaded, folder) as store:
+    with (
+        open_pool(workers, cluster, "computed tasks", attendant.say) as pool,
+        open_store(loaded, folder) as store,
+    ):
         begin, count = store.done, CampaignTasks(loaded).count
         if store.change and begin:
             attendant.say(f"note: the first rows were {store.change}; last digits may differ")
@@ -355,10 +358,7 @@ def run_campaign(
         elif begin:
             attendant.say(f"{folder}: {begin} of {count} tasks are done; the campaign goes on behind them")
         try:
-            with (
-                open_pool(workers, cluster, "computed tasks", attendant.say) as pool,
-                attendant.progress(loaded.file.campaign, float(max(1, count - begin))) as tell,
-            ):
+            with attendant.progress(loaded.file.campaign, float(max(1, count - begin))) as tell:
                 compute_campaign(
                     loaded,
                     store,

@@ -15,7 +15,7 @@ from labrig.cli.options import LocalRunsOrNoneArgument, RunsDirOption, WorkersOp
 from labrig.cli.output import AsJson, print_line, print_table, say
 from labrig.cli.several_runs import add_damage, do_each, find_matching_runs, require_runs_or_condition
 from labrig.cli.signals import Interruption
-from labrig.errors import LabrigError, WorkersError
+from labrig.errors import LabrigError, RecordError, WorkersError
 
 _Work = tuple[Path, Callable[[], Mapping[str, object]]]
 
@@ -84,6 +84,12 @@ def _show(path: Path, outcome: Any, *, as_json: bool) -> dict[str, object]:
     if isinstance(outcome, LabrigError):
         raise outcome
     run, new = open_run(path), outcome.document
+    for number in run.result_numbers:
+        if new["parent"] is None or number > new["parent"]:
+            try:
+                load_run_result(run, number)
+            except RecordError as error:
+                say(f"note: {error.message}")
     old = None if new["parent"] is None else load_run_result(run, new["parent"])
     if not as_json:
         print_line(str(path))

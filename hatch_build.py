@@ -1,5 +1,6 @@
-"""Builds the manual as a site when a wheel is made, so that an installed labrig can open it without a network."""
+"""Builds the manual as a site when a wheel is made, and packs the examples of a lab folder."""
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from sphinx.cmd.build import build_main
 
 
 class ManualHook(BuildHookInterface):
-    """Puts the site into `labrig/manual/site` of the wheel; an installation in place has the sources alone."""
+    """Puts site and examples into a wheel; an installation in place has the sources alone."""
 
     PLUGIN_NAME = "custom"
 
@@ -23,3 +24,10 @@ class ManualHook(BuildHookInterface):
         if build_main(["-q", "-W", "-b", "html", "-d", str(site.with_name("read")), source, str(site)]):
             raise RuntimeError("Sphinx could not build the manual")
         build_data["force_include"][str(site)] = "labrig/manual/site"
+        sys.path.insert(0, self.root)
+        from labrig.lab import list_examples
+
+        for file in list_examples(Path(self.root)):
+            build_data["force_include"][str(file)] = (
+                f"labrig/examples/{file.relative_to(self.root).as_posix()}"
+            )

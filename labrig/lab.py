@@ -33,6 +33,7 @@ _IGNORED = """\
 /data/runs/
 /data/comparisons/
 /data/campaigns/
+/data/exports/
 # What a rig remembers between runs.
 *state.json*
 """
@@ -102,15 +103,15 @@ def read_examples() -> dict[str, bytes]:
     """Return the content of every example by its place in a lab folder, such as `protocols/steerability.yaml`."""
     packed = _PACKAGE / "examples"
     root = packed if packed.is_dir() else _PACKAGE.parent
-    found = {file.relative_to(root).as_posix(): file.read_bytes() for file in _list_examples(root)}
+    found = {file.relative_to(root).as_posix(): file.read_bytes() for file in list_examples(root)}
     return {**found, _NOTEBOOK: (_PACKAGE / "manual" / "example" / _NOTEBOOK).read_bytes()}
 
 
-def _list_examples(root: Path) -> Iterator[Path]:
-    """Yield the examples, without what a rig remembers or an editor leaves there."""
+def list_examples(root: Path) -> Iterator[Path]:
+    """Yield the examples below a folder: no schemas, which `init` writes, and not what a rig remembers."""
     for folder in (PROTOCOLS, CALIBRATION):
         for file in sorted((root / folder).iterdir()):
-            if file.is_file() and file.name[0] != "." and "state.json" not in file.name:
+            if file.suffix in {".yaml", ".json", ".png"} and not {".schema", ".state"} & set(file.suffixes):
                 yield file
     yield root / "data" / "read_run.m"
 

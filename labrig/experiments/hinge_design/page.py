@@ -5,13 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.result import AnalysisResult, AnyResult
-from labrig.experiments.hinge_design.figure import draw_hinge_figure
+from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult
 from labrig.experiments.hinge_design.study import find_design_basis
 from labrig.needle.design_search import STEEPEST_CUT_DEG, GridPoint
 from labrig.needle.equations import RotationPlane
+from labrig.needle.hinge import Hinge
+from labrig.needle.tube import Tube
 from labrig.record.reader import Run
+from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import Rows, interval, number
 from labrig.report.page import Page
 from labrig.report.pictures import data_uri
@@ -54,6 +57,7 @@ def _collect_content(result: AnyResult, content: DesignResult) -> dict[str, Any]
     return {
         "content": content,
         "folder": f"analysis/{result.path.name}",
+        "section": _draw_section(content),
         "figure": data_uri(draw_hinge_figure(cells, fit, "svg"), "image/svg+xml"),
         "answers": _list_answers(content),
         "planes": (
@@ -73,6 +77,14 @@ def _collect_content(result: AnyResult, content: DesignResult) -> dict[str, Any]
             else content.search["beta_cut_deg"] - content.beta_cut_deg,
         },
     }
+
+
+def _draw_section(content: DesignResult) -> DrawnFigure | None:
+    """Return the drawing of the hinge on our contour; None if that has no answer."""
+    cut_deg = content.search["beta_cut_deg"]
+    if cut_deg is None:
+        return None
+    return draw_section(Hinge(Tube(**content.tube), content.clearance_mm, cut_deg), "section")
 
 
 def _write_verdict(content: DesignResult) -> list[str]:
@@ -102,13 +114,13 @@ def _list_answers(content: DesignResult) -> list[tuple[str, str, str]]:
     rows = [
         ("Inclination to cut [degrees]", *(number(answer["beta_cut_deg"]) for _, answer in both)),
         ("Two hinges turn [degrees]", *(number(answer["beta_rot_deg"]) for _, answer in both)),
+        ("Radius within the tolerances [mm]", *low_to_high),
         (
-            "of it hinge a, hinge b [degrees]",
+            "Hinge a turns, hinge b turns [degrees]",
             number(None),
             _format_pair(search["beta_a_deg"], search["beta_b_deg"]),
         ),
         ("Radius [mm]", *(number(answer["radius_mm"]) for _, answer in both)),
-        ("Radius within the tolerances [mm]", *low_to_high),
         (
             "Change of radius for 0.001 mm of clearance [mm]",
             *(_format_slope(tolerance["radius_mm_per_clearance_mm"], 0.001) for tolerance in tolerances),

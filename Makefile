@@ -2,6 +2,7 @@
 # make test   set up .venv, and run ruff and the tests that protect a user; some minutes
 # make check  mypy, import-linter, deptry
 # make test-slow   the other tests: kills, full disks, clusters, the wheel, the manual, a foreign CANopen client
+# make test-random   the tests of properties with other examples, of the seed that is printed; the same again: SEED=N
 # make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
 # make test-processors MANY=--many   compare hundreds of drawn plans, pictures and insertions, and whole campaigns
 # make coverage   all tests with branch coverage
@@ -14,7 +15,7 @@ OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
 ROOMS := vision needle steering protocol record analysis simulation cli/test_kept_records.py
 
-.PHONY: run test check test-slow check-rooms test-processors coverage benchmarks manual clean
+.PHONY: run test check test-slow test-random check-rooms test-processors coverage benchmarks manual clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
@@ -34,6 +35,11 @@ check: $(READY)
 
 test-slow: $(READY) $(OUTSIDE)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile -m slow $(COVERAGE)
+
+test-random: SEED ?= $(shell date +%s)
+test-random: $(READY)
+	@echo "the seed of hypothesis is $(SEED)"
+	$(BIN)/pytest -n 3 -m "hypothesis and not slow" --hypothesis-profile=random --hypothesis-seed=$(SEED)
 
 # What another Python could change, without the tests that start processes or wait in real time: make check-rooms PYTHON=python3.13 VENV=.venv/newer
 check-rooms: $(READY)

@@ -1,7 +1,7 @@
 """How the tests run here.
 
-Hypothesis makes the same examples every time and has no deadline, so that no test can fail for timing. What
-was imported is never searched for garbage, which took a tenth of the time.
+Hypothesis makes the same examples every time, but for `make test-random`, and has no deadline, so that no test can fail
+for timing. What was imported is never searched for garbage, which took a tenth of the time.
 """
 
 import gc
@@ -10,6 +10,7 @@ from hypothesis import settings
 
 gc.disable()
 settings.register_profile("labrig", deadline=None, derandomize=True, max_examples=60)
+settings.register_profile("random", deadline=None, max_examples=60, print_blob=True)
 settings.load_profile("labrig")
 
 

@@ -1,13 +1,12 @@
 """One axis of the rig: its limits, its reference and its moves, for any kind of drive."""
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drives.drive import Drive, Homing
-from labrig.devices.drives.states import DriveState
-from labrig.devices.input_channel import InputValue
+from labrig.devices.drives.drive import Drive, DriveReading, Homing
 from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
 from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError, SafetyStopError
 
@@ -54,20 +53,14 @@ class _Place:
 
 
 @dataclass(frozen=True, slots=True)
-class AxisReadback:
-    """A reading of an axis: position and speed [mm or rad, per s], statusword, state, and whether the move is done.
+class AxisReadback(DriveReading):
+    """A reading of an axis: that of its drive, whether the move is done, and the speed [mm/s or rad/s].
 
-    The speed is computed from this position and the one before; the drive's own is quantised to tens of rpm. Motor
-    current [mA] and inputs are those of the drive; None and none where it has none.
+    The speed is computed from this position and the one before; the drive's own is quantised to tens of rpm. NaN where
+    it is not known.
     """
 
-    position: float
-    speed: float
-    statusword: int
-    state: DriveState
-    target_reached: bool
-    current_ma: float | None = None
-    inputs: Mapping[str, InputValue] = field(default_factory=dict)
+    speed: float = math.nan
 
 
 class Axis:
@@ -256,12 +249,12 @@ class Axis:
             )
         return AxisReadback(
             read.position,
-            self._speed(read.position),
             read.statusword,
             read.state,
             reached,
             read.current_ma,
             read.inputs,
+            speed=self._speed(read.position),
         )
 
     def require_target(self) -> None:

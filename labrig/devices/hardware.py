@@ -2,9 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Protocol
 
-from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import Camera, CameraContext, PictureSource, close_source
 from labrig.devices.clocks import SystemClock
@@ -13,42 +11,7 @@ from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.devices.worker import Worker, WorkerThread
-
-
-class Hardware(Protocol):
-    """Opens bus and camera of a rig, and has its clock and operator."""
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of the rig."""
-
-    @property
-    def operator(self) -> Operator | None:
-        """The operator that answers by itself; None if a person has to answer."""
-
-    @property
-    def camera_worker(self) -> Worker:
-        """Asks the camera."""
-
-    @property
-    def disk_worker(self) -> Worker:
-        """Does everything else that may block."""
-
-    def open_link(self) -> CanLink:
-        """Connect to the bus. Raises `BusError`."""
-
-    def open_source(self) -> PictureSource:
-        """Open the camera. Raises `CameraError`."""
-
-    def truth(self) -> tuple[dict[str, object], ...]:
-        """Return the truth of the present insertion, if it is known."""
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Make earlier insertions into the specimens known to a simulated world, which is new in every session."""
-
-    def close(self) -> None:
-        """Release what neither link nor source holds."""
+from labrig.devices.worker import WorkerThread
 
 
 class BenchHardware:
@@ -94,7 +57,11 @@ class BenchHardware:
         self.disk_worker.close()
 
 
-def make_hardware(rig: RigDescription, seed: int) -> BenchHardware | SimulatedHardware:
+Hardware = BenchHardware | SimulatedHardware
+"""Opens bus and camera of a rig; has its clock, its workers, and an operator that answers by itself, or None."""
+
+
+def make_hardware(rig: RigDescription, seed: int) -> Hardware:
     """Return the hardware that the rig file describes; nothing is opened yet.
 
     Parameters

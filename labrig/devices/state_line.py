@@ -1,6 +1,5 @@
 """A reading of the axes as a line of states.jsonl, and back."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,7 +34,6 @@ def read_state_line(rig: RigDescription, line: Mapping[str, Any]) -> dict[str, A
         columns = {channel: axis.inputs[channel].column(channel) for channel in axis.inputs}
         states[name] = AxisReadback(
             position=float(line[f"{name}_{axis.unit}"]),
-            speed=math.nan,
             statusword=int(line[f"{name}_statusword"]),
             state=decode_state(int(line[f"{name}_statusword"])),
             target_reached=bool(line[f"{name}_arrived"]),

@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from labrig.clock import Clock
 
@@ -33,10 +33,15 @@ class StillBusyError(Exception):
     """A call has not ended within its limit; it goes on, and later calls of its worker wait for it."""
 
 
-class Worker(Protocol):
-    """Does one call after another."""
+class Worker:
+    """Does one call after another, here in the thread that calls: nothing waits in simulated or recorded time."""
 
-    def do(self, call: Callable[[], _T], meanwhile: Callable[[], None], limit_s: float = math.inf) -> _T:
+    def do(
+        self,
+        call: Callable[[], _T],
+        meanwhile: Callable[[], None],  # noqa: ARG002 - nothing waits
+        limit_s: float = math.inf,  # noqa: ARG002
+    ) -> _T:
         """Do something, and call `meanwhile` some fifty times a second until it is done.
 
         Parameters
@@ -55,28 +60,13 @@ class Worker(Protocol):
         Exception
             Those of `call` and `meanwhile`.
         """
+        return call()
 
     def close(self, within_s: float = math.inf) -> None:
         """End once every call is done; wait at most `within_s` for it."""
 
 
-class SameThread:
-    """The worker of a rig in simulated or recorded time, which does not pass while something blocks."""
-
-    def do(
-        self,
-        call: Callable[[], _T],
-        meanwhile: Callable[[], None],  # noqa: ARG002 - nothing waits
-        limit_s: float = math.inf,  # noqa: ARG002
-    ) -> _T:
-        """Do it."""
-        return call()
-
-    def close(self, within_s: float = math.inf) -> None:
-        """Nothing to end."""
-
-
-SAME_THREAD = SameThread()
+SAME_THREAD = Worker()
 
 
 def _wait_until_done(future: Future[Any], longest_s: float) -> bool:
@@ -88,7 +78,7 @@ def _wait_until_done(future: Future[Any], longest_s: float) -> bool:
     return True
 
 
-class WorkerThread:
+class WorkerThread(Worker):
     """A worker with a thread, which begins with the first call. It does not keep a process alive that ends.
 
     Parameters

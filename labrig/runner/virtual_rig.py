@@ -189,7 +189,7 @@ class VirtualRig(RigWithoutDevices):
         here, now_s = self._move_world(), self.clock.now_s()
         return {
             name: AxisReadback(
-                here[name], 0.0, _ENABLED, DriveState.OPERATION_ENABLED, now_s >= self._find_arrival_s(axis)
+                here[name], _ENABLED, DriveState.OPERATION_ENABLED, now_s >= self._find_arrival_s(axis)
             )
             for name, axis in self._axes.items()
         }

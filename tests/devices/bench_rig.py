@@ -1,20 +1,16 @@
 """A bench rig whose drives are simulated ones on a python-can bus, in real time; its camera shows one picture."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import Exposure, PictureSource, Setting
-from labrig.devices.clocks import SystemClock
-from labrig.devices.operator import Operator
-from labrig.devices.past_insertion import PastInsertion
+from labrig.devices.hardware import BenchHardware
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.supervisor import Interrupted
-from labrig.devices.worker import WorkerThread
 from tests.devices.rigs import BENCH, Person, Signal
 
 SCREW = ("encoder_pulses_per_turn=500", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")
@@ -59,36 +55,12 @@ class StillSource:
         """Nothing is held."""
 
 
-class ServedPlant:
+class ServedPlant(BenchHardware):
     """A real bus and clock, and a camera that shows nothing."""
-
-    operator: Operator | None = None
-
-    def __init__(self, description: RigDescription) -> None:
-        self.clock = SystemClock()
-        self.camera_worker = WorkerThread("camera", self.clock)
-        self.disk_worker = WorkerThread("disk", self.clock)
-        self._description = description
-
-    def open_link(self) -> CanLink:
-        """Connect to the bus."""
-        return open_can(self._description.can, self.clock)
 
     def open_source(self) -> PictureSource:
         """Return the still picture."""
-        return StillSource(self._description)
-
-    def truth(self) -> tuple[dict[str, object], ...]:
-        """Return nothing."""
-        return ()
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Do nothing."""
-
-    def close(self) -> None:
-        """End the workers."""
-        self.camera_worker.close(0.0)
-        self.disk_worker.close()
+        return StillSource(self._rig)
 
 
 @contextmanager

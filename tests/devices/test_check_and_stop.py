@@ -8,7 +8,7 @@ import pytest
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
-from labrig.devices.camera import Camera, Exposure, PictureSource, check_rate
+from labrig.devices.camera import Camera, CameraContext, Exposure, PictureSource, check_rate
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
@@ -16,11 +16,13 @@ from labrig.devices.clocks import SimulatedClock, SystemClock
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.drives.states import DriveState, decode_state
+from labrig.devices.exclusive import acquire_rig
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.bus import InProcessBus, attach
+from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
 from labrig.devices.stop import StopTarget, read_stop_target, stop_drives, stop_rig
-from labrig.errors import BusError, SafetyStopError
+from labrig.errors import BusError, LockedError, SafetyStopError
 from labrig.vision.calibration_file import save_intrinsics
 from labrig.vision.intrinsics import Intrinsics
 from tests.devices.rigs import (
@@ -389,6 +391,25 @@ def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
     assert results["rig"].status is CheckStatus.WARN
     assert "labrig run x.yaml" in results["rig"].value
     assert "bus" not in results
+
+
+class _Intruder(SimulatedCameraDescription):
+    """A camera that is opened while another labrig wants the rig."""
+
+    def open(self, context: CameraContext) -> SimulatedSource:
+        """Want it."""
+        rig = large_rig("state_file=state.json").placed_in(context.folder)
+        with pytest.raises(LockedError, match="labrig devices check"), acquire_rig(rig, "labrig run x.yaml"):
+            pass
+        return super().open(context)
+
+
+def test_a_rig_that_is_checked_is_in_use(tmp_path: Path) -> None:
+    """Nobody opens it while its bus and camera are looked at."""
+    rig = large_rig("state_file=state.json")
+    camera = _Intruder.model_validate(rig.camera.model_dump())
+    results = _by_name(check_rig(rig.model_copy(update={"camera": camera}).placed_in(tmp_path)))
+    assert results["camera picture"].status is CheckStatus.PASS
 
 
 class _SlowSource:

@@ -103,7 +103,7 @@ def test_all_failures_of_all_drives_are_reported_together() -> None:
     ) as opened:
         drives = opened.drives
         drives["insertion"].unplug()
-        drives["rotation"].set_encoder(500)
+        drives["rotation"].objects.set_fixed(od.ENCODER_PULSES, 500)
         with pytest.raises(DriveError) as refusal:
             opened.rig.connect()
         for words in (

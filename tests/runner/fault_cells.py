@@ -13,12 +13,14 @@ import can
 
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.camera import Exposure, PictureSource, Setting
 from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_own_eds
 from labrig.devices.drives.epos2 import Epos2Axis
+from labrig.devices.drives.generic import Cia402Axis
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import DriveState
 from labrig.devices.fault_script import FaultDescription
@@ -407,7 +409,31 @@ def _hardware(description: RigDescription) -> SimulatedHardware:
     return hardware
 
 
-def run_cell(folder: Path, fault: str, phase: Phase) -> CellResult:
+def epos2_rig() -> RigDescription:
+    """Return the rig of the matrix, whose drives are EPOS2."""
+    return simulated_rig(*_RIG)
+
+
+def cia402_rig() -> RigDescription:
+    """Return the same rig with drives that only their EDS file describes."""
+    rig = simulated_rig(_RIG[0], *(f"axes.{name}.max_current_ma=1500" for name in AXES))
+    common = {*AxisDescription.model_fields} - {"driver", "homing"}
+    axes = {
+        name: Cia402Axis.model_validate(
+            {
+                **Cia402Axis.factory_settings,
+                **{key: getattr(axis, key) for key in common},
+                "counts_per_turn": axis.scale().counts_per_turn,
+            }
+        )
+        for name, axis in rig.axes.items()
+    }
+    return rig.model_copy(update={"axes": rig.axes.model_copy(update=axes)})
+
+
+def run_cell(
+    folder: Path, fault: str, phase: Phase, make_rig: Callable[[], RigDescription] = epos2_rig
+) -> CellResult:
     """Run a cell and compare it with the table.
 
     Parameters
@@ -416,8 +442,10 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> CellResult:
         For the record and the state file of the rig.
     fault, phase
         Which cell.
+    make_rig : callable
+        Returns the rig file.
     """
-    description = simulated_rig(*_RIG).placed_in(folder)
+    description = make_rig().placed_in(folder)
     hardware, protocol = _hardware(description), sweep(*_SHORT)
     with _rig(description, hardware) as (rig, camera, signal):
         cell = Cell(fault, phase, hardware, camera, signal, rig)

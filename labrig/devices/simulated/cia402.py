@@ -232,12 +232,6 @@ class SimulatedCia402Drive(CanopenNode):
             self._section, self._wire, self._clock, mechanics, behaviour=behaviour, fixed=self._fixed
         )
 
-    def set_encoder(self, pulses: int) -> None:
-        """Have another encoder resolution than before, as if somebody had changed the settings."""
-        self._pulses = 4 * pulses // self._behaviour.counts_per_pulse
-        if self._behaviour.encoder is not None:
-            self.objects.set_fixed(self._behaviour.encoder, self._pulses)
-
     def fail(self, code: int) -> None:
         """Go to fault with an error code: tell it by EMCY, and brake or lose power as the code has it."""
         self._raise_error(code, self._clock.now_s())

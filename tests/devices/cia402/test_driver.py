@@ -347,7 +347,7 @@ def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) ->
 
 def test_a_changed_encoder_is_reported_when_the_drive_is_opened(bare: ProfileDriveOnABus) -> None:
     """The error has the counts of the drive and of the rig file."""
-    bare.node.set_encoder(1000)
+    bare.node.objects.set_fixed(Place(0x3000, 5), 4000)
     with pytest.raises(DriveError, match="counts_per_turn 4000"):
         bare.driver.identify()
 

@@ -15,7 +15,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import RehearsedOperator, SimulatedOperator
-from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.simulated.plant import make_drives
 from labrig.devices.worker import SAME_THREAD, Worker, WorkerThread
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
@@ -47,9 +47,9 @@ class SimulatedHardware:
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.wire = InProcessWire()
         self.world = World(world, seed)
-        self._plant = SimulatedPlant(rig, self.wire, self.clock, forces=self.world)
-        self.drives = self._plant.drives
-        self._hands = SimulatedOperator(self.world, self._plant.true_positions)
+        self.drives = make_drives(rig, self.wire, self.clock, self.world)
+        self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
+        self._hands = SimulatedOperator(self.world, self._true_positions)
         self.operator = None if rig.asks_person else self._hands
         self._positions = dict.fromkeys(self.drives, 0.0)
         for drive in self.drives.values():
@@ -89,12 +89,18 @@ class SimulatedHardware:
 
     def close(self) -> None:
         """Take the drives off the bus, once everything is on disk."""
-        self._plant.close()
+        for drive in self.drives.values():
+            drive.unplug()
         self.disk_worker.close()
+
+    def _true_positions(self) -> dict[str, float]:
+        return {
+            name: self._scales[name].to_position(drive.shaft_counts) for name, drive in self.drives.items()
+        }
 
     def _move_world(self) -> None:
         """Move the world to where the shafts are; in a new rig all of them are at zero."""
-        where = self._plant.true_positions()
+        where = self._true_positions()
         if where != self._positions:
             self._positions = where
             self.world.advance(where["insertion"], where["rotation"], where["linear"])

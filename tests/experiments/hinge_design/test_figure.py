@@ -1,5 +1,6 @@
 """The hinge in section, and figure 3."""
 
+import numpy as np
 import pytest
 
 from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
@@ -28,7 +29,9 @@ def test_the_same_cells_give_the_same_bytes(picture_format: str, start: bytes) -
 def test_the_section_shows_both_links_with_the_laser_between_them() -> None:
     """Along the axis the knuckle's top is a clearance below the crown of the socket; both sizes are written."""
     drawn = draw_section(Hinge(Tube(), 0.025, 3.33), "section")
-    knuckle, socket = (patch.get_xy() for patch in drawn.figure.axes[0].patches[:2])
+    knuckle, socket = (
+        np.asarray(patch.get_path().vertices, float) for patch in drawn.figure.axes[0].patches[:2]
+    )
     crown_mm = min(z for x, z in socket if abs(x) < 0.01 and 0.0 < z < 1.0)
     assert crown_mm - max(z for _, z in knuckle) == pytest.approx(0.025, abs=1e-3)
     assert "d = 0.025 mm" in drawn

@@ -30,7 +30,7 @@ from labrig.record.lock import read_lock_owner
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.mask import load_mask
 from labrig.vision.picture import read_picture
-from labrig.vision.template_file import load_template
+from labrig.vision.template import load_template
 from tests.cli.conftest import RIG, ROOT, Done, Labrig, labrig
 from tests.spoiling import HOSTILE, spoil
 

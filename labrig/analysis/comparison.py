@@ -10,23 +10,30 @@ import pandas as pd
 
 from labrig.analysis.comparison_result import (
     Comparison,
+    ErrorsByOrigin,
     Group,
     LeftOutRun,
     Pair,
     Unit,
     UsedRun,
     WelchAnova,
+    sum_by_origin,
+    total_errors,
+    widen,
 )
-from labrig.analysis.group_tests import (
+from labrig.analysis.groups import (
+    ALIASES,
     Samples,
+    choose_unit,
     compare_means,
     compare_pairs,
+    find_blocks,
+    group_rows,
     has_spread,
+    order_groups,
 )
 from labrig.analysis.measured_campaign import MeasuredCampaign
-from labrig.analysis.measurement_groups import ALIASES, choose_unit, find_blocks, group_rows, order_groups
 from labrig.analysis.measurements import LeftOut, Measured, join_measurements
-from labrig.analysis.shared_errors import ErrorsByOrigin, sum_by_origin, total_errors, widen
 from labrig.analysis.statistics import compute_spread
 from labrig.errors import InputError
 from labrig.text import format_count

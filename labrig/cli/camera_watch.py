@@ -12,7 +12,7 @@ from labrig.devices.camera import Camera
 from labrig.devices.clocks import SystemClock
 from labrig.devices.worker import WorkerThread
 from labrig.report.picture_page import ShownPicture
-from labrig.vision.landmarks import Landmark
+from labrig.vision.drawing import Landmark
 from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
 

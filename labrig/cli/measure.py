@@ -92,7 +92,7 @@ def tip(
     from labrig.cli.mapping import load_plane_map
     from labrig.vision.error_budget import PlaceErrors, budget_place
     from labrig.vision.picture import read_picture, require_size
-    from labrig.vision.template_file import load_template
+    from labrig.vision.template import load_template
     from labrig.vision.tip import TIP_SIGMA_PX, locate_tip
 
     mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)

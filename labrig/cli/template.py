@@ -48,8 +48,7 @@ def template(
 ) -> None:
     """Of a picture that belongs to no run, tip and heading have to be given."""
     from labrig.vision.picture import read_picture
-    from labrig.vision.template_file import save_template, template_files
-    from labrig.vision.tip_template import cut_template
+    from labrig.vision.template import cut_template, save_template, template_files
 
     for written in template_files(out):
         require_writable(written, force)
@@ -97,7 +96,7 @@ def _cut_from_run(
     from labrig.experiments.shared.needle_events import NeedleRole
     from labrig.record.reader import open_run
     from labrig.vision.shaft_tip import measure_shaft_tip
-    from labrig.vision.tip_template import cut_template
+    from labrig.vision.template import cut_template
 
     run = open_run(folder)
     if frame is None:

@@ -22,7 +22,7 @@ import numpy as np
 from labrig.input_file import parse_json
 from labrig.report.web_page import LOCALHOST
 from labrig.vision.camera_frame import UNKNOWN_CAMERA, CameraInUse, encode_frame
-from labrig.vision.landmarks import Landmark
+from labrig.vision.drawing import Landmark
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.picture_quality import Score
 

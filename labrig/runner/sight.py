@@ -29,8 +29,7 @@ from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_check import GridCheck, check_grid
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
-from labrig.vision.template_file import load_template
-from labrig.vision.tip_template import TipTemplate
+from labrig.vision.template import TipTemplate, load_template
 
 FloatArray = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from labrig.steering.tip_search import TipSearched
 from labrig.vision.curvature import CurvatureSettings
 from labrig.vision.error_budget import PlaceErrors
 from labrig.vision.marker import MarkerFix
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_check import GridCheck
 from labrig.vision.shaft_tip import ShaftTip

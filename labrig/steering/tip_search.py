@@ -14,8 +14,8 @@ from labrig.steering.tip import TipState
 from labrig.vision.mask import Mask
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
+from labrig.vision.template import TipTemplate
 from labrig.vision.tip import TipFix, locate_tip, next_region_px
-from labrig.vision.tip_template import TipTemplate
 
 _SIGMAS = 4.0
 _LEAST_REACH_PX = 12.0

@@ -1,6 +1,6 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
-Corners come from `boards`, camera and covariance from `lens_fit`, the board's warp from `board_warp`. Bad views are
+Corners and the board's warp come from `boards`, camera and covariance from `lens_fit`. Bad views are
 left out by `lens_views`, the result is judged by `lens_judgement`.
 """
 
@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.board_warp import BoardWarp, WarpModel
-from labrig.vision.boards import Charuco, board_points_mm, find_board
+from labrig.vision.boards import BoardWarp, Charuco, WarpModel, board_points_mm, find_board
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.lens_fit import Fit, ObservedView, widen_by_views
 from labrig.vision.lens_judgement import judge_lens

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.bend_variations import find_bent_homographies, fit_homography, raise_paper
 from labrig.vision.gel import Gel
 from labrig.vision.intrinsics import Intrinsics, vary_lens
 from labrig.vision.paper import PaperPoints, find_paper
@@ -29,7 +28,7 @@ from labrig.vision.plane import (
     find_camera_mm,
     undistort,
 )
-from labrig.vision.plane_fit import PlaneFit, fit_plane
+from labrig.vision.plane_fit import PlaneFit, find_bent_homographies, fit_homography, fit_plane, raise_paper
 from labrig.vision.rounding import round_down, round_up
 
 FloatArray = NDArray[np.float64]

@@ -5,9 +5,9 @@ the sheath, over which the hinges close. Residuals along an edge are correlated 
 interval does not count rows. The window is cut into longer blocks, the mean influence of a block's rows on the fit is
 one observation, and Student's t allows for the small number of blocks (batch means; Flegal and Jones 2010, Annals of
 Statistics 38:1034). The uncertainty of lens and plane map (`PlaneMap.variations`) moves all blocks together and is
-added to the variance, and so is what light from one side may have done to the edges (`shaft_light`): the circles with
+added to the variance, and so is what light from one side may have done to the edges (`shaft_edges`): the circles with
 and without that shift count as one standard deviation apart, as far as the shifts stand out of those in even light. The
-bevel's roll is added if it is known (`bending_plane`). The degrees of freedom are Welch's and Satterthwaite's.
+bevel's roll is added if it is known (`out_of_plane`). The degrees of freedom are Welch's and Satterthwaite's.
 `ErrorBudget` lists the parts.
 
 In 6,000 drawn pictures, three of four with a lamp beside the needle, the interval held the truth in 97.1 % at radii of
@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.vision.bending_plane import BendingPlane, combine_turns
 from labrig.vision.circle import Circle, fit_circle
 from labrig.vision.error_budget import (
     LEAST_LIGHT_SHIFT_PX,
     ErrorBudget,
     propagate_map,
 )
+from labrig.vision.out_of_plane import BendingPlane, combine_turns
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_down
@@ -374,7 +374,7 @@ def _find_systematic(
     roll = None
     # Without the camera's place the perspective is not known, which is most of what a roll does.
     if settings.roll_sd_rad is not None and plane.intrinsics is not None:
-        bending = BendingPlane.of(shaft, plane)
+        bending = BendingPlane.of(shaft.entry_px, shaft.arc_mm, shaft.centre_mm, plane)
         roll = combine_turns(
             *(
                 change(bending.unroll(here, turn) - here)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.shaft_tip import ShaftTip
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, TypeAdapter
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.vision.board_warp import BoardWarp
+from labrig.vision.boards import BoardWarp
 
 _FloatArray = NDArray[np.float64]
 SigmaSource = Literal["corners", "views"]

@@ -1,7 +1,7 @@
 """Camera, poses and warp of the board from corners by least squares, with the covariance of every parameter.
 
 OpenCV's fit, which takes the board for flat, is where scipy's Levenberg and Marquardt starts; the derivatives are those
-of `cv2.projectPoints`. The warp of the board (`board_warp`) is known a priori within a standard deviation, which is one
+of `cv2.projectPoints`. The warp of the board (`boards`) is known a priori within a standard deviation, which is one
 more observation for each of its parameters. Its weight is that of the corners' noise, so the fit is repeated until
 that has settled.
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError
-from labrig.vision.perspective import Perspective
+from labrig.vision.boards import load_dictionary
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.picture import Picture, as_grey, size_of
 from labrig.vision.plane import PlaneMap
 
@@ -42,20 +43,6 @@ class MarkerPlace:
 
     centre_mm: tuple[float, float]
     side_mm: float
-
-
-def load_dictionary(name: str) -> cv2.aruco.Dictionary:
-    """Return a dictionary of markers by OpenCV's name, for example "DICT_4X4_50".
-
-    Raises
-    ------
-    InputError
-        When there is none of this name.
-    """
-    number = getattr(cv2.aruco, name, None)
-    if not name.startswith("DICT_") or number is None:
-        raise InputError(f"there is no dictionary {name!r}", "for example DICT_5X5_100")
-    return cv2.aruco.getPredefinedDictionary(number)
 
 
 def count_markers(name: str) -> int:

@@ -21,7 +21,16 @@ from labrig.vision.picture import Picture, as_grey, require_contrast
 from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_down
 from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft, find_only_shaft
-from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, fit_guide, straighten
+from labrig.vision.shaft_edges import (
+    LEAST_POINTS,
+    Edges,
+    Guide,
+    find_edges,
+    fit_guide,
+    measure_light_shift,
+    split_light_shift,
+    straighten,
+)
 from labrig.vision.shaft_ends import (
     LARGEST_HOLE_MM,
     WIDTH_TOLERANCE,
@@ -31,7 +40,6 @@ from labrig.vision.shaft_ends import (
     find_sheath_end,
     measure_brightening,
 )
-from labrig.vision.shaft_light import measure_light_shift, split_light_shift
 from labrig.vision.shaft_trace import (
     GOING_ON,
     Orientation,
@@ -78,11 +86,11 @@ class Shaft:
         The centre line [px] in rows about a pixel apart, without rows in which no edges were found.
     centre_mm : ndarray (N, 2)
         The same in the plane [mm]: the middle of the two edges, each mapped on its own.
-        Both are corrected for uneven light, see `shaft_light`.
+        Both are corrected for uneven light, see `shaft_edges`.
     arc_mm : ndarray (N,)
         Arc length of these rows from the entry [mm].
     light_shift_mm : ndarray (N, 2)
-        By how much uneven light may still have shifted the centre line [mm], see `shaft_light`.
+        By how much uneven light may still have shifted the centre line [mm], see `shaft_edges`.
     widths_mm : ndarray (N,)
         Distance between the edges in these rows [mm].
     width_mm : float

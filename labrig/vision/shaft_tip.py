@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.bending_plane import BendingPlane
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place
+from labrig.vision.out_of_plane import BendingPlane
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import FloatArray, Shaft, locate_shaft
@@ -130,6 +130,11 @@ def _find_errors(shaft: Shaft, plane: PlaneMap, tip_mm: FloatArray, roll_sd_rad:
     """
     roll_shift = None
     if roll_sd_rad is not None and plane.intrinsics is not None:
-        roll_shift = BendingPlane.of(shaft, plane).project(tip_mm[None], roll_sd_rad)[0] - tip_mm
+        roll_shift = (
+            BendingPlane.of(shaft.entry_px, shaft.arc_mm, shaft.centre_mm, plane).project(
+                tip_mm[None], roll_sd_rad
+            )[0]
+            - tip_mm
+        )
     read_px = float(np.hypot(_LEAST_READ_PX, _READ_SHARE * shaft.tip_fade_px))
     return PlaceErrors(shaft.light_shift_mm[-1], roll_shift, read_px * plane.mm_per_px)

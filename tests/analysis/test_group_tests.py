@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labrig.analysis.group_tests import compare_means, compare_pairs, has_spread
+from labrig.analysis.groups import compare_means, compare_pairs, has_spread
 from tests.analysis.public_groups import PLANT_GROWTH, PUBLIC, PublicGroups
 
 

@@ -26,7 +26,7 @@ from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, draw_shaft, loca
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, covary_out_of_plane
 from labrig.vision.depth import Depth, measure_depth
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from tests.benchmarks.seen_shaft import FITTED, RIG, ShaftResiduals, compare_shaft, fit_errors, load_plane
 from tests.benchmarks.table import print_rows

@@ -16,7 +16,7 @@ from labrig.devices.rig_file import load_rig
 from labrig.runner.sight import load_plane_map
 from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, locate_points, square_distances
 from labrig.simulation.description import LensDescription
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import ShaftTip
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from labrig.report.picture_page import PicturePage, Pixel, ShownPicture, Verdict
-from labrig.vision.landmarks import Landmark
+from labrig.vision.drawing import Landmark
 
 IMAGE = np.arange(40 * 60, dtype=np.uint32).astype(np.uint8).reshape(40, 60)
 HOSTILE = "<img src=x onerror=alert(1)>\"'&"

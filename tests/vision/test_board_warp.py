@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labrig.vision.board_warp import BoardWarp
+from labrig.vision.boards import BoardWarp
 from labrig.vision.calibrate_lens import calibrate_intrinsics
 from tests.vision.warped_boards import SimulatedBoard, SimulatedCamera, draw_views, parabolas
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, FileFormatError, InputError
-from labrig.vision.board_warp import BoardWarp
+from labrig.vision.boards import BoardWarp
 from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
 from labrig.vision.gel import Gel, Layer
 from labrig.vision.intrinsics import Intrinsics, ViewResidual

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labrig.vision.depth import Depth, measure_depth
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
 from tests.vision.deep_needle import (

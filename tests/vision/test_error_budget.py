@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.vision.bending_plane import BendingPlane, combine_turns
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place, propagate_map
 from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.out_of_plane import BendingPlane, combine_turns
 from labrig.vision.plane import PlaneMap, Variation
 from tests.vision.rendering import RenderedLens
 from tests.vision.side_lit_needle import Light, SideLitNeedle, draw_random_needle

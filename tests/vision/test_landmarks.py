@@ -6,7 +6,7 @@ import pytest
 from labrig.errors import InputError
 from labrig.simulation.world import World
 from labrig.vision.calibration_file import load_intrinsics, load_plane
-from labrig.vision.landmarks import find_landmarks
+from labrig.vision.drawing import find_landmarks
 from labrig.vision.plane import PlaneMap
 from tests.devices.rigs import CALIBRATION, large_rig
 

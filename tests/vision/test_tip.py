@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError, InputError, PictureError
 from labrig.protocol.model import Direction
-from labrig.vision.template_file import load_template, save_template
+from labrig.vision.template import TipTemplate, load_template, save_template
 from labrig.vision.tip import locate_tip, next_region_px
-from labrig.vision.tip_template import TipTemplate
 from tests.vision.rendering import RenderedGel
 from tests.vision.tips import bench, tip
 

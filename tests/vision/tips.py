@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.vision.plane import Insertion
-from labrig.vision.tip_template import TipTemplate
+from labrig.vision.template import TipTemplate
 from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
 PLAIN = RenderedGel(bubbles=0, tracks_mm=(), unevenness=0.1)

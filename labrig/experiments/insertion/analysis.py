@@ -79,7 +79,7 @@ from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.shaft_tip import ShaftTip
-from labrig.vision.template_file import load_template
+from labrig.vision.template import load_template
 from labrig.vision.tip import TipFix
 
 FloatArray = NDArray[np.float64]

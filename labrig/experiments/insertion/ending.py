@@ -28,7 +28,7 @@ from labrig.steering.policy import Halt, SteeringSettings
 from labrig.steering.tip_search import TipView
 from labrig.vision.depth import Depth, PossibleDepth, measure_depth
 from labrig.vision.error_budget import PlaceErrors, budget_place
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip

@@ -22,7 +22,7 @@ from labrig.vision.marker import (
     count_markers,
     locate_marker,
 )
-from labrig.vision.perspective import Perspective
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 
 SearchMarkers: TypeAlias = Callable[[str, Mapping[int, FloatArray | None]], Sequence[MarkerFix]]

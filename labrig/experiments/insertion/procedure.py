@@ -92,7 +92,7 @@ from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipS
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip_search import TipSearched
-from labrig.vision.overlay import DrawnPlan, draw_plan
+from labrig.vision.drawing import DrawnPlan, draw_plan
 
 IN_TISSUE = "in_tissue"
 """The safe point between two steps on the way to the target, as the record names it: the axes stop, and hold."""

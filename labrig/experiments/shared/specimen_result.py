@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from labrig.analysis.group_tests import LEVEL, fit_slope
+from labrig.analysis.groups import LEVEL, fit_slope
 from labrig.analysis.result import Point, Rows
 from labrig.experiments.shared.holes import find_place
 from labrig.protocol.model import Model

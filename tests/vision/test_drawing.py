@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labrig.protocol.model import Direction
-from labrig.vision.overlay import DrawnPlan, draw_plan
+from labrig.vision.drawing import DrawnPlan, draw_plan
 from labrig.vision.plane import PlaneMap
 
 PX_PER_MM = 5.0

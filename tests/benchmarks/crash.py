@@ -154,7 +154,8 @@ def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
 
 def _is_repaired(path: Path, lines: Mapping[str, list[dict[str, object]]]) -> bool:
     """Close a copy of a killed run, and return whether it is sound and holds the same lines."""
-    reopen_run(path, "benchmark").close("aborted", "killed", _STARTED)
+    if open_run(path).manifest["exit_status"] == "incomplete":  # the kill may have come just after its end
+        reopen_run(path, "benchmark").close("aborted", "killed", _STARTED)
     verdict, run = check_run(path), open_run(path)
     same = all(run.lines(stream) == lines[stream] for stream in _STREAMS)
     return same and not verdict.damage and not run.damage and verdict.exit_status != "incomplete"

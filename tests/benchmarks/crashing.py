@@ -24,7 +24,7 @@ from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import conduct
 from labrig.runner.session import Session
 from tests.cli.example_runs import SHORTENED
-from tests.devices.rigs import CALIBRATION, Person, simulated_rig
+from tests.devices.rigs import Person, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 RUN, ACKNOWLEDGED, UNKILLED = "run", "acknowledged", "unkilled"
@@ -97,11 +97,7 @@ def run_once(name: str, folder: Path) -> None:
                 "seed": protocol.seed,
                 "devices": opened.describe(),
             },
-            RunFiles(
-                dump_yaml(protocol),
-                dump_yaml(description),
-                {name: CALIBRATION / f"simulated-{name}" for name in ("intrinsics.json", "plane.json")},
-            ),
+            RunFiles(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
         )
         conduct(
             find_experiment(protocol.experiment),

@@ -13,11 +13,9 @@ import termios
 import threading
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
-
-from labrig.errors import DiskError
 
 INTERRUPT_SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that request a program to end."""
@@ -34,137 +32,11 @@ _DIE_WITH_PARENT = 1
 _LESS_URGENT = 10
 """By how much a process is nicer than one that moves axes."""
 
-_CHUNK_BYTES = 65536
-
 _LONGEST_LINE = 65536
-_MOST_READS = 16
-"""Limits for a line: a sender of single bytes, or of an endless line, delays nobody."""
 
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, account and group of a peer, as SO_PEERCRED gives them."""
-
-
-class LineSocket:
-    """A connected Unix socket that carries lines of text.
-
-    Parameters
-    ----------
-    connection : socket.socket
-        The socket; `close` closes it.
-    """
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-        self._received = b""
-
-    def send(self, line: str) -> bool:
-        """Send a line; return whether the other end still accepts it."""
-        try:
-            self._connection.sendall(line.encode() + b"\n")
-        except OSError:
-            return False
-        return True
-
-    def receive(self, timeout_s: float) -> str | None:
-        """Return the next line, or None if none arrives; wait at most `timeout_s` for each part of it.
-
-        A line that is too long is returned as far as it has been read.
-        """
-        for _ in range(_MOST_READS):
-            if b"\n" in self._received or len(self._received) > _LONGEST_LINE:
-                line, _, self._received = self._received.partition(b"\n")
-                return line.decode("utf-8", "replace")
-            readable, _, _ = select.select([self._connection], [], [], timeout_s)
-            more = self._connection.recv(_CHUNK_BYTES) if readable else b""
-            if not more:
-                return None
-            self._received += more
-        return None
-
-    def close(self) -> None:
-        """Close the connection."""
-        self._connection.close()
-
-
-class Listener:
-    """A Unix socket in the file system to which only its owner may connect (mode 0600).
-
-    Parameters
-    ----------
-    path : Path
-        Path of the socket; an existing socket is replaced, so the caller must hold a lock.
-
-    Raises
-    ------
-    DiskError
-        When the socket cannot be made, or the path is a file of another kind.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        mask = os.umask(0o177)
-        try:
-            if path.is_socket():
-                path.unlink()
-            with _Address(path) as address:
-                self._socket.bind(address)
-            self._socket.listen(4)
-        except OSError as error:
-            self._socket.close()
-            raise DiskError(
-                f"cannot listen at {path}: {error.strerror or error}", "check the folder of the rig file"
-            ) from error
-        finally:
-            os.umask(mask)
-        self._socket.setblocking(False)  # noqa: FBT003 - the signature of the standard library
-
-    def accept(self) -> LineSocket | None:
-        """Return the next connection, or None without waiting if there is none."""
-        try:
-            connection, _ = self._socket.accept()
-        except OSError:
-            return None
-        connection.settimeout(1.0)
-        return LineSocket(connection)
-
-    def close(self) -> None:
-        """Close and delete the socket."""
-        self._socket.close()
-        with suppress(OSError):
-            self.path.unlink()
-
-
-def connect(path: Path) -> LineSocket | None:
-    """Connect to a listener; return None if nobody listens."""
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.settimeout(1.0)
-    try:
-        with _Address(path) as address:
-            connection.connect(address)
-    except OSError:
-        connection.close()
-        return None
-    return LineSocket(connection)
-
-
-class _Address:
-    """The address of a socket: its path, or a short path through its folder, since an address has at most 107 bytes."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._folder: int | None = None
-
-    def __enter__(self) -> str:
-        if len(os.fsencode(self._path)) < 100:
-            return str(self._path)
-        self._folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        return f"/proc/self/fd/{self._folder}/{self._path.name}"
-
-    def __exit__(self, *_: object) -> None:
-        if self._folder is not None:
-            os.close(self._folder)
 
 
 def wait_for_input(stream: TextIO, timeout_s: float) -> bool:

@@ -8,7 +8,7 @@ from labrig.cli.output import AsJson, print_json, print_line
 
 
 def pause(run_path: LocalRunArgument, as_json: AsJson = False) -> int:
-    """Exit with 0 when the run is going to pause, or is paused; say at which safe point."""
+    """Exit with 0 when the run is going to pause, or is paused; its own terminal says at which safe point."""
     return _ask(run_path, "pause", as_json=as_json)
 
 

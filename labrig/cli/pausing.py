@@ -54,7 +54,7 @@ class RunRequests:
     def __init__(self, note: SignalNote, control: RunControl | None) -> None:
         self._note = note
         self._control = control
-        self._announced = self._is_paused = False
+        self._announced = False
 
     def find(self, point: str) -> str | None:  # noqa: ARG002 - a request is met at any safe point
         """Return by what a pause is asked for."""
@@ -64,8 +64,6 @@ class RunRequests:
 
     def announce(self, when: str) -> None:
         """Say at the terminal, once for each request, when the pause will begin."""
-        if self._control is not None:
-            self._control.poll(when, paused=self._is_paused)
         by = self.find("")
         if by is None:
             self._announced = False
@@ -76,26 +74,22 @@ class RunRequests:
 
     def begin(self) -> None:
         """Note that the pause has begun."""
-        self._is_paused, self._announced = True, False
+        self._announced = False
         self._note.meet_pause()
         if self._control is not None:
-            self._control.meet()
+            self._control.note(paused=True)
 
     def find_continuation(self) -> str | None:
         """Return that `labrig continue` was called."""
-        if self._control is None:
-            return None
-        self._control.poll("", paused=True)
-        if not self._control.asks_to_continue:
+        if self._control is None or not self._control.asks_to_continue:
             return None
         say("labrig continue: the run goes on")
         return "labrig continue"
 
     def end(self) -> None:
         """Note that the run continues."""
-        self._is_paused = False
         if self._control is not None:
-            self._control.meet()
+            self._control.note(paused=False)
 
 
 @contextmanager

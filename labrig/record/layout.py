@@ -54,7 +54,7 @@ def run_lock(run: Path) -> Path:
 
 
 def run_control(run: Path) -> Path:
-    """Return the socket at which a run takes requests while it is made. Raises `RecordError` if it is a link."""
+    """Return the file in which a run takes requests while it is made. Raises `RecordError` if it is a link."""
     return inside(run, CONTROL)
 
 

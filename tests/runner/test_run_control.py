@@ -1,9 +1,5 @@
 """Requests from another terminal to a run that is being made."""
 
-import json
-import os
-import socket
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +8,7 @@ import pytest
 from labrig.errors import InputError, RecordError
 from labrig.record.check import check_run
 from labrig.record.writer import Recorder
-from labrig.runner.run_control import Order, RunControl, ask_run
+from labrig.runner.run_control import RunControl, ask_run
 from tests.record.runs import ENDED, begin
 
 
@@ -24,87 +20,49 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
     recorder.close("aborted", "", ENDED)
 
 
-def ask(run: Path, control: RunControl, order: Order, *, paused: bool) -> str:
-    """Ask from another thread, while the run looks for requests; return the answer, also a refusal."""
-    answers: list[str] = []
-
-    def call() -> None:
-        try:
-            answers.append(ask_run(run, order))
-        except InputError as error:
-            answers.append(error.message)
-
-    caller = threading.Thread(target=call)
-    caller.start()
-    while caller.is_alive():
-        control.poll("after this insertion", paused=paused)
-    return answers[0]
-
-
 def test_a_run_is_paused_and_continued_from_elsewhere(recorder: Recorder) -> None:
-    """The answer says when it pauses; a pause can be taken back; continuing what is not paused is refused."""
+    """A pause can be taken back, and is met once; continuing what is not paused is refused."""
     run, control = recorder.path, RunControl(recorder.path)
-    assert ask(run, control, "continue", paused=False).endswith("the run is not paused")
-    assert ask(run, control, "pause", paused=False) == "the run pauses after this insertion"
-    assert control.asks_for_pause
-    assert ask(run, control, "continue", paused=False) == "the pause that was asked for is taken back"
+    with pytest.raises(InputError, match="the run is not paused"):
+        ask_run(run, "continue")
+    assert ask_run(run, "pause").startswith("the run pauses at its next safe point")
+    assert (control.asks_for_pause, control.asks_to_continue) == (True, False)
+    assert ask_run(run, "continue") == "the pause that was asked for is taken back"
     assert not control.asks_for_pause
-    assert ask(run, control, "pause", paused=True) == "the run is paused already"
-    assert ask(run, control, "continue", paused=True) == "the run continues"
+    ask_run(run, "pause")
+    control.note(paused=True)
+    assert not control.asks_for_pause
+    assert ask_run(run, "pause") == "the run is paused already"
+    assert ask_run(run, "continue") == "the run continues"
     assert control.asks_to_continue
+    control.note(paused=False)
+    assert not control.asks_to_continue
     control.close()
     assert not (run / ".control").exists()
 
 
-def test_a_run_that_is_over_or_elsewhere_is_refused(recorder: Recorder, tmp_path: Path) -> None:
-    """So is one that takes no requests, and one whose socket is a link out of its folder."""
-    run = recorder.path
+def test_a_run_that_is_over_or_takes_no_requests_is_refused(recorder: Recorder, tmp_path: Path) -> None:
+    """So is one whose file is a link out of its folder."""
+    run, outside = recorder.path, tmp_path / "outside"
     with pytest.raises(InputError, match="takes no requests"):
         ask_run(run, "pause")
-    outside = tmp_path / "outside.socket"
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(outside))
-        listening.listen()
-        (run / ".control").symlink_to(outside)
-        with pytest.raises(RecordError, match="symbolic link"):
-            ask_run(run, "pause")
-        (run / ".control").unlink()
-    lock = json.loads((run / ".lock.owner").read_text())
-    (run / ".lock.owner").write_text(json.dumps({**lock, "host": "elsewhere"}))
-    with pytest.raises(InputError, match=r"is made on elsewhere, and this is "):
+    outside.write_text("running")
+    (run / ".control").symlink_to(outside)
+    with pytest.raises(RecordError, match="symbolic link"):
         ask_run(run, "pause")
+    (run / ".control").unlink()
     recorder.close("success", "", ENDED)
     with pytest.raises(InputError, match=r"is not being made: it has ended: success"):
         ask_run(run, "continue")
+    assert outside.read_text() == "running"
 
 
-def test_the_socket_that_a_killed_run_leaves_is_no_damage_and_is_replaced(recorder: Recorder) -> None:
-    """A second labrig that resumes the run listens at the same place."""
-    left = RunControl(recorder.path)
-    assert left._listener is not None
-    left._listener._socket.close()
+def test_the_file_that_a_killed_run_leaves_is_no_damage_and_asks_for_nothing(recorder: Recorder) -> None:
+    """A labrig that resumes the run begins anew, and whatever else stands there asks for nothing."""
+    (recorder.path / ".control").write_bytes(b"pause")
     assert check_run(recorder.path).damage == ()
-    with pytest.raises(InputError, match="takes no requests"):
-        ask_run(recorder.path, "pause")
-    again = RunControl(recorder.path)
-    assert ask(recorder.path, again, "pause", paused=False) == "the run pauses after this insertion"
-    again.close()
-
-
-def test_a_caller_that_says_nothing_holds_nobody_up(recorder: Recorder) -> None:
-    """Silent callers, and lines that are no requests, are answered or dropped; the run never waits for them."""
     control = RunControl(recorder.path)
-    silent = [socket.socket(socket.AF_UNIX) for _ in range(20)]
-    folder = os.open(recorder.path, os.O_RDONLY)
-    for caller in silent:
-        caller.setblocking(False)
-        try:
-            caller.connect(f"/proc/self/fd/{folder}/.control")
-        except BlockingIOError:
-            break
-        control.poll("", paused=False)
-    os.close(folder)
-    for caller in silent:
-        caller.close()
-    assert ask(recorder.path, control, "pause", paused=False) == "the run pauses after this insertion"
+    assert not control.asks_for_pause
+    (recorder.path / ".control").write_bytes(b"\xff nonsense")
+    assert (control.asks_for_pause, control.asks_to_continue) == (False, False)
     control.close()

@@ -1,12 +1,12 @@
 """A page for a browser on this computer: a picture with what is drawn over it, and a pixel that is picked in it.
 
 The page is the files of `browser`. All that labrig says comes to it as JSON and enters it as text. The address holds a
-token that other accounts of the computer do not know. Pages from elsewhere cannot reach it: the `Host` header has to
-name this computer (against DNS rebinding), only JSON is taken, which no other origin may send, and nothing may be kept
-or framed.
+token that other accounts of the computer and pages from elsewhere do not know; the `Host` header has to name this
+computer (against DNS rebinding), and nothing may be kept or framed.
 """
 
 import json
+import re
 import secrets
 import sys
 from collections.abc import Callable, Sequence
@@ -19,7 +19,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from labrig.input_file import parse_json
 from labrig.report.web_page import LOCALHOST
 from labrig.vision.camera_frame import UNKNOWN_CAMERA, CameraInUse, encode_frame
 from labrig.vision.drawing import Landmark
@@ -47,7 +46,7 @@ _HEADERS = {
 }
 _TEXT, _JSON = "text/plain; charset=utf-8", "application/json"
 _TIMEOUT_S = 2.0
-_MOST_SENT_BYTES = 1000
+_PIXEL = re.compile(r"u=(\d{1,6})&v=(\d{1,6})", re.ASCII)
 
 Pixel = tuple[int, int]
 Reply = tuple[int, str, bytes]
@@ -132,14 +131,14 @@ class PicturePage:
         self._server.server_close()
         self._thread.join()
 
-    def _answer(self, name: str, sent: bytes | None) -> Reply | None:
+    def _answer(self, name: str, query: str) -> Reply | None:
         """Return the reply to a request for a name below the token; None if there is no such."""
         shown = self._shown
-        if sent is not None:
-            return self._judge(sent, shown) if name == "answer" and shown is not None else None
         if name == "state.json":
             state = {"number": -1} if shown is None else shown.document(asks=self._take is not None)
             return 200, _JSON, json.dumps(state).encode()
+        if shown is not None and name == "answer" and self._take is not None:
+            return _judge(query, shown, self._take)
         if shown is not None and name == "picture":
             return 200, "image/jpeg", cv2.imencode(".jpg", shown.image, _QUALITY)[1].tobytes()
         if shown is not None and name == "picture.png":
@@ -149,32 +148,19 @@ class PicturePage:
             return 200, kind, file.read_bytes()
         return None
 
-    def _judge(self, sent: bytes, shown: ShownPicture) -> Reply | None:
-        """Pass a pixel on; one that is none, or outside the picture, is told so."""
-        if self._take is None:
-            return None
-        pixel = _read_pixel(sent)
-        width, height = size_of(shown.image)
-        if pixel is None or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
-            return _say(400, f"That is no pixel of the picture, which has {width} x {height}.")
-        verdict = self._take(pixel)
-        return _say(200 if verdict.taken else 409, verdict.text)
+
+def _judge(query: str, shown: ShownPicture, take: Callable[[Pixel], Verdict]) -> Reply:
+    """Pass a pixel on, `u=640&v=290`; one that is none, or outside the picture, is told so."""
+    width, height = size_of(shown.image)
+    pixel = _PIXEL.fullmatch(query)
+    if pixel is None or int(pixel[1]) >= width or int(pixel[2]) >= height:
+        return _say(400, f"That is no pixel of the picture, which has {width} x {height}.")
+    verdict = take((int(pixel[1]), int(pixel[2])))
+    return _say(200 if verdict.taken else 409, verdict.text)
 
 
 def _say(status: int, text: str) -> Reply:
     return status, _TEXT, text.encode()
-
-
-def _read_pixel(sent: bytes) -> Pixel | None:
-    """Return the pixel of a document {u, v} of whole numbers; None for anything else."""
-    try:
-        document = parse_json(sent)
-    except ValueError:
-        return None
-    if not isinstance(document, dict):
-        return None
-    u, v = document.get("u"), document.get("v")
-    return (u, v) if type(u) is int and type(v) is int else None
 
 
 class _Server(ThreadingHTTPServer):
@@ -182,7 +168,7 @@ class _Server(ThreadingHTTPServer):
         False  # closing waits for them: a thread that is inside OpenCV when Python ends aborts it
     )
 
-    def __init__(self, answer: Callable[[str, bytes | None], Reply | None]) -> None:
+    def __init__(self, answer: Callable[[str, str], Reply | None]) -> None:
         self.token = secrets.token_urlsafe(16)
         self.answer = answer
         super().__init__((LOCALHOST, 0), _Handler)
@@ -199,11 +185,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page or a part of it."""
-        self._reply(self._refuse() or self._answer(None))
-
-    def do_POST(self) -> None:
-        """Answer to a document that was sent."""
-        self._reply(self._refuse() or self._refuse_sender() or self._answer(self._read_sent()))
+        self._reply(self._refuse() or self._answer())
 
     def _refuse(self) -> Reply | None:
         """Return why a request is not answered: it names another computer, or does not know the token."""
@@ -215,23 +197,10 @@ class _Handler(BaseHTTPRequestHandler):
             return _say(404, "there is no such page")
         return None
 
-    def _refuse_sender(self) -> Reply | None:
-        """Return why a document is not taken: it comes from another page, is no JSON, or is long."""
-        origin, length = self.headers.get("Origin"), self.headers.get("Content-Length", "")
-        if origin not in {None, f"http://{self.headers.get('Host')}"}:
-            return _say(403, "another page may send nothing here")
-        if self.headers.get("Content-Type") != _JSON:
-            return _say(415, "only JSON is taken")
-        if not (length.isascii() and length.isdecimal() and int(length) <= _MOST_SENT_BYTES):
-            return _say(413, "too long")
-        return None
-
-    def _read_sent(self) -> bytes:
-        return self.rfile.read(int(self.headers["Content-Length"]))
-
-    def _answer(self, sent: bytes | None) -> Reply:
-        name = self.path.split("?")[0].partition(f"/{self.server.token}/")[2]
-        return self.server.answer(name, sent) or _say(404, "there is no such page")
+    def _answer(self) -> Reply:
+        path, _, query = self.path.partition("?")
+        name = path.partition(f"/{self.server.token}/")[2]
+        return self.server.answer(name, query) or _say(404, "there is no such page")
 
     def _reply(self, reply: Reply) -> None:
         status, kind, content = reply

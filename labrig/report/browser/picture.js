@@ -118,13 +118,8 @@ function end(text, good) {
 async function send(event) {
   event.preventDefault();
   get("confirm").disabled = true;
-  const pixel = { u: get("u").valueAsNumber, v: get("v").valueAsNumber };
   try {
-    const reply = await fetch("answer", {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify(pixel),
-    });
+    const reply = await fetch(`answer?u=${get("u").value}&v=${get("v").value}`);
     const text = await reply.text();
     if (reply.ok || reply.status === 409) end(text, reply.ok);
     else tell(text);

@@ -31,7 +31,6 @@ DOCUMENTED = {
     "analysis": {"load_runs"},
     "experiments": {"Experiment"},
     "record": {"open_run"},
-    "report": {"run_tables"},
     "steering": {"estimate_tip_poses", "plan_path"},
     "vision": {"calibrate_intrinsics", "fit_circle", "load_intrinsics", "load_plane"},
 }

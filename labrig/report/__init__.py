@@ -13,20 +13,8 @@ What is decided here:
 - **Text that a person wrote stays text.** jinja2 escapes everything; only figures drawn by labrig are passed through.
 - **A live view reads the record.** A process of its own follows the lines on disk and draws them with the functions
   that make `view.rrd`. Nothing is handed over by the process that moves axes, so no viewer can delay it.
-- **A page that asks or changes is served on this computer alone** (`local_server`), under a token. Text reaches it as
-  JSON and is written as text; the files of `browser` are fixed.
-- **The manual is Markdown in the package** (`manual`, `markdown`), shown in the style of the reports. Raw HTML in it
-  stays text, and pictures stand in the page. The references come as pages from whoever knows the models.
+- **A page that asks is served on this computer alone** (`picture_page`), under a token. Text reaches it as JSON and is
+  written as text; the files of `browser` are fixed.
 - **Refusals appear beside results**: every picture that was not measured is listed with the reason.
 - Colours are those of Okabe and Ito (2008), which people with any colour vision tell apart; gels also differ in marker.
 """
-
-import importlib
-from typing import Any
-
-
-def __getattr__(name: str) -> Any:
-    """Import pandas, and the reader of runs, on first use of `run_tables`: the manual needs neither."""
-    if name == "run_tables":
-        return importlib.import_module("labrig.report.tables").run_tables
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

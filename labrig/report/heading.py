@@ -8,7 +8,6 @@ from datetime import datetime
 from markupsafe import Markup
 
 from labrig import __version__
-from labrig.analysis.calibration import MASK_FILE
 from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
@@ -115,10 +114,7 @@ def _describe_result(run: Run, result: AnyResult | None) -> tuple[str, ...]:
     if result is None:
         return ()
     shown, newest = int(result.path.name), max(run.result_numbers, default=0)
-    own_mask = any(name.startswith(f"{MASK_FILE}.") for name in run.calibration_files)
-    masked = "mask" in result.content.settings and not own_mask
-    changed = (*result.content.overrides, *(("a mask",) if masked else ()))
-    sentences = []
+    changed, sentences = result.content.overrides, []
     if shown < newest:
         sentences.append(f"Result {shown} is shown; the newest is {newest}.")
     if changed:

@@ -312,7 +312,7 @@ def test_damage_at_the_time_of_the_measurement_is_shown(folder: Path) -> None:
         write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8").split("</header>")[0]
     )
     assert "The record was damaged when this was measured." in head
-    assert f"frames/{file.name}: {file.name} is damaged: its SHA-256 does not fit" in head
+    assert f"frames/{file.name}: it does not fit" in head
 
 
 def test_devices_are_shown_as_their_manuals_write_them(page: WrittenPage) -> None:

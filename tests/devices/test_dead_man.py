@@ -208,34 +208,6 @@ def test_frames_to_other_nodes_are_ignored(frame: tuple[int, bytes]) -> None:
         opened.rig.wait(1.0)
 
 
-def test_a_client_that_only_reads_stops_no_run() -> None:
-    """It may look at the drives; its answers are counted as strays."""
-    with opened_rig() as opened:
-        opened.rig.connect()
-        for _ in range(5):
-            send(opened, READ_STATUS)
-            opened.rig.wait(0.2)
-
-
-@pytest.mark.parametrize("frame", [BEAT, RETARGET, (0x601, b"\x21\x10\x10\x01\x04\0\0\0")])
-def test_a_command_of_somebody_else_stops_the_axes_at_once(frame: tuple[int, bytes]) -> None:
-    """All axes stand within half a second of the frame, and the message names it."""
-    with opened_rig() as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
-        opened.rig.insertion.start_move(100.0, 5.0)
-        opened.rig.linear.start_move(100.0, 5.0)
-        opened.rig.wait(2.0)
-        send(opened, frame)
-        began_s = opened.rig.clock.now_s()
-        with pytest.raises(SecondMasterError, match="another program uses the CAN bus of the drives"):
-            opened.rig.wait(1.0)
-        for name in ("insertion", "linear"):
-            still = opened.drives[name].journal.last("still")
-            assert still is not None
-            assert still.t_s - began_s < 0.5
-
-
 def test_the_check_warns_of_another_master() -> None:
     """It says what it heard; a quiet bus passes, and so do drives that stop by themselves."""
     results = {result.check: result for result in check_rig(simulated_rig())}

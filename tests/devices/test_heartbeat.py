@@ -10,14 +10,9 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.states import DriveState
 from labrig.devices.operator import NO_OFFER, Answer, ClearBench, Offer, OperatorRequest
 from labrig.errors import (
-    BusError,
-    BusOffError,
-    DriveFaultError,
-    DriveRestartedError,
-    DriveSilentError,
     InterruptedRunError,
 )
-from tests.devices.rigs import OpenedRig, count_repeats, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 
 def _moving(opened: OpenedRig) -> None:
@@ -29,77 +24,6 @@ def _moving(opened: OpenedRig) -> None:
 
 def _read(opened: OpenedRig) -> AxisReadback:
     return opened.rig.read_states()["insertion"]
-
-
-def test_drives_stop_when_the_computer_hangs() -> None:
-    """The axis stands still within the heartbeat timeout and its deceleration."""
-    with opened_rig() as opened:
-        _moving(opened)
-        drive, clock = opened.hardware.drives["insertion"], opened.hardware.clock
-        clock.sleep(0.5 + 0.1 + 5.0 / 200)
-        stood = drive.shaft_counts
-        clock.sleep(1.0)
-        assert drive.shaft_counts == stood
-        with pytest.raises(DriveFaultError) as fault:
-            opened.rig.read_states()
-        assert (fault.value.code, fault.value.register & 0x10) == (0x8130, 0x10)
-        assert "heartbeat of the computer lost" in fault.value.text
-        assert fault.value.remedy
-
-
-def test_a_drive_without_heartbeat_stops_the_rig() -> None:
-    """It still answers, but the rig stops within its timeout and names the drive."""
-    with opened_rig() as opened:
-        _moving(opened)
-        opened.drives["linear"].stop_heartbeat()
-        mute_s = opened.hardware.clock.now_s()
-        with pytest.raises(DriveSilentError, match=r"axis linear \(node 3\) has sent no heartbeat"):
-            opened.rig.wait(2.0)
-        assert opened.hardware.clock.now_s() - mute_s < 0.5 + 0.5
-
-
-def test_a_power_cycle_in_the_middle_of_a_move_is_named() -> None:
-    """The boot-up is noticed: the axis has lost its reference, and the others are stopped."""
-    with opened_rig() as opened:
-        _moving(opened)
-        opened.hardware.drives["insertion"].restart()
-        with pytest.raises(DriveRestartedError, match="lost power, its position and its reference"):
-            opened.rig.wait(1.0)
-
-
-def test_bus_off_is_named_and_the_drives_stop_by_themselves() -> None:
-    """Nothing can be sent, so the drives miss the heartbeat."""
-    with opened_rig() as opened:
-        _moving(opened)
-        opened.hardware.wire.enter_bus_off()
-        with pytest.raises(BusOffError, match="bus is off"):
-            opened.rig.wait(1.0)
-        drive, clock = opened.hardware.drives["insertion"], opened.hardware.clock
-        clock.sleep(1.0)
-        stood = drive.shaft_counts
-        clock.sleep(1.0)
-        assert drive.shaft_counts == stood
-
-
-def test_an_unplugged_adapter_is_a_bus_error() -> None:
-    """The next frame raises it."""
-    with opened_rig() as opened:
-        _moving(opened)
-        opened.hardware.wire.unplug()
-        with pytest.raises(BusError, match="took no frame"):
-            opened.rig.wait(1.0)
-
-
-@pytest.mark.parametrize("fault", ["lose", "duplicate"])
-def test_one_lost_or_repeated_frame_is_tolerated_and_counted(fault: str) -> None:
-    """The request is repeated, or the second answer dropped; the move goes on."""
-    with opened_rig() as opened:
-        _moving(opened)
-        getattr(opened.hardware.wire, fault)(2)
-        for _ in range(3):
-            _read(opened)
-        assert sum(count_repeats(axis.drive) for axis in opened.rig.axes) >= 1
-        assert _read(opened).state is DriveState.OPERATION_ENABLED
 
 
 def test_drives_that_share_a_cob_id_get_their_own() -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from labrig.devices.drives import epos2 as od
-from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.opening import Opening
 from labrig.devices.rig import Rig
@@ -134,19 +133,6 @@ def test_an_open_door_keeps_a_rig_from_opening() -> None:
         assert rig.read_states()["linear"].inputs == {"door": False}
 
 
-def test_a_door_that_opens_while_the_rig_waits_is_noticed() -> None:
-    """Within 0.2 s, and nothing moves afterwards."""
-    with opened_rig(simulated_rig(DOOR)) as opened:
-        opened.rig.connect()
-        opened.rig.wait(1.0)
-        opened.drives["linear"].set_input("general-A", 0.0)
-        opened_s = opened.hardware.clock.now_s()
-        with pytest.raises(ForceGuardError):
-            opened.rig.wait(0.2)
-        # Standing still takes four readings of each axis.
-        assert opened.hardware.clock.now_s() - opened_s < 0.4
-
-
 def test_an_input_that_the_drive_hides_is_refused() -> None:
     """An EPOS2 masks general-D to general-F as it comes: they would read off whatever is wired to them."""
     hidden = simulated_rig("axes.linear.inputs={door: {source: general-D, expected: false}}")
@@ -163,20 +149,6 @@ def test_a_drive_without_the_input_is_refused() -> None:
         opened.drives["linear"].abort_next(0x06020000, od.INPUT_STATE.index)
         with pytest.raises(DriveError):
             opened.rig.connect()
-
-
-def test_a_scripted_block_and_a_scripted_input_reach_the_drive() -> None:
-    """A rig file can rehearse a stall and an open door."""
-    with opened_rig(simulated_rig(LIMIT, DOOR)) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
-        opened.rig.linear.start_move(20.0, 5.0)
-        opened.rig.wait(1.0)
-        opened.hardware.faults.inject(FaultDescription(fault="input", axis="linear", source="general-A"))
-        with pytest.raises(ForceGuardError, match="input door is off"):
-            opened.rig.read_states()
-        opened.hardware.faults.inject(FaultDescription(fault="blocked", axis="linear"))
-        assert opened.drives["linear"].forced_inputs == 0
 
 
 def test_a_gel_that_resists_shows_in_current_and_force() -> None:

@@ -76,18 +76,6 @@ def test_lost_drives_are_told_within_a_second(doing: Callable[[Rig], None], faul
         )
 
 
-def test_a_lost_bus_is_told_at_once() -> None:
-    """Without the adapter nobody can stop the drives but the emergency stop and their dead-man."""
-    alerts: list[tuple[float, str]] = []
-    with _moving(alerts) as opened:
-        opened.hardware.wire.unplug()
-        with pytest.raises(MachineError):
-            _go_on(opened.rig)
-        assert [text.split(";")[0] for _, text in alerts] == [
-            "the drives do not answer: press the emergency stop"
-        ]
-
-
 def test_a_drive_in_fault_still_says_where_it_is() -> None:
     """Its position is read after the end, not recalled."""
     alerts: list[tuple[float, str]] = []
@@ -131,14 +119,6 @@ def test_a_labrig_that_stood_still_says_so(standstill_s: float) -> None:
         assert "suspended computer" in error.value.hint
         assert not re.search("wiring|power the drive", error.value.hint)
         assert alerts == []
-
-
-def test_a_short_standstill_ends_nothing() -> None:
-    """The drives wait for half a second."""
-    with _moving([]) as opened:
-        opened.hardware.clock.sleep(0.3)
-        opened.rig.wait(0.5)
-        assert opened.rig.read_states()["insertion"].position > 5
 
 
 def test_an_unknown_needle_is_said_to_be_unknown() -> None:

@@ -14,7 +14,7 @@ from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.errors import DriveError, InputError, InterruptedRunError, LimitError, SafetyStopError
+from labrig.errors import DriveError, InputError, LimitError, SafetyStopError
 from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, epos2_drives, opened_rig, simulated_rig
 
 
@@ -125,35 +125,6 @@ def test_a_move_that_takes_far_too_long_is_an_error() -> None:
 # Stopping
 
 
-def test_a_signal_stops_every_axis() -> None:
-    """Within a wait, all axes decelerate and stand still; the error names the signal."""
-    with opened_rig() as opened:
-        _ready(opened)
-        opened.rig.insertion.start_move(40.0, 1.0)
-        opened.rig.linear.start_move(40.0, 5.0)
-        opened.rig.wait(2.0)
-        opened.signal.name = "SIGTERM"
-        with pytest.raises(InterruptedRunError, match="SIGTERM"):
-            opened.rig.wait(5.0)
-        assert opened.hardware.clock.now_s() < 4.0
-        assert _still(opened)
-
-
-def test_a_fault_of_one_axis_stops_the_others() -> None:
-    """An EMCY is noticed while waiting; the error names drive and cause."""
-    with opened_rig() as opened:
-        _ready(opened)
-        opened.rig.insertion.start_move(40.0, 1.0)
-        opened.rig.linear.start_move(40.0, 5.0)
-        opened.rig.wait(1.0)
-        opened.hardware.drives["linear"].fail(0x8611)
-        with pytest.raises(
-            DriveError, match=r"axis linear \(node 3\) is in fault: error 0x8611, following error"
-        ):
-            opened.rig.wait(1.0)
-        assert _still(opened)
-
-
 def test_a_silent_axis_does_not_keep_the_others_from_stopping() -> None:
     """The other two are stopped, and the error reports both facts."""
     with opened_rig() as opened:
@@ -216,26 +187,7 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
     assert {drive._state for drive in epos2_drives(hardware).values()} == {DriveState.SWITCH_ON_DISABLED}
 
 
-def test_closing_switches_the_power_off() -> None:
-    """Nobody monitors the drives of a closed rig."""
-    with opened_rig() as opened:
-        _ready(opened)
-        opened.rig.close()
-        for axis in opened.rig.axes:
-            assert isinstance(axis.drive, Cia402Drive)
-            assert decode_state(axis.drive.statusword()) is DriveState.SWITCH_ON_DISABLED
-
-
 # Opening
-
-
-def test_all_failing_drives_are_reported_together() -> None:
-    """Connecting tries all three."""
-    with opened_rig() as opened:
-        opened.hardware.drives["insertion"].unplug()
-        opened.hardware.drives["linear"].unplug()
-        with pytest.raises(DriveError, match=r"node 1.*node 3"):
-            opened.rig.connect()
 
 
 def test_a_bench_with_unknown_entries_does_not_open() -> None:

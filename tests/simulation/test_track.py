@@ -90,12 +90,6 @@ def test_a_bevel_out_of_the_plane_bends_by_its_component() -> None:
     assert cut((30.0, math.pi / 3)).node_at(30.0).curvature_1_mm == pytest.approx(-0.5 / RADIUS_MM)
 
 
-def test_an_infinite_radius_is_a_straight_line() -> None:
-    """In air the needle goes where the sheath points."""
-    end = cut((30.0, 0.0), radius_mm=math.inf, heading_rad=0.1).node_at(30.0)
-    assert (end.y_mm, end.z_mm) == pytest.approx((30 * math.sin(0.1), 30 * math.cos(0.1)))
-
-
 def test_points_between_nodes_and_before_the_start_continue_the_path() -> None:
     """Between two nodes the path is smooth; before its start it is the sheath's axis."""
     track = cut((10.0, 0.0), heading_rad=0.1)

@@ -119,15 +119,6 @@ def test_in_air_the_needle_is_straight_and_leaves_nothing() -> None:
     assert len(world.centre_line_mm()) == 0
 
 
-def test_without_a_needle_nothing_is_cut() -> None:
-    """Axis motion without a mounted needle cuts nothing."""
-    world = World(QUIET, 1)
-    world.place_specimen("A", 13.0)
-    world.shift_to_hole("A", 0, 35.0)
-    insert(world, 20.0)
-    assert world.truth()["arc_length_mm"] == 0.0
-
-
 @pytest.mark.parametrize(("insertion_mm", "linear_mm"), [(5.0, 0.0), (0.0, 15.0)])
 def test_the_gel_is_not_moved_with_the_instrument_in_it(insertion_mm: float, linear_mm: float) -> None:
     """Shifting the gel with needle or sheath in it is refused, with the depth."""

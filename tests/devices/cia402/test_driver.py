@@ -185,13 +185,6 @@ def test_an_unknown_unit_is_not_compared(bare: ProfileDriveOnABus) -> None:
     bare.driver.identify()
 
 
-def test_two_nodes_with_one_id_are_refused(bare: ProfileDriveOnABus) -> None:
-    """Both answer."""
-    bare.node.add_twin()
-    with pytest.raises(DriveError, match="two nodes answer as node 1"):
-        bare.driver.identify()
-
-
 UNITS = [
     ("rpm", 0.001, "rpm/s", 0.1),
     ("turns/s", 0.0001, "turns/s^2", 0.01),
@@ -343,13 +336,6 @@ def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) ->
     ready.node.mend()
     ready.driver.reset_fault()
     ready.driver.enable()
-
-
-def test_a_changed_encoder_is_reported_when_the_drive_is_opened(bare: ProfileDriveOnABus) -> None:
-    """The error has the counts of the drive and of the rig file."""
-    bare.node.objects.set_fixed(Place(0x3000, 5), 4000)
-    with pytest.raises(DriveError, match="counts_per_turn 4000"):
-        bare.driver.identify()
 
 
 def test_a_mode_is_waited_for(ready: ProfileDriveOnABus) -> None:

@@ -1,4 +1,4 @@
-"""Builds the manual by Sphinx: `make manual`, and when a wheel is made (hatch_build.py)."""
+"""Builds the manual by Sphinx: `make manual`, and when a wheel is made (build_hook.py)."""
 
 import json
 import sys

@@ -26,6 +26,7 @@ from tests.benchmarks import (
     real_insertions,
     reanalyze,
     recording,
+    ruled_paper,
     start_up,
     sweep,
     tip,
@@ -38,6 +39,7 @@ GROUPS: dict[str, dict[str, Callable[[], None]]] = {
     "accuracy": {
         "intrinsics": intrinsics.print_table,
         "graph-paper": graph_paper.print_table,
+        "ruled-paper": ruled_paper.print_table,
         "curvature": curvature.print_table,
         "coverage": coverage.print_table,
         "circles": circles.print_table,

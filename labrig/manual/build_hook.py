@@ -9,7 +9,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from sphinx.cmd.build import build_main
 
 
-class ManualHook(BuildHookInterface):
+class ManualHook(BuildHookInterface[Any]):
     """Puts site and examples into a wheel; an installation in place has the sources alone."""
 
     PLUGIN_NAME = "custom"

@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from threading import Lock
 from typing import Any
 
 import can
@@ -38,12 +37,6 @@ OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, T
 _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
 """Default options; without this one, python-can polls slcan a thousand times a second."""
 
-_ECHOING = frozenset({"udp_multicast"})
-"""Interfaces of python-can that deliver a frame to its sender too."""
-
-_ECHO_WITHIN_S = 0.1
-"""An echo comes so soon [s]."""
-
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
 # labrig raises what these libraries log; without a handler Python would also print it to stderr.
@@ -58,14 +51,10 @@ class BusNetwork(canopen.Network):
     ----------
     clock : Clock
         Gives the frames their time.
-    echoes : bool
-        Whether the interface delivers what is sent to the sender too; those copies are logged and go to nobody.
     """
 
-    def __init__(self, clock: Clock, *, echoes: bool = False) -> None:
+    def __init__(self, clock: Clock) -> None:
         super().__init__()
-        self._echoes: dict[tuple[int, bytes], deque[float]] | None = {} if echoes else None
-        self._echoes_lock = Lock()
         self.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
         self.trouble: BusError | None = None
         self._clock = clock
@@ -76,34 +65,13 @@ class BusNetwork(canopen.Network):
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send and log a frame."""
         self._frames.append((self._clock.now_s(), can_id, data, "T"))
-        if self._echoes is not None:
-            with self._echoes_lock:
-                self._echoes.setdefault((can_id, data), deque()).append(self._clock.now_s())
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Log a frame and pass it to its subscribers."""
-        received = bytes(data)
-        self._frames.append((self._clock.now_s(), can_id, received, "R"))
-        if self._is_echo(can_id, received):
-            return
+        self._frames.append((self._clock.now_s(), can_id, bytes(data), "R"))
         for callback in self.subscribers.get(can_id, ()):
             callback(can_id, data, timestamp)
-
-    def _is_echo(self, can_id: int, data: bytes) -> bool:
-        """Tell whether a frame is a copy of one sent from here of late; a lost copy hides no other's for long."""
-        if self._echoes is None:
-            return False
-        with self._echoes_lock:
-            sent_s = self._echoes.pop((can_id, data), deque())
-            while sent_s and self._clock.now_s() - sent_s[0] > _ECHO_WITHIN_S:
-                sent_s.popleft()
-            found = bool(sent_s)
-            if found:
-                sent_s.popleft()
-            if sent_s:
-                self._echoes[can_id, data] = sent_s
-            return found
 
     def check(self) -> None:
         """Do nothing: `trouble` has the reason why receiving ended."""
@@ -224,8 +192,7 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
     BusError
         When the interface is unknown, its driver is missing, or it cannot be reached.
     """
-    echoes = description.interface in _ECHOING or bool(description.options.get("receive_own_messages"))
-    network = BusNetwork(clock, echoes=echoes)
+    network = BusNetwork(clock)
     where = f"{description.interface} {description.channel}".strip()
     try:
         network.connect(

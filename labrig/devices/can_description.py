@@ -65,3 +65,6 @@ class CanDescription(Model):
             near = get_close_matches(self.interface, known, 1)
             hint = f"did you mean {near[0]}?" if near else f"python-can knows {', '.join(known)}"
             yield Conflict("interface", f"unknown interface {self.interface}", hint)
+        if self.interface == "udp_multicast" or self.options.get("receive_own_messages"):
+            message = "labrig would receive what it sends, and take itself for another master"
+            yield Conflict("interface", message, "use an interface that delivers to others alone")

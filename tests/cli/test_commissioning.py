@@ -29,8 +29,7 @@ _KNOWN = {
     "gear_ratio: null": "gear_ratio: 4",
     "lead_mm: null              # travel": "lead_mm: 2 # travel",
     "lead_mm: null              # screw": "lead_mm: 5 # screw",
-    "interface: socketcan": "interface: udp_multicast",
-    "channel: can0": "channel: 239.74.163.2",
+    "interface: socketcan": "interface: slcan",
 }
 # The drives wait longer than by default for a labrig on a machine that is busy with something else.
 _PATIENT = "heartbeat: {timeout_ms: 3000}\n  answer_timeout_ms: 2000"
@@ -97,14 +96,14 @@ class Screen(io.TextIOBase):
 def at_bench(tmp_path: Path) -> Iterator[BenchAt]:
     """Stand at a bench whose gears are known and whose drives have just been switched on."""
     keyboard, screen = os.openpty()
-    with served_drives("udp_multicast") as served:
+    with served_drives("slcan") as served:
         text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")
         for old, new in _KNOWN.items():
             assert old in text
             text = text.replace(old, new)
-        port = served.reached_by["port"]
+        text = text.replace("channel: can0", f"channel: {served.reached_by['channel']}")
         text = text.replace(
-            "bitrate: 1000000 ", f"options: {{port: {port}}}\n  {_PATIENT}\n  bitrate: 1000000 ", 1
+            "bitrate: 1000000 ", f"options: {{sleep_after_open: 0}}\n  {_PATIENT}\n  bitrate: 1000000 ", 1
         )
         (tmp_path / "bench.yaml").write_text(text, encoding="utf-8")
         stdin, sys.stdin = sys.stdin, os.fdopen(screen, "r", encoding="utf-8")

@@ -85,13 +85,10 @@ def _wait_for(served: Served, kind: str) -> DriveEvent:
     pytest.fail(f"no {kind} in the drive's journal: {list(journal)}")
 
 
-@pytest.mark.parametrize("interface", ["udp_multicast", "slcan"])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["kill", "stop"])
-def test_a_drive_stops_by_itself_when_labrig_is_gone(
-    interface: str, number: signal.Signals, tmp_path: Path
-) -> None:
+def test_a_drive_stops_by_itself_when_labrig_is_gone(number: signal.Signals, tmp_path: Path) -> None:
     """It brakes a heartbeat timeout after the last heartbeat, and then stands still."""
-    with served_drives(interface) as served:
+    with served_drives("slcan") as served:
         beats = Beats(served)
         with _mover(served, tmp_path) as mover:
             _wait_for(served, "set-point")

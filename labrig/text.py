@@ -15,6 +15,11 @@ def interval(value: object, digits: int = 2) -> str:
     return "-"
 
 
+def duration(seconds: float) -> str:
+    """Return a time as a person says it: 45 s, 3 min."""
+    return f"{seconds:.0f} s" if seconds < 99.5 else f"{seconds / 60:.0f} min"
+
+
 def ordinal(count: int) -> str:
     """Return the ordinal of a count: 1st, 2nd, 3rd, 11th."""
     endings = {1: "st", 2: "nd", 3: "rd"}

@@ -7,7 +7,7 @@ from labrig.cli.options import ProtocolArgument, RigOption, SeedOption, SetOptio
 from labrig.cli.output import AsJson, failure_document, failure_lines, print_json, print_line, say
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
-from labrig.text import format_count
+from labrig.text import duration, format_count
 
 
 def check(
@@ -44,7 +44,7 @@ def check(
     _print_problems(found.warnings, "warning: ")
     where = "without a rig" if found.rig_name is None else f"on rig {found.rig_name}"
     print_line(
-        f"{protocol} {'can' if found.ok else 'cannot'} run {where}: {found.plan.duration_s / 60:.0f} min of motion, "
+        f"{protocol} {'can' if found.ok else 'cannot'} run {where}: {duration(found.plan.duration_s)} of motion, "
         f"{format_count(found.plan.operator_steps, 'operator step')}, "
         f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
     )

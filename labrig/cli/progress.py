@@ -7,6 +7,7 @@ from typing import IO, Any, Protocol, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
 from labrig.devices.clocks import SystemClock
+from labrig.text import duration
 
 
 class Reporter(Protocol):
@@ -101,5 +102,5 @@ class _PlainLines:
             return
         self._tenths, self._printed_s = int(10 * fraction), elapsed_s
         remaining_s = elapsed_s * (1 - fraction) / fraction
-        times = f"{elapsed_s:.0f} s elapsed, about {remaining_s:.0f} s left"
+        times = f"{duration(elapsed_s)} elapsed, about {duration(remaining_s)} left"
         say(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})")

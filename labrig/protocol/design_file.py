@@ -20,9 +20,12 @@ Basis: TypeAlias = Literal["equation (3)", "our contour"]
 class TubeSection(Model):
     """The tube that the needle's tip is cut from."""
 
-    outer_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the tube [mm].")
-    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
-    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
+    outer_diameter_mm: float = Field(gt=0, le=10)
+    """Outer diameter of the tube [mm]."""
+    inner_diameter_mm: float = Field(gt=0, le=10)
+    """Inner diameter of the tube [mm]."""
+    link_length_mm: float = Field(gt=0, le=100)
+    """Length of a link, from hinge to hinge [mm]."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a bore that leaves no wall."""
@@ -37,18 +40,26 @@ class TubeSection(Model):
 class NeedleDesign(Model):
     """A design as other rooms use it: diameter, and the radius with its worst cases within the laser's tolerances."""
 
-    kind: Literal["labrig-needle-design"] = Field(description="Which kind of file this is.")
-    schema_version: Literal[1] = Field(
-        description="Version of this file format; a higher one needs a newer labrig."
-    )
-    tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
-    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
-    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination of the cut [degrees].")
-    radius_mm: PositiveMm = Field(description="Steering radius that the hinge is cut for [mm].")
-    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
-    radius_high_mm: float = Field(gt=0, description="Largest radius within the laser's tolerances [mm].")
-    basis: Basis = Field(description="Model by which inclination and tolerance were computed.")
-    provenance: dict[str, Any] = Field(description="Code version, packages, host and command line.")
+    kind: Literal["labrig-needle-design"]
+    """Which kind of file this is."""
+    schema_version: Literal[1]
+    """Version of this file format; a higher one needs a newer labrig."""
+    tube: TubeSection
+    """The tube that the needle's tip is cut from."""
+    clearance_mm: float = Field(gt=0, le=1)
+    """Width that the laser cuts [mm]."""
+    beta_cut_deg: float = Field(ge=0, le=90)
+    """Inclination of the cut [degrees]."""
+    radius_mm: PositiveMm
+    """Steering radius that the hinge is cut for [mm]."""
+    radius_low_mm: PositiveMm
+    """Smallest radius within the laser's tolerances [mm]."""
+    radius_high_mm: float = Field(gt=0)
+    """Largest radius within the laser's tolerances [mm]."""
+    basis: Basis
+    """Model by which inclination and tolerance were computed."""
+    provenance: dict[str, Any]
+    """Code version, packages, host and command line."""
 
     @property
     def diameter_mm(self) -> float:

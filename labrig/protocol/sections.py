@@ -50,14 +50,17 @@ class ExperimentProtocol(Model):
     pictures_decide_motion: ClassVar[bool] = False
     """Whether pictures decide where an axis moves next."""
 
-    schema_version: Literal[1] = Field(
-        1, description="Version of this file format; a higher one needs a newer labrig."
-    )
+    schema_version: Literal[1] = 1
+    """Version of this file format; a higher one needs a newer labrig."""
     experiment: str
-    title: Line = Field("", description="Heading of the report.")
-    operator: Line = Field("", description="Name of the operator.")
-    notes: Notes = Field("", description="Anything worth knowing later; may have several lines.")
-    seed: Seed = Field(description="Seed of every random draw; the same seed gives the same simulated run.")
+    title: Line = ""
+    """Heading of the report."""
+    operator: Line = ""
+    """Name of the operator."""
+    notes: Notes = ""
+    """Anything worth knowing later; may have several lines."""
+    seed: Seed
+    """Seed of every random draw; the same seed gives the same simulated run."""
 
     @property
     def pictured_needle(self) -> NeedleInPicture | None:
@@ -101,18 +104,19 @@ class ExperimentProtocol(Model):
 class CurrentLimits(Model):
     """Limits of the drives' output currents during a run, which bound the force of each axis; null: the rig file's."""
 
-    insertion: LimitMa | None = Field(None, description="Limit of the insertion axis [mA].")
-    rotation: LimitMa | None = Field(None, description="Limit of the rotation axis [mA].")
-    linear: LimitMa | None = Field(None, description="Limit of the linear axis [mA].")
+    insertion: LimitMa | None = None
+    """Limit of the insertion axis [mA]."""
+    rotation: LimitMa | None = None
+    """Limit of the rotation axis [mA]."""
+    linear: LimitMa | None = None
+    """Limit of the linear axis [mA]."""
 
 
 class MovingProtocol(ExperimentProtocol):
     """The keys of every protocol that moves a needle."""
 
-    max_current_ma: CurrentLimits = Field(
-        default_factory=CurrentLimits,
-        description="Limits of the drives' output currents during this run, none above that of the rig file.",
-    )
+    max_current_ma: CurrentLimits = Field(default_factory=CurrentLimits)
+    """Limits of the drives' output currents during this run, none above that of the rig file."""
 
     @property
     def current_limits_ma(self) -> Mapping[str, int]:
@@ -139,17 +143,10 @@ class JudgedProtocol(MovingProtocol):
     judged_values: ClassVar[Mapping[str, str]]
     """The values that conditions may be on: name -> what it is."""
 
-    ask_when: ConditionTexts = Field(
-        (),
-        max_length=20,
-        description="Conditions on which the run pauses after an insertion and asks, such as "
-        "radius_mm outside [26, 30].",
-    )
-    stop_when: ConditionTexts = Field(
-        (),
-        max_length=20,
-        description="Conditions on which the run stops after an insertion, such as radius_mm > 35.",
-    )
+    ask_when: ConditionTexts = Field((), max_length=20)
+    """Conditions on which the run pauses after an insertion and asks, such as radius_mm outside [26, 30]."""
+    stop_when: ConditionTexts = Field((), max_length=20)
+    """Conditions on which the run stops after an insertion, such as radius_mm > 35."""
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -173,15 +170,24 @@ class JudgedProtocol(MovingProtocol):
 class NeedleDesignSection(Model):
     """What a design file gave when the protocol was read. labrig writes this section; people name the file."""
 
-    file: str = Field(max_length=1000, description="Name of the design file, as the protocol had it.")
-    sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of that file.")
-    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
-    radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
-    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
-    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
-    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
-    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination of the cut [degrees].")
-    basis: Basis = Field(description="Model by which the inclination was computed.")
+    file: str = Field(max_length=1000)
+    """Name of the design file, as the protocol had it."""
+    sha256: str = Field(min_length=64, max_length=64)
+    """SHA-256 of that file."""
+    radius_low_mm: PositiveMm
+    """Smallest radius within the laser's tolerances [mm]."""
+    radius_high_mm: PositiveMm
+    """Largest radius within the laser's tolerances [mm]."""
+    inner_diameter_mm: float = Field(gt=0, le=10)
+    """Inner diameter of the tube [mm]."""
+    link_length_mm: float = Field(gt=0, le=100)
+    """Length of a link, from hinge to hinge [mm]."""
+    clearance_mm: float = Field(gt=0, le=1)
+    """Width that the laser cuts [mm]."""
+    beta_cut_deg: float = Field(ge=0, le=90)
+    """Inclination of the cut [degrees]."""
+    basis: Basis
+    """Model by which the inclination was computed."""
 
 
 _NUMBERS_OR_FILE: dict[str, Any] = {
@@ -212,14 +218,14 @@ class Needle(Model):
 
     model_config = ConfigDict(json_schema_extra=_allow_design_file)
 
-    needle_id: Name = Field(description="Name of the needle; results are grouped by needle and gel.")
-    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
-    design_radius_mm: PositiveMm = Field(
-        description="Radius of curvature that the needle was designed for [mm]."
-    )
-    design: NeedleDesignSection | None = Field(
-        None, description="Numbers of the design file; labrig writes them into records."
-    )
+    needle_id: Name
+    """Name of the needle; results are grouped by needle and gel."""
+    diameter_mm: float = Field(gt=0, le=10)
+    """Outer diameter of the needle [mm]."""
+    design_radius_mm: PositiveMm
+    """Radius of curvature that the needle was designed for [mm]."""
+    design: NeedleDesignSection | None = None
+    """Numbers of the design file; labrig writes them into records."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a radius that is not above the needle's diameter."""
@@ -229,10 +235,10 @@ class Needle(Model):
 class Specimen(Model):
     """One block of gel."""
 
-    name: Name = Field(description="Label on the block; unique in the protocol.")
-    gelatin_percent: Percent = Field(
-        description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
-    )
+    name: Name
+    """Label on the block; unique in the protocol."""
+    gelatin_percent: Percent
+    """Mass of gelatin powder per mass of water [percent]; 10 for 10 %."""
 
 
 _BLOCK_OR_FILE: dict[str, Any] = {
@@ -263,21 +269,15 @@ class TrackedSpecimen(Specimen):
 
     model_config = ConfigDict(json_schema_extra=_allow_specimen_file)
 
-    block: SpecimenSection | None = Field(
-        None, description="What the specimen file says; labrig writes it into records."
-    )
-    first_hole_mm: NonNegativeMm = Field(
-        0.0,
-        description="Where the first hole of this run is, from the first entry point that the block ever had [mm].",
-    )
-    track_clearance_mm: NonNegativeMm = Field(
-        2.0,
-        description="Least distance between the sheath in a planned hole and that in an old one [mm]; needs a specimen "
-        "file. 2: each of the two sheaths may have been 1 mm aside (sheath.origin.across_mm).",
-    )
-    allow_crossing: bool = Field(
-        default=False, description="Whether a planned hole may come closer to an old one."
-    )
+    block: SpecimenSection | None = None
+    """What the specimen file says; labrig writes it into records."""
+    first_hole_mm: NonNegativeMm = 0.0
+    """Where the first hole of this run is, from the first entry point that the block ever had [mm]."""
+    track_clearance_mm: NonNegativeMm = 2.0
+    """Least distance between the sheath in a planned hole and that in an old one [mm]; needs a specimen file.
+    2: each of the two sheaths may have been 1 mm aside (sheath.origin.across_mm)."""
+    allow_crossing: bool = False
+    """Whether a planned hole may come closer to an old one."""
 
     def put_tracks(self, tracks: TracksBySpecimen) -> Self:
         """Return this gel with the tracks of its specimen; unchanged without a specimen file."""
@@ -294,31 +294,29 @@ class SheathOrigin(Model):
     sheath has play, and the insertion starts where the sheath is found; the limit is for what play cannot explain.
     """
 
-    depth_mm: PositiveMm | None = Field(
-        None,
-        description="Depth of the sheath at which its tip is at the origin of the steering plane [mm]; "
-        "null: the sheath's depth_mm.",
-    )
-    along_mm: PositiveMm = Field(
-        0.5, description="Limit along the insertion, from the tip's position by the linear encoder [mm]."
-    )
-    across_mm: PositiveMm = Field(
-        1.0, description="Limit across the insertion, where the sheath has play [mm]."
-    )
-    turn_deg: float = Field(2.0, gt=0, le=45, description="Largest angle between sheath and insertion [deg].")
+    depth_mm: PositiveMm | None = None
+    """Depth of the sheath at which its tip is at the origin of the steering plane [mm]; null: the sheath's
+    depth_mm."""
+    along_mm: PositiveMm = 0.5
+    """Limit along the insertion, from the tip's position by the linear encoder [mm]."""
+    across_mm: PositiveMm = 1.0
+    """Limit across the insertion, where the sheath has play [mm]."""
+    turn_deg: float = Field(2.0, gt=0, le=45)
+    """Largest angle between sheath and insertion [deg]."""
 
 
 class Sheath(Model):
     """The tube that brings the needle into the gel."""
 
-    depth_mm: PositiveMm = Field(description="How far the linear module brings the sheath into the gel [mm].")
-    speed_mm_s: SpeedMmS = Field(description="Speed of the sheath, in and out [mm/s].")
-    diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
-    origin: SheathOrigin | None = Field(
-        None,
-        description="Tip and direction of the sheath are measured and compared with the command, and an insertion to a "
-        "target starts from them. null: they are not measured.",
-    )
+    depth_mm: PositiveMm
+    """How far the linear module brings the sheath into the gel [mm]."""
+    speed_mm_s: SpeedMmS
+    """Speed of the sheath, in and out [mm/s]."""
+    diameter_mm: float = Field(gt=0, le=20)
+    """Outer diameter of the sheath [mm]."""
+    origin: SheathOrigin | None = None
+    """Tip and direction of the sheath are measured and compared with the command, and an insertion to a
+    target starts from them. null: they are not measured."""
 
     @property
     def origin_depth_mm(self) -> float:
@@ -330,28 +328,25 @@ class Sheath(Model):
 class Advance(Model):
     """How fast the needle goes in and comes out."""
 
-    speed_mm_s: SpeedMmS = Field(description="Insertion speed [mm/s].")
-    withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
+    speed_mm_s: SpeedMmS
+    """Insertion speed [mm/s]."""
+    withdraw_speed_mm_s: SpeedMmS
+    """Speed of the way back [mm/s]."""
 
 
 class TorsionSteps(Model):
     """How the torsion of the needle is measured: at each depth in two holes, turned to 90 degrees from either side."""
 
     depths_mm: tuple[Annotated[float, Field(ge=20, le=500)], ...] = Field(
-        (30.0, 50.0, 70.0),
-        min_length=2,
-        max_length=6,
-        description="Lengths of needle in the gel at the turn; each takes two holes [mm].",
+        (30.0, 50.0, 70.0), min_length=2, max_length=6
     )
-    further_mm: float = Field(
-        15.0, ge=8, le=25, description="Inserted after the turn, for the deflection to be seen [mm]."
-    )
-    backlash_mm: NonNegativeMm = Field(
-        1.5, description="Insertion over which the curvature reverses after half a turn [mm]."
-    )
-    max_sd_deg: float = Field(
-        3.0, gt=0, le=45, description="Largest standard deviation of the lag at which it is kept [deg]."
-    )
+    """Lengths of needle in the gel at the turn; each takes two holes [mm]."""
+    further_mm: float = Field(15.0, ge=8, le=25)
+    """Inserted after the turn, for the deflection to be seen [mm]."""
+    backlash_mm: NonNegativeMm = 1.5
+    """Insertion over which the curvature reverses after half a turn [mm]."""
+    max_sd_deg: float = Field(3.0, gt=0, le=45)
+    """Largest standard deviation of the lag at which it is kept [deg]."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a depth that is given twice."""
@@ -362,16 +357,18 @@ class TorsionSteps(Model):
 class RollZeroSteps(Model):
     """How the roll zero is found: short insertions at evenly spread rolls of the bevel, each in a hole of its own."""
 
-    specimen: Specimen = Field(description="A block of gel with nothing in it.")
-    rolls: int = Field(6, ge=4, le=24, description="Insertions, at rolls spread evenly over a turn.")
-    length_mm: PositiveMm = Field(20.0, description="Length of each insertion beyond the sheath [mm].")
-    hole_spacing_mm: PositiveMm = Field(16.0, description="Lateral distance from one hole to the next [mm].")
-    max_sd_deg: float = Field(
-        3.0, gt=0, le=45, description="Largest standard deviation at which the zero is certified [deg]."
-    )
-    torsion: TorsionSteps | None = Field(
-        None, description="How the lag of the bevel behind the rotation axis is measured; null: not at all."
-    )
+    specimen: Specimen
+    """A block of gel with nothing in it."""
+    rolls: int = Field(6, ge=4, le=24)
+    """Insertions, at rolls spread evenly over a turn."""
+    length_mm: PositiveMm = 20.0
+    """Length of each insertion beyond the sheath [mm]."""
+    hole_spacing_mm: PositiveMm = 16.0
+    """Lateral distance from one hole to the next [mm]."""
+    max_sd_deg: float = Field(3.0, gt=0, le=45)
+    """Largest standard deviation at which the zero is certified [deg]."""
+    torsion: TorsionSteps | None = None
+    """How the lag of the bevel behind the rotation axis is measured; null: not at all."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a number of rolls that does not free the roll zero of the lag."""
@@ -383,31 +380,21 @@ class RollZeroSteps(Model):
 class AnalysisWindow(Model):
     """The part of the shaft to which the circle is fitted, and when its radius is accepted."""
 
-    window_start_mm: NonNegativeMm = Field(
-        description="Arc length behind the sheath tip left out of the fit, where the hinges still close [mm]."
-    )
-    window_end_mm: NonNegativeMm = Field(
-        description="Arc length before the needle's tip left out of the fit [mm]."
-    )
-    min_window_mm: PositiveMm = Field(description="Shortest arc length that is fitted [mm].")
-    max_radius_sigma_mm: PositiveMm = Field(
-        description="Largest standard deviation at which the radius is accepted [mm]."
-    )
-    max_radius_sigma_percent: float | None = Field(
-        None,
-        gt=0,
-        le=50,
-        description="Its largest share of the radius [%]: a radius is accepted within either limit, so that gentle "
-        "arcs are stated too; null: only max_radius_sigma_mm counts.",
-    )
-    roll_sd_deg: float = Field(
-        2.0,
-        ge=0,
-        le=30,
-        description="Standard deviation of the bevel's roll [deg]; 2 if it was set by eye. A bevel out of the plane "
-        "makes the measured radius too large, so the lower end of a gel's interval is moved, and the error bar of each "
-        "picture's radius is wider.",
-    )
+    window_start_mm: NonNegativeMm
+    """Arc length behind the sheath tip left out of the fit, where the hinges still close [mm]."""
+    window_end_mm: NonNegativeMm
+    """Arc length before the needle's tip left out of the fit [mm]."""
+    min_window_mm: PositiveMm
+    """Shortest arc length that is fitted [mm]."""
+    max_radius_sigma_mm: PositiveMm
+    """Largest standard deviation at which the radius is accepted [mm]."""
+    max_radius_sigma_percent: float | None = Field(None, gt=0, le=50)
+    """Its largest share of the radius [%]: a radius is accepted within either limit, so that gentle arcs are
+    stated too; null: only max_radius_sigma_mm counts."""
+    roll_sd_deg: float = Field(2.0, ge=0, le=30)
+    """Standard deviation of the bevel's roll [deg]; 2 if it was set by eye. A bevel out of the plane makes
+    the measured radius too large, so the lower end of a gel's interval is moved, and the error bar of each
+    picture's radius is wider."""
 
     @property
     def least_length_mm(self) -> float:
@@ -418,19 +405,19 @@ class AnalysisWindow(Model):
 class GridSentinel(Model):
     """Graph paper that is photographed before and after the run, to notice a camera that was bumped."""
 
-    pitch_mm: float = Field(
-        gt=0, le=100, description="Distance from one line of the graph paper to the next [mm]."
-    )
+    pitch_mm: float = Field(gt=0, le=100)
+    """Distance from one line of the graph paper to the next [mm]."""
 
 
 class Scale(Model):
     """The scale of pictures whose camera is no longer available, as one number."""
 
-    px_per_mm: float = Field(
-        gt=0, le=10_000, description="Pixels in a millimetre of the steering plane [px/mm]."
-    )
-    origin_px: PixelUv = Field(description="Pixel (u, v) of the origin of the steering plane [px].")
-    insertion: Direction = Field(description="Direction of the insertion in the picture.")
+    px_per_mm: float = Field(gt=0, le=10_000)
+    """Pixels in a millimetre of the steering plane [px/mm]."""
+    origin_px: PixelUv
+    """Pixel (u, v) of the origin of the steering plane [px]."""
+    insertion: Direction
+    """Direction of the insertion in the picture."""
 
 
 def limit_conflict(key: str, value: float, other: str, limit: float) -> Conflict:

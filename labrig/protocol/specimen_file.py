@@ -60,34 +60,38 @@ _Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
 class SpecimenFile(Model):
     """One block of gel."""
 
-    schema_version: Literal[1] = Field(
-        1, description="Version of this file format; a higher one needs a newer labrig."
-    )
-    name: SpecimenName = Field(description="Label on the block; also the name of this file.")
-    gelatin_percent: Percent = Field(
-        description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
-    )
-    batch: Line = Field("", description="Batch of gelatin that the block was cast from.")
-    mixed_on: Moment | None = Field(None, description="When powder and water were mixed.")
-    cast_on: Moment = Field(description="When the block was cast; its age counts from here.")
-    cured_for_h: float | None = Field(
-        None, ge=0, le=10_000, description="How long the block cures before it is used [h]."
-    )
-    cured_at_celsius: _Celsius | None = Field(None, description="Temperature at which it cures [°C].")
-    temperature_celsius: _Celsius | None = Field(None, description="Its temperature when it is used [°C].")
-    usable_until: Moment | None = Field(
-        None, description="Until when it may be used; a run after that is refused. null: no end is set."
-    )
-    refractive_index: float | None = Field(
-        None, ge=1, le=2, description="Measured refractive index; null: not measured."
-    )
-    refractive_index_sd: float | None = Field(
-        None, ge=0, le=0.5, description="Standard deviation of refractive_index."
-    )
-    length_mm: PositiveMm | None = Field(None, description="Length of the block along the insertion [mm].")
-    width_mm: PositiveMm | None = Field(None, description="Width of the block across the insertion [mm].")
-    height_mm: PositiveMm | None = Field(None, description="Height of the block [mm].")
-    notes: Notes = Field("", description="Anything worth knowing later; may have several lines.")
+    schema_version: Literal[1] = 1
+    """Version of this file format; a higher one needs a newer labrig."""
+    name: SpecimenName
+    """Label on the block; also the name of this file."""
+    gelatin_percent: Percent
+    """Mass of gelatin powder per mass of water [percent]; 10 for 10 %."""
+    batch: Line = ""
+    """Batch of gelatin that the block was cast from."""
+    mixed_on: Moment | None = None
+    """When powder and water were mixed."""
+    cast_on: Moment
+    """When the block was cast; its age counts from here."""
+    cured_for_h: float | None = Field(None, ge=0, le=10_000)
+    """How long the block cures before it is used [h]."""
+    cured_at_celsius: _Celsius | None = None
+    """Temperature at which it cures [°C]."""
+    temperature_celsius: _Celsius | None = None
+    """Its temperature when it is used [°C]."""
+    usable_until: Moment | None = None
+    """Until when it may be used; a run after that is refused. null: no end is set."""
+    refractive_index: float | None = Field(None, ge=1, le=2)
+    """Measured refractive index; null: not measured."""
+    refractive_index_sd: float | None = Field(None, ge=0, le=0.5)
+    """Standard deviation of refractive_index."""
+    length_mm: PositiveMm | None = None
+    """Length of the block along the insertion [mm]."""
+    width_mm: PositiveMm | None = None
+    """Width of the block across the insertion [mm]."""
+    height_mm: PositiveMm | None = None
+    """Height of the block [mm]."""
+    notes: Notes = ""
+    """Anything worth knowing later; may have several lines."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield times in the wrong order, and a spread of an index that was not measured."""
@@ -121,14 +125,22 @@ class SpecimenTrack(Model):
     insertion.
     """
 
-    run: str = Field(max_length=400, description="The run that made it.")
-    trial: int = Field(ge=0, description="Its trial in that run.")
-    hole: int = Field(ge=0, description="Its hole in that run, from 0.")
-    hole_position_mm: _Coordinate = Field(description="Where it enters the block [mm].")
-    needle_id: Name = Field(description="The needle.")
-    sheath_diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
-    age_h: float = Field(description="Age of the block at the insertion [h].")
-    radius_mm: float | None = Field(None, gt=0, description="Measured radius of curvature [mm].")
+    run: str = Field(max_length=400)
+    """The run that made it."""
+    trial: int = Field(ge=0)
+    """Its trial in that run."""
+    hole: int = Field(ge=0)
+    """Its hole in that run, from 0."""
+    hole_position_mm: _Coordinate
+    """Where it enters the block [mm]."""
+    needle_id: Name
+    """The needle."""
+    sheath_diameter_mm: float = Field(gt=0, le=20)
+    """Outer diameter of the sheath [mm]."""
+    age_h: float
+    """Age of the block at the insertion [h]."""
+    radius_mm: float | None = Field(None, gt=0)
+    """Measured radius of curvature [mm]."""
 
 
 TracksBySpecimen: TypeAlias = Mapping[str, tuple[SpecimenTrack, ...]]
@@ -141,10 +153,10 @@ class SpecimenSection(SpecimenFile):
     labrig writes this section; people name the file.
     """
 
-    sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of the specimen file.")
-    tracks: tuple[SpecimenTrack, ...] = Field(
-        (), max_length=MOST_TRACKS, description="Tracks of earlier runs in the block."
-    )
+    sha256: str = Field(min_length=64, max_length=64)
+    """SHA-256 of the specimen file."""
+    tracks: tuple[SpecimenTrack, ...] = Field((), max_length=MOST_TRACKS)
+    """Tracks of earlier runs in the block."""
 
 
 def list_specimen_folders(protocol_folder: Path) -> tuple[Path, ...]:

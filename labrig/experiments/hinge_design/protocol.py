@@ -12,19 +12,19 @@ from labrig.protocol.sections import Criterion, ExperimentProtocol
 class DesignTolerances(Model):
     """The tolerances of laser cutting."""
 
-    clearance_mm: float = Field(
-        ge=0, le=0.05, description="How sure the width of the cut is, plus or minus [mm]."
-    )
-    cut_deg: float = Field(ge=0, le=10, description="How sure the inclination is, plus or minus [degrees].")
+    clearance_mm: float = Field(ge=0, le=0.05)
+    """How sure the width of the cut is, plus or minus [mm]."""
+    cut_deg: float = Field(ge=0, le=10)
+    """How sure the inclination is, plus or minus [degrees]."""
 
 
 class MeasuredNeedle(Model):
     """A measured needle of the same tube; its radius gives its effective clearance."""
 
-    radius_mm: PositiveMm = Field(description="Radius that was measured [mm].")
-    beta_cut_deg: float | None = Field(
-        None, ge=0, le=90, description="Inclination that it was cut at [degrees]; null: as equation (3) says."
-    )
+    radius_mm: PositiveMm
+    """Radius that was measured [mm]."""
+    beta_cut_deg: float | None = Field(None, ge=0, le=90)
+    """Inclination that it was cut at [degrees]; null: as equation (3) says."""
 
 
 class DesignProtocol(ExperimentProtocol):
@@ -33,21 +33,24 @@ class DesignProtocol(ExperimentProtocol):
     The limits of the contour and of the equations are checked by `plan`, because only `needle` knows them.
     """
 
-    experiment: Literal["design"] = Field(description="Which experiment this file describes.")
-    title: Line = Field("Design of the hinges", description="Heading of the report.")
-    tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
-    radius_mm: PositiveMm = Field(description="Steering radius wanted [mm].")
-    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
-    tolerances: DesignTolerances = Field(description="The tolerances of laser cutting.")
-    grid_points: int = Field(
-        7, ge=3, le=25, description="Points of the searched grid, along each of its two sides."
-    )
-    tip_length_mm: PositiveMm | None = Field(
-        None, description="Length of the tip, into which whole links fit [mm]; null if not asked."
-    )
-    measured: MeasuredNeedle | None = Field(
-        None, description="A needle that was measured, for its effective clearance; null if none was."
-    )
+    experiment: Literal["design"]
+    """Which experiment this file describes."""
+    title: Line = "Design of the hinges"
+    """Heading of the report."""
+    tube: TubeSection
+    """The tube that the needle's tip is cut from."""
+    radius_mm: PositiveMm
+    """Steering radius wanted [mm]."""
+    clearance_mm: float = Field(gt=0, le=1)
+    """Width that the laser cuts [mm]."""
+    tolerances: DesignTolerances
+    """The tolerances of laser cutting."""
+    grid_points: int = Field(7, ge=3, le=25)
+    """Points of the searched grid, along each of its two sides."""
+    tip_length_mm: PositiveMm | None = None
+    """Length of the tip, into which whole links fit [mm]; null if not asked."""
+    measured: MeasuredNeedle | None = None
+    """A needle that was measured, for its effective clearance; null if none was."""
 
     @property
     def criterion(self) -> Criterion:

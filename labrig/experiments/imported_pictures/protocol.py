@@ -20,11 +20,12 @@ from labrig.protocol.sections import (
 class ImportedNeedle(Model):
     """The needle of pictures that were taken elsewhere."""
 
-    needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
-    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
-    design_radius_mm: PositiveMm | None = Field(
-        None, description="Radius of curvature that the needle was designed for [mm]; null if not known."
-    )
+    needle_id: Name
+    """Which needle; results are grouped by needle and gel."""
+    diameter_mm: float = Field(gt=0, le=10)
+    """Outer diameter of the needle [mm]."""
+    design_radius_mm: PositiveMm | None = None
+    """Radius of curvature that the needle was designed for [mm]; null if not known."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a radius that is not larger than the needle's diameter."""
@@ -34,16 +35,18 @@ class ImportedNeedle(Model):
 class ImportProtocol(ExperimentProtocol):
     """The protocol of a run made from loose pictures; `labrig import` writes it."""
 
-    experiment: Literal["import"] = Field(description="Which experiment this file describes.")
-    title: Line = Field("Imported pictures", description="Heading of the report.")
-    needle: ImportedNeedle = Field(description="The needle in the pictures.")
-    sheath_diameter_mm: float | None = Field(
-        None, gt=0, le=20, description="Outer diameter of the sheath [mm]; null if the pictures show none."
-    )
-    scale: Scale | None = Field(
-        None, description="Millimetres by one number; null if a calibration maps the pictures."
-    )
-    analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+    experiment: Literal["import"]
+    """Which experiment this file describes."""
+    title: Line = "Imported pictures"
+    """Heading of the report."""
+    needle: ImportedNeedle
+    """The needle in the pictures."""
+    sheath_diameter_mm: float | None = Field(None, gt=0, le=20)
+    """Outer diameter of the sheath [mm]; null if the pictures show none."""
+    scale: Scale | None = None
+    """Millimetres by one number; null if a calibration maps the pictures."""
+    analysis: AnalysisWindow
+    """Which part of the shaft is fitted, and what is accepted."""
 
     @property
     def pictured_needle(self) -> NeedleInPicture:

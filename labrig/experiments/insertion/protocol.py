@@ -39,40 +39,34 @@ _DEFAULT = SteeringPolicy()
 class Phantom(TrackedSpecimen):
     """A block of gel with obstacles cast in."""
 
-    length_mm: float = Field(
-        140.0, gt=0, le=1000, description="Length of the block along the insertion [mm]."
-    )
-    width_mm: float = Field(
-        80.0, gt=0, le=1000, description="Width of the block, half of it to each side of the sheath [mm]."
-    )
+    length_mm: float = Field(140.0, gt=0, le=1000)
+    """Length of the block along the insertion [mm]."""
+    width_mm: float = Field(80.0, gt=0, le=1000)
+    """Width of the block, half of it to each side of the sheath [mm]."""
 
 
 class Place(Model):
     """A point of the steering plane: in mm, or as a pixel of the camera's picture."""
 
-    position_mm: PointMm | None = Field(
-        None, description="Place x, y, z from the origin of the steering plane [mm]; z along the insertion."
-    )
-    pixel: PixelUv | None = Field(None, description="Pixel (u, v) of the camera's picture [px].")
-    marker_id: MarkerId | None = Field(
-        None,
-        description="The id of a printed marker that moves with it: what the marker moves in the pictures after the "
-        "first is added to its place. See markers.",
-    )
+    position_mm: PointMm | None = None
+    """Place x, y, z from the origin of the steering plane [mm]; z along the insertion."""
+    pixel: PixelUv | None = None
+    """Pixel (u, v) of the camera's picture [px]."""
+    marker_id: MarkerId | None = None
+    """The id of a printed marker that moves with it: what the marker moves in the pictures after the first is
+    added to its place. See markers."""
 
 
 class Target(Place):
     """The point to reach."""
 
-    ask: bool = Field(
-        default=False, description="Whether the operator names its pixel on a picture taken during the run."
-    )
-    tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the needle may end [mm].")
-    sd_mm: NonNegativeMm = Field(
-        0.0,
-        description="How far it may be from where it is stated, along each axis: cast elsewhere, or moved unseen "
-        "(standard deviation) [mm].",
-    )
+    ask: bool = False
+    """Whether the operator names its pixel on a picture taken during the run."""
+    tolerance_mm: PositiveMm = 2.0
+    """How far from the target the needle may end [mm]."""
+    sd_mm: NonNegativeMm = 0.0
+    """How far it may be from where it is stated, along each axis: cast elsewhere, or moved unseen (standard
+    deviation) [mm]."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a target that is given more than once, or not at all."""
@@ -85,11 +79,10 @@ class Target(Place):
 class InsertionObstacle(Place):
     """A sphere that the needle keeps off."""
 
-    ask: bool = Field(
-        default=False,
-        description="Whether the operator names the pixel of its centre on a picture taken during the run.",
-    )
-    radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
+    ask: bool = False
+    """Whether the operator names the pixel of its centre on a picture taken during the run."""
+    radius_mm: PositiveMm
+    """Radius of the sphere [mm]."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield an obstacle without a place, or with two."""
@@ -100,104 +93,77 @@ class InsertionObstacle(Place):
 class Markers(Model):
     """The printed markers that target and obstacles are bound to by their `marker_id`, and how far they are trusted."""
 
-    dictionary: MarkerDictionary = Field(
-        "DICT_4X4_50",
-        description="OpenCV's name of the dictionary that all of them are from (ArUco or AprilTag).",
-    )
-    side_mm: PositiveMm = Field(description="Side of the printed black square, without its white rim [mm].")
-    x_mm: Annotated[float, Field(ge=-500, le=500)] = Field(
-        0.0, description="Where they are across the steering plane, positive away from the camera [mm]."
-    )
-    sd_mm: NonNegativeMm = Field(
-        0.1,
-        description="How far what is bound to a marker may be from where the marker's displacement puts it, along each "
-        "axis (standard deviation) [mm].",
-    )
-    lost_sd_mm_per_mm: float = Field(
-        0.05,
-        ge=0,
-        le=10,
-        description="How much is added to that for each millimetre that the needle moves while the marker is not seen "
-        "[mm/mm].",
-    )
-    most_lost_mm: PositiveMm = Field(
-        10.0, description="The needle stops when it has moved this far without a marker being seen [mm]."
-    )
-    jump_mm: PositiveMm = Field(
-        1.0,
-        description="The needle stops when a marker has moved by more than this between two pictures and stays there; "
-        "three standard deviations of lost_sd_mm_per_mm are allowed besides [mm].",
-    )
+    dictionary: MarkerDictionary = "DICT_4X4_50"
+    """OpenCV's name of the dictionary that all of them are from (ArUco or AprilTag)."""
+    side_mm: PositiveMm
+    """Side of the printed black square, without its white rim [mm]."""
+    x_mm: Annotated[float, Field(ge=-500, le=500)] = 0.0
+    """Where they are across the steering plane, positive away from the camera [mm]."""
+    sd_mm: NonNegativeMm = 0.1
+    """How far what is bound to a marker may be from where the marker's displacement puts it, along each axis
+    (standard deviation) [mm]."""
+    lost_sd_mm_per_mm: float = Field(0.05, ge=0, le=10)
+    """How much is added to that for each millimetre that the needle moves while the marker is not seen
+    [mm/mm]."""
+    most_lost_mm: PositiveMm = 10.0
+    """The needle stops when it has moved this far without a marker being seen [mm]."""
+    jump_mm: PositiveMm = 1.0
+    """The needle stops when a marker has moved by more than this between two pictures and stays there; three
+    standard deviations of lost_sd_mm_per_mm are allowed besides [mm]."""
 
 
 class InsertionAdvance(Advance):
     """How the needle goes in and comes out."""
 
-    frame_every_mm: PositiveMm = Field(
-        1.0, description="Inserted length between two pictures; the needle does not stop for them [mm]."
-    )
-    max_length_mm: float = Field(gt=0, le=500, description="Longest path that may be planned [mm].")
+    frame_every_mm: PositiveMm = 1.0
+    """Inserted length between two pictures; the needle does not stop for them [mm]."""
+    max_length_mm: float = Field(gt=0, le=500)
+    """Longest path that may be planned [mm]."""
 
 
 class Planner(Model):
     """How a path is planned."""
 
-    method: Literal["best", "paper"] = Field(
-        "best", description="The default planner, or the paper's for comparison."
-    )
-    radius_mm: PositiveMm = Field(description="Radius of the needle's arcs expected in this gel [mm].")
-    clearance_mm: NonNegativeMm = Field(
-        0.6, description="Asked for, from the needle's surface to an obstacle's [mm]."
-    )
-    max_arcs: int = Field(6, ge=1, le=12, description="Most arcs of a path.")
-    weights: PlannerWeights = Field(
-        default_factory=PlannerWeights, description="What makes one path better than another."
-    )
-    staging: Literal["staged", "unbounded"] = Field(
-        "staged",
-        description="With staged, a needle that moves waits for a quick search only, and halts for a thorough one; "
-        "with unbounded, the planner searches on while the needle advances.",
-    )
-    mends_path: bool = Field(
-        default=True,
-        description="Whether the path that the needle follows, mended, is compared with the new ones when the path is "
-        "replanned. The paper's planner does not compare paths.",
-    )
+    method: Literal["best", "paper"] = "best"
+    """The default planner, or the paper's for comparison."""
+    radius_mm: PositiveMm
+    """Radius of the needle's arcs expected in this gel [mm]."""
+    clearance_mm: NonNegativeMm = 0.6
+    """Asked for, from the needle's surface to an obstacle's [mm]."""
+    max_arcs: int = Field(6, ge=1, le=12)
+    """Most arcs of a path."""
+    weights: PlannerWeights = Field(default_factory=PlannerWeights)
+    """What makes one path better than another."""
+    staging: Literal["staged", "unbounded"] = "staged"
+    """With staged, a needle that moves waits for a quick search only, and halts for a thorough one; with
+    unbounded, the planner searches on while the needle advances."""
+    mends_path: bool = True
+    """Whether the path that the needle follows, mended, is compared with the new ones when the path is
+    replanned. The paper's planner does not compare paths."""
 
 
 class Estimator(Model):
     """How the tip's pose is estimated from its observed positions."""
 
-    method: Literal["error-state", "paper"] = Field(
-        "error-state", description="The default filter, or the paper's for comparison."
-    )
-    observation_sd_mm: PositiveMm = Field(
-        0.2, description="Standard deviation of an observed tip position, along each axis [mm]."
-    )
-    process_sd_deg_per_root_mm: float = Field(
-        0.4, ge=0, le=10, description="Random turning of the tip after a millimetre [deg / mm^0.5]."
-    )
-    radius_sd_mm: NonNegativeMm = Field(
-        0.6, description="Standard deviation of radius_mm; 0: the radius is not estimated [mm]."
-    )
-    start_sd_deg: float = Field(
-        1.0, ge=0, le=20, description="Standard deviation of the sheath's direction [deg]."
-    )
-    cavity_every_mm: PositiveMm | None = Field(
-        50.0,
-        description="Mean path length between cavities, in which the needle does not steer; null: cavities are not "
-        "modelled [mm].",
-    )
-    slip_sd: Annotated[float, Field(ge=0, le=0.2)] = Field(
-        0.01,
-        description="Standard deviation of the slip, the share of the inserted length by which the tip stays behind; "
-        "0: the slip is not estimated. The paper's filter does not estimate it [-].",
-    )
-    robust: bool = Field(
-        default=True,
-        description="Whether rejected sightings are kept from the estimate of cavities and from the search for a stuck "
-        "needle, and several in a row may move the estimated position but not turn the heading.",
-    )
+    method: Literal["error-state", "paper"] = "error-state"
+    """The default filter, or the paper's for comparison."""
+    observation_sd_mm: PositiveMm = 0.2
+    """Standard deviation of an observed tip position, along each axis [mm]."""
+    process_sd_deg_per_root_mm: float = Field(0.4, ge=0, le=10)
+    """Random turning of the tip after a millimetre [deg / mm^0.5]."""
+    radius_sd_mm: NonNegativeMm = 0.6
+    """Standard deviation of radius_mm; 0: the radius is not estimated [mm]."""
+    start_sd_deg: float = Field(1.0, ge=0, le=20)
+    """Standard deviation of the sheath's direction [deg]."""
+    cavity_every_mm: PositiveMm | None = 50.0
+    """Mean path length between cavities, in which the needle does not steer; null: cavities are not modelled
+    [mm]."""
+    slip_sd: Annotated[float, Field(ge=0, le=0.2)] = 0.01
+    """Standard deviation of the slip, the share of the inserted length by which the tip stays behind; 0: the
+    slip is not estimated. The paper's filter does not estimate it [-]."""
+    robust: bool = True
+    """Whether rejected sightings are kept from the estimate of cavities and from the search for a stuck
+    needle, and several in a row may move the estimated position but not turn the heading."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield keys that the paper's filter cannot use."""
@@ -216,52 +182,31 @@ class Estimator(Model):
 class Policy(Model):
     """When the path is replanned, when the insertion is given up, and how the hinges respond to a turn."""
 
-    replan_every_mm: PositiveMm = Field(
-        _DEFAULT.replan_every_mm, description="Replan after this much insertion [mm]."
-    )
-    deviation_mm: NonNegativeMm | None = Field(
-        _DEFAULT.deviation_mm,
-        description="Replan if the rest of the path would miss by more; null: never for that reason [mm].",
-    )
-    near_mm: NonNegativeMm = Field(
-        _DEFAULT.near_mm, description="Replan at every picture if no more than this is left [mm]."
-    )
-    final_mm: NonNegativeMm = Field(
-        _DEFAULT.final_mm,
-        description="Take the path that comes nearest to the target if no more than this is left [mm].",
-    )
-    backlash_mm: NonNegativeMm = Field(
-        _DEFAULT.backlash_mm,
-        description="Insertion over which the curvature reverses after half a turn [mm].",
-    )
-    closing_mm: NonNegativeMm = Field(
-        _DEFAULT.closing_mm, description="Insertion over which the hinges close at the start [mm]."
-    )
-    most_misses: int = Field(
-        _DEFAULT.most_misses,
-        ge=1,
-        le=1000,
-        description="Stop the needle after this many pictures in a row without a credible tip.",
-    )
-    stuck_mm: PositiveMm = Field(
-        _DEFAULT.stuck_mm,
-        description="Stop the needle after inserting this much without the tip advancing [mm].",
-    )
-    least_clearance_mm: NonNegativeMm = Field(
-        _DEFAULT.least_clearance_mm,
-        description="If no path keeps clearance_mm, take a path that keeps this [mm].",
-    )
-    max_off_axis_deg: Annotated[float, Field(gt=0, le=180)] = Field(
-        50.0,
-        description="Largest angle of a path to its start, if a path within it exists: a needle that leads far aside "
-        "has no curvature left for corrections. The paper has no limit [deg].",
-    )
-    turning: Turning = Field(
-        "compensated",
-        description="How the bevel is turned against torsion of the needle. compensated: in the directions whose lags "
-        "displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and "
-        "back.",
-    )
+    replan_every_mm: PositiveMm = _DEFAULT.replan_every_mm
+    """Replan after this much insertion [mm]."""
+    deviation_mm: NonNegativeMm | None = _DEFAULT.deviation_mm
+    """Replan if the rest of the path would miss by more; null: never for that reason [mm]."""
+    near_mm: NonNegativeMm = _DEFAULT.near_mm
+    """Replan at every picture if no more than this is left [mm]."""
+    final_mm: NonNegativeMm = _DEFAULT.final_mm
+    """Take the path that comes nearest to the target if no more than this is left [mm]."""
+    backlash_mm: NonNegativeMm = _DEFAULT.backlash_mm
+    """Insertion over which the curvature reverses after half a turn [mm]."""
+    closing_mm: NonNegativeMm = _DEFAULT.closing_mm
+    """Insertion over which the hinges close at the start [mm]."""
+    most_misses: int = Field(_DEFAULT.most_misses, ge=1, le=1000)
+    """Stop the needle after this many pictures in a row without a credible tip."""
+    stuck_mm: PositiveMm = _DEFAULT.stuck_mm
+    """Stop the needle after inserting this much without the tip advancing [mm]."""
+    least_clearance_mm: NonNegativeMm = _DEFAULT.least_clearance_mm
+    """If no path keeps clearance_mm, take a path that keeps this [mm]."""
+    max_off_axis_deg: Annotated[float, Field(gt=0, le=180)] = 50.0
+    """Largest angle of a path to its start, if a path within it exists: a needle that leads far aside has no
+    curvature left for corrections. The paper has no limit [deg]."""
+    turning: Turning = "compensated"
+    """How the bevel is turned against torsion of the needle. compensated: in the directions whose lags
+    displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn,
+    and back."""
 
 
 _PAPER_POLICY = Policy(
@@ -289,27 +234,16 @@ def _allow_paper(schema: dict[str, Any]) -> None:
 class OutOfPlane(Model):
     """What one camera does not see: how far the needle may be led out of the steering plane."""
 
-    heading_sd_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] | None = Field(
-        None,
-        description="Random lean of the tip out of the plane after a millimetre; null: as much as in the plane "
-        "(estimator.process_sd_deg_per_root_mm), since gel knows no plane [deg / mm^0.5].",
-    )
-    start_sd_mm: NonNegativeMm = Field(
-        0.1, description="Standard deviation of the start's place out of the plane [mm]."
-    )
-    start_sd_deg: float = Field(
-        0.2,
-        ge=0,
-        le=20,
-        description="Standard deviation of the angle between the sheath and the plane [deg].",
-    )
-    lag_sd_deg: float = Field(
-        1.0,
-        ge=0,
-        le=90,
-        description="Standard deviation of the angle by which torsion keeps the bevel behind its drive; of a lag that "
-        "was measured with the roll zero and is compensated, that of the measurement counts instead [deg].",
-    )
+    heading_sd_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] | None = None
+    """Random lean of the tip out of the plane after a millimetre; null: as much as in the plane
+    (estimator.process_sd_deg_per_root_mm), since gel knows no plane [deg / mm^0.5]."""
+    start_sd_mm: NonNegativeMm = 0.1
+    """Standard deviation of the start's place out of the plane [mm]."""
+    start_sd_deg: float = Field(0.2, ge=0, le=20)
+    """Standard deviation of the angle between the sheath and the plane [deg]."""
+    lag_sd_deg: float = Field(1.0, ge=0, le=90)
+    """Standard deviation of the angle by which torsion keeps the bevel behind its drive; of a lag that was
+    measured with the roll zero and is compensated, that of the measurement counts instead [deg]."""
 
 
 class InsertionProtocol(JudgedProtocol):
@@ -320,42 +254,39 @@ class InsertionProtocol(JudgedProtocol):
         "target_error_mm": "the distance in the plane from the needle's end to the target, at the end of an insertion"
     }
 
-    experiment: Literal["insertion"] = Field(description="Which experiment this file describes.")
-    title: Line = Field("Insertion to a target", description="Heading of the report.")
-    needle: Needle = Field(description="The needle of the run.")
-    specimen: Phantom = Field(
-        description="The block of gel with the obstacles; each repetition takes a new one."
-    )
-    repetitions: int = Field(1, ge=1, le=500, description="Insertions.")
-    target: Target = Field(description="The point to reach.")
-    obstacles: tuple[InsertionObstacle, ...] = Field(
-        (), max_length=100, description="Spheres to keep off, any number up to a hundred."
-    )
-    markers: Markers | None = Field(
-        None,
-        description="The printed markers by which moving targets and obstacles are followed; null: none.",
-    )
-    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
-    insertion: InsertionAdvance = Field(description="How the needle goes in and comes out.")
-    planner: Planner = Field(description="How a path is planned.")
-    estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
-    policy: Policy = Field(
-        default_factory=Policy,
-        description="When the path is replanned; paper: the paper's planner, filter and policy, for comparison.",
-        json_schema_extra=_allow_paper,
-    )
-    out_of_plane: OutOfPlane | None = Field(
-        default_factory=OutOfPlane,
-        description="What leads the needle out of the plane that the camera sees. The target is reached if the 95 % "
-        "interval of the distance in space lies within the tolerance; null: if the distance in the plane does.",
-    )
-    roll_zero: RollZeroSteps | None = Field(
-        None,
-        description="How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion.",
-    )
-    sentinel: GridSentinel | None = Field(
-        None, description="Grid pictures before and after the run; null for none."
-    )
+    experiment: Literal["insertion"]
+    """Which experiment this file describes."""
+    title: Line = "Insertion to a target"
+    """Heading of the report."""
+    needle: Needle
+    """The needle of the run."""
+    specimen: Phantom
+    """The block of gel with the obstacles; each repetition takes a new one."""
+    repetitions: int = Field(1, ge=1, le=500)
+    """Insertions."""
+    target: Target
+    """The point to reach."""
+    obstacles: tuple[InsertionObstacle, ...] = Field((), max_length=100)
+    """Spheres to keep off, any number up to a hundred."""
+    markers: Markers | None = None
+    """The printed markers by which moving targets and obstacles are followed; null: none."""
+    sheath: Sheath
+    """The tube that brings the needle into the gel."""
+    insertion: InsertionAdvance
+    """How the needle goes in and comes out."""
+    planner: Planner
+    """How a path is planned."""
+    estimator: Estimator = Field(default_factory=Estimator)
+    """How the tip's pose is estimated."""
+    policy: Policy = Field(default_factory=Policy, json_schema_extra=_allow_paper)
+    """When the path is replanned; paper: the paper's planner, filter and policy, for comparison."""
+    out_of_plane: OutOfPlane | None = Field(default_factory=OutOfPlane)
+    """What leads the needle out of the plane that the camera sees. The target is reached if the 95 % interval
+    of the distance in space lies within the tolerance; null: if the distance in the plane does."""
+    roll_zero: RollZeroSteps | None = None
+    """How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion."""
+    sentinel: GridSentinel | None = None
+    """Grid pictures before and after the run; null for none."""
 
     @field_validator("policy", mode="before")
     @classmethod

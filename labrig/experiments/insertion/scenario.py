@@ -20,14 +20,14 @@ Direction3: TypeAlias = tuple[float, float, float]
 class ScenarioNeedle(Model):
     """The needle of the plan: its numbers, or `design_file` instead of them."""
 
-    radius_mm: PositiveMm = Field(description="Radius of the arcs that the needle follows [mm].")
-    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
-    radius_low_mm: PositiveMm | None = Field(
-        None, description="Smallest radius that the needle may have, beside radius_high_mm [mm]."
-    )
-    radius_high_mm: PositiveMm | None = Field(
-        None, description="Largest radius that the needle may have, beside radius_low_mm [mm]."
-    )
+    radius_mm: PositiveMm
+    """Radius of the arcs that the needle follows [mm]."""
+    diameter_mm: float = Field(gt=0, le=10)
+    """Outer diameter of the needle [mm]."""
+    radius_low_mm: PositiveMm | None = None
+    """Smallest radius that the needle may have, beside radius_high_mm [mm]."""
+    radius_high_mm: PositiveMm | None = None
+    """Largest radius that the needle may have, beside radius_low_mm [mm]."""
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a tolerance with one end missing, or a radius outside its tolerance."""
@@ -54,25 +54,28 @@ class ScenarioNeedle(Model):
 class ScenarioStart(Model):
     """The pose of the needle's tip."""
 
-    position_mm: PointMm = Field((0.0, 0.0, 0.0), description="Where the tip is: x, y, z [mm].")
-    rotation: tuple[Direction3, Direction3, Direction3] = Field(
-        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        description="Rotation matrix by rows, from the tip's frame to the world; z along the needle.",
-    )
+    position_mm: PointMm = (0.0, 0.0, 0.0)
+    """Where the tip is: x, y, z [mm]."""
+    rotation: tuple[Direction3, Direction3, Direction3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """Rotation matrix by rows, from the tip's frame to the world; z along the needle."""
 
 
 class ScenarioTarget(Model):
     """The point to reach."""
 
-    position_mm: PointMm = Field(description="Where the target is: x, y, z [mm].")
-    tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the path may end [mm].")
+    position_mm: PointMm
+    """Where the target is: x, y, z [mm]."""
+    tolerance_mm: PositiveMm = 2.0
+    """How far from the target the path may end [mm]."""
 
 
 class ScenarioObstacle(Model):
     """A sphere that the needle avoids."""
 
-    position_mm: PointMm = Field(description="Centre of the sphere: x, y, z [mm].")
-    radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
+    position_mm: PointMm
+    """Centre of the sphere: x, y, z [mm]."""
+    radius_mm: PositiveMm
+    """Radius of the sphere [mm]."""
 
 
 class Scenario(Model):
@@ -81,20 +84,18 @@ class Scenario(Model):
     needle: ScenarioNeedle
     start: ScenarioStart = ScenarioStart()
     target: ScenarioTarget
-    obstacles: tuple[ScenarioObstacle, ...] = Field(
-        (), max_length=100, description="Spheres to keep off, any number up to a hundred."
-    )
-    planar: bool = Field(
-        default=False, description="Stay in the y-z plane of the start; rolls are 0 and pi then."
-    )
-    clearance_mm: NonNegativeMm = Field(
-        0.6, description="Asked for, from the needle's surface to an obstacle's [mm]."
-    )
-    max_arcs: int = Field(6, ge=1, le=12, description="Most arcs of a path.")
-    max_length_mm: PositiveMm = Field(150.0, description="Longest path [mm].")
-    method: Literal["best", "paper"] = Field(
-        "best", description="The default planner, or the paper's for comparison."
-    )
+    obstacles: tuple[ScenarioObstacle, ...] = Field((), max_length=100)
+    """Spheres to keep off, any number up to a hundred."""
+    planar: bool = False
+    """Stay in the y-z plane of the start; rolls are 0 and pi then."""
+    clearance_mm: NonNegativeMm = 0.6
+    """Asked for, from the needle's surface to an obstacle's [mm]."""
+    max_arcs: int = Field(6, ge=1, le=12)
+    """Most arcs of a path."""
+    max_length_mm: PositiveMm = 150.0
+    """Longest path [mm]."""
+    method: Literal["best", "paper"] = "best"
+    """The default planner, or the paper's for comparison."""
     weights: PlannerWeights = PlannerWeights()
 
 

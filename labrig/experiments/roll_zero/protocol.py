@@ -23,15 +23,20 @@ class RollZeroProtocol(MovingProtocol):
 
     pictures_decide_motion: ClassVar[bool] = True
 
-    experiment: Literal["roll-zero"] = Field(description="Which experiment this file describes.")
-    title: Line = Field("Roll zero", description="Heading of the report.")
-    needle: Needle = Field(description="The needle of the run.")
-    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
-    insertion: Advance = Field(description="How fast the needle goes in and comes out.")
-    roll_zero: RollZeroSteps = Field(description="How the zero is found.")
-    sentinel: GridSentinel | None = Field(
-        None, description="Grid pictures before and after the run; null for none."
-    )
+    experiment: Literal["roll-zero"]
+    """Which experiment this file describes."""
+    title: Line = "Roll zero"
+    """Heading of the report."""
+    needle: Needle
+    """The needle of the run."""
+    sheath: Sheath
+    """The tube that brings the needle into the gel."""
+    insertion: Advance
+    """How fast the needle goes in and comes out."""
+    roll_zero: RollZeroSteps
+    """How the zero is found."""
+    sentinel: GridSentinel | None = None
+    """Grid pictures before and after the run; null for none."""
 
     @property
     def expected_radius_mm(self) -> float:

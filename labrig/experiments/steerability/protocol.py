@@ -28,16 +28,16 @@ _AT_END = 0.01
 class Insertion(Model):
     """How the needle goes in and comes out."""
 
-    length_mm: float = Field(gt=0, le=500, description="How far the needle leaves the sheath [mm].")
-    speed_mm_s: SpeedMmS = Field(description="Insertion speed [mm/s].")
-    withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
-    frame_every_mm: PositiveMm = Field(description="Inserted length between two pictures [mm].")
-    bevel_roll_rad: float = Field(
-        0.0,
-        ge=-2 * pi,
-        le=2 * pi,
-        description="Roll of the bevel before the insertion, kept through it [rad]; 0 bends towards -y.",
-    )
+    length_mm: float = Field(gt=0, le=500)
+    """How far the needle leaves the sheath [mm]."""
+    speed_mm_s: SpeedMmS
+    """Insertion speed [mm/s]."""
+    withdraw_speed_mm_s: SpeedMmS
+    """Speed of the way back [mm/s]."""
+    frame_every_mm: PositiveMm
+    """Inserted length between two pictures [mm]."""
+    bevel_roll_rad: float = Field(0.0, ge=-2 * pi, le=2 * pi)
+    """Roll of the bevel before the insertion, kept through it [rad]; 0 bends towards -y."""
 
     def list_stops_mm(self) -> list[float]:
         """Return the inserted lengths at which a picture is taken on the way [mm]; the end has its own picture."""
@@ -61,26 +61,31 @@ class SteerabilityProtocol(JudgedProtocol):
         "radius_sd_mm": "its standard deviation",
     }
 
-    experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")
-    title: Line = Field("Steerability test", description="Heading of the report.")
-    needle: Needle = Field(description="The needle of the run.")
-    specimens: tuple[TrackedSpecimen, ...] = Field(
-        min_length=1, max_length=50, description="The blocks of gel, in the order in which they are used."
-    )
-    insertions_per_specimen: int = Field(ge=1, le=500, description="Insertions into each block.")
-    hole_spacing_mm: PositiveMm = Field(description="Lateral distance from one hole to the next [mm].")
-    hole_order: Literal["sequential", "random"] = Field(
-        "sequential",
-        description="Order of the holes within each block: one after the other, or a random order drawn from the seed, "
-        "so that a drift over time is not taken for an effect of the place.",
-    )
-    specimen_width_mm: float = Field(gt=0, le=2000, description="Width of a block across the insertion [mm].")
-    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
-    insertion: Insertion = Field(description="How the needle goes in and comes out.")
-    analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
-    sentinel: GridSentinel | None = Field(
-        None, description="Grid pictures before and after the run; null for none."
-    )
+    experiment: Literal["steerability"]
+    """Which experiment this file describes."""
+    title: Line = "Steerability test"
+    """Heading of the report."""
+    needle: Needle
+    """The needle of the run."""
+    specimens: tuple[TrackedSpecimen, ...] = Field(min_length=1, max_length=50)
+    """The blocks of gel, in the order in which they are used."""
+    insertions_per_specimen: int = Field(ge=1, le=500)
+    """Insertions into each block."""
+    hole_spacing_mm: PositiveMm
+    """Lateral distance from one hole to the next [mm]."""
+    hole_order: Literal["sequential", "random"] = "sequential"
+    """Order of the holes within each block: one after the other, or a random order drawn from the seed, so
+    that a drift over time is not taken for an effect of the place."""
+    specimen_width_mm: float = Field(gt=0, le=2000)
+    """Width of a block across the insertion [mm]."""
+    sheath: Sheath
+    """The tube that brings the needle into the gel."""
+    insertion: Insertion
+    """How the needle goes in and comes out."""
+    analysis: AnalysisWindow
+    """Which part of the shaft is fitted, and what is accepted."""
+    sentinel: GridSentinel | None = None
+    """Grid pictures before and after the run; null for none."""
 
     @property
     def lateral_reach_mm(self) -> float:

@@ -283,7 +283,8 @@ class _StampedSource:
 
 def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> None:
     """Positions are interpolated to the exposure, in the replay as in the run."""
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, SHORTER["insertion"])
+    near = (*SHORTER["insertion"], "target.position_mm=[0, 2, 20]")
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, near)
     with bench(tmp_path, protocol) as at:
         rig = at.opened.rig
         rig.camera._source = _StampedSource(rig.camera._source, rig.clock)

@@ -51,7 +51,7 @@ def test_the_example_suits_the_simulated_rig() -> None:
             "pixel (1000, 3000) lies outside of the camera's view",
         ),
         ("target={pixel: [1280, 300]}", "pixel (1280, 300) lies outside"),
-        ("roll_zero=null", "has no certified roll zero of needle"),
+        ("roll_zero=null", "needle N1 has no certified roll zero"),
     ],
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused(override: str, message: str) -> None:
@@ -78,7 +78,7 @@ def test_an_obstacle_that_reaches_into_the_tissue_is_taken() -> None:
 
 def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
     """A certified roll zero of this needle in the rig's state suffices; that of another needle does not."""
-    rig = large_rig("state_file=state.json").placed_in(tmp_path)
+    rig = large_rig(f"state_file={tmp_path / 'state.json'}")
     protocol = insertion("roll_zero=null")
     assert isinstance(protocol, InsertionProtocol)
     for needle_id, refused in ((protocol.needle.needle_id, 0), ("another", 1)):
@@ -90,7 +90,7 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
 
 def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> None:
     """If the run finds the roll zero without the torsion, a warning names the needle whose torsion is known."""
-    rig = large_rig("state_file=state.json").placed_in(tmp_path)
+    rig = large_rig(f"state_file={tmp_path / 'state.json'}")
     torsion = Torsion(0.01, 0.002, 0.02, "run-1")
     for needle_id, told in (("N1", 0), ("another", 1)):
         certified = RollZero(needle_id, 0.1, 0.01, "run-1", torsion)

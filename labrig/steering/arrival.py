@@ -12,7 +12,7 @@ The interval is read from a fixed set of points that fills the normal distributi
 equal digits.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
 
@@ -44,9 +44,11 @@ class TipOffset:
     ----------
     mm : (3,) array
     covariance_mm2 : (3, 3) array
-        Zero for what is known. Where y and z vary with x, they do so along the line of sight.
+        Zero for what is known.
     probability : float
         With which this place and its covariance hold.
+    slope : (2,) array
+        By how much y and z grow with x along the line of sight.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class TipOffset:
     mm: FloatArray
     covariance_mm2: FloatArray
     probability: float = 1.0
+    slope: FloatArray = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
         require_numbers("mm", self.mm, (3,))
@@ -72,9 +75,7 @@ class TipOffset:
         """Return distances from the target (N,) [mm] and their probabilities (N,)."""
         variances, axes = np.linalg.eigh(self.covariance_mm2)
         places = self.mm + (_fill_normal() * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
-        across = self.covariance_mm2[0, 0]
-        ray = self.covariance_mm2[1:, 0] / across if across > 0.0 else np.zeros(2)
-        seen_mm = np.linalg.norm(places[:, 1:] - places[:, :1] * ray, axis=1)
+        seen_mm = np.linalg.norm(places[:, 1:] - places[:, :1] * self.slope, axis=1)
         least_mm = _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM
         shares = 1.0 / np.maximum(seen_mm, least_mm)
         return np.linalg.norm(places, axis=1), self.probability * shares / shares.sum()

@@ -25,6 +25,9 @@ from labrig.steering.tip import (
     freeze,
 )
 
+CAVITY_MM = 8.0
+"""Mean length of a cavity, in which the needle goes straight."""
+
 # Share of sightings that are something else than the tip, and the side of the square or cube in which that lies.
 _FALSE_SHARE = 0.05
 _FALSE_WITHIN_MM = 20.0
@@ -61,11 +64,11 @@ def start_belief(pose: FloatArray, settings: EstimatorSettings) -> TipBelief:
 
 def step_belief(belief: TipBelief, observation: TipObservation, settings: EstimatorSettings) -> TipBelief:
     """Return the tip after one observation. Raises as `step_tip`."""
-    if math.isinf(settings.cavity_every_mm):
+    if settings.cavity_every_mm is None:
         tip = step_tip(belief.tip, observation, settings)
         return TipBelief(tip, tip, tip, 0.0, _weigh(tip, settings))
     enters = -math.expm1(-observation.step_mm / settings.cavity_every_mm)
-    leaves = -math.expm1(-observation.step_mm / settings.cavity_mm)
+    leaves = -math.expm1(-observation.step_mm / CAVITY_MM)
     entered, stayed_in = (1.0 - belief.cavity) * enters, belief.cavity * (1.0 - leaves)
     cavity = entered + stayed_in
     left = belief.cavity * leaves
@@ -89,7 +92,7 @@ def _weigh(tip: TipState, settings: EstimatorSettings) -> float:
 
     So a sighting that fits neither tip says nothing about which one is right.
     """
-    if not settings.robust or tip.nis is None:
+    if tip.nis is None:
         return tip.log_likelihood
     false = math.log(_FALSE_SHARE) - len(settings.observed) * math.log(_FALSE_WITHIN_MM)
     return float(np.logaddexp(math.log1p(-_FALSE_SHARE) + tip.log_likelihood, false))

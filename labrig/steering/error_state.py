@@ -31,6 +31,9 @@ from labrig.steering.tip import (
 )
 
 _TURNING = (3, 4, 5)
+# So many observations in a row may fail the gate; at the next failure the filter widens its covariance until the
+# observation is an ordinary one.
+_PATIENCE = 3
 # Standard deviation of what the heading may have turned by while the tip was not seen. A larger one recovers faster
 # from a cavity that is not modelled, and makes false sightings turn the heading more.
 _REOPENED_HEADING_SD_RAD = 0.05
@@ -64,9 +67,9 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
     if nis <= _limit_nis(state, settings):
         return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
     kalman.x, kalman.P = kalman.x_prior, kalman.P_prior
-    if state.misses < settings.patience:
+    if state.misses < _PATIENCE:
         return _apply_error(prediction, kalman, state, nis, log_likelihood)
-    kalman.P = _reopen(kalman.P, innovation, nis, settings)
+    kalman.P = _reopen(kalman.P, innovation, settings)
     _update(kalman, innovation, settings)
     return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
 
@@ -78,19 +81,15 @@ def _limit_nis(state: TipState, settings: EstimatorSettings) -> float:
     turned.
     """
     was_rejected = state.nis is not None and not state.accepted
-    return settings.doubtful_nis if settings.robust and was_rejected else settings.gate_nis
+    return settings.doubtful_nis if was_rejected else settings.gate_nis
 
 
-def _reopen(
-    covariance: FloatArray, innovation: FloatArray, nis: float, settings: EstimatorSettings
-) -> FloatArray:
+def _reopen(covariance: FloatArray, innovation: FloatArray, settings: EstimatorSettings) -> FloatArray:
     """Return a covariance so wide that the innovation is an ordinary one.
 
     What was seen may be something else than the tip: its position is taken, and only the next sightings may turn the
     heading.
     """
-    if not settings.robust:
-        return covariance * (nis / len(innovation))
     moved = float(innovation @ innovation) / len(innovation) * settings.observed.T @ settings.observed
     turning = [index for index in _TURNING if index in settings.errors]
     turned = np.zeros((settings.size, settings.size))
@@ -113,7 +112,7 @@ def _predict(state: TipState, observation: TipObservation, settings: EstimatorSe
         transition[POSITION, CURVATURE] = bend.T @ step_position_slope(step_mm, curvature)
         transition[ORIENTATION.start, CURVATURE] = step_mm
     process = np.zeros((settings.size, settings.size))
-    if settings.slip_sd > 0.0:
+    if settings.estimates_slip:
         transition[POSITION.stop - 1, SLIP] = -observation.step_mm
         transition[ORIENTATION.start, SLIP] = -observation.step_mm * curvature
         process[SLIP, SLIP] = settings.slip_sd**2 * observation.step_mm / _SLIP_CHANGES_MM

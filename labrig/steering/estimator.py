@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.error_state import step_error_state
 from labrig.steering.paper_filter import step_paper_filter
+from labrig.steering.parameters import EstimatorMethod
 from labrig.steering.tip import (
     CURVATURE,
-    EstimatorMethod,
     EstimatorSettings,
     TipObservation,
     TipState,
@@ -114,14 +115,23 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
     rolls = require_numbers("roll_rad", roll_rad, (len(positions) - 1,))
     if not (math.isfinite(step_mm) and step_mm > 0.0):
         raise InputError(f"step_mm is {step_mm:g}, it must be above 0")
-    settings = EstimatorSettings(
-        radius_mm,
-        observation_sd_mm,
-        process_sd_rad / math.sqrt(step_mm),
-        method,
-        planar,
-        radius_sd_mm,
-    )
+    try:
+        settings = EstimatorSettings(
+            method=method,
+            observation_sd_mm=observation_sd_mm,
+            process_sd_deg_per_root_mm=math.degrees(process_sd_rad / math.sqrt(step_mm)),
+            radius_sd_mm=radius_sd_mm,
+            cavity_every_mm=None,
+            slip_sd=0.0,
+            radius_mm=radius_mm,
+            planar=planar,
+        )
+    except ValidationError as error:
+        wrong = (
+            f"{fault['loc'][0]} is {fault['input']}: {fault['msg']}" if fault["loc"] else fault["msg"]
+            for fault in error.errors()
+        )
+        raise InputError("; ".join(wrong)) from error
     state = _start_path(positions[0], start, settings)
     poses = [state.pose]
     for position, roll in zip(positions[1:], rolls, strict=True):

@@ -9,33 +9,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from labrig.steering.parameters import MarkerTrust
+
 MarkerStop = Literal["marker_lost", "marker_jumped"]
 PlanePoint = tuple[float, float]
 
 # A marker that was not seen may have moved by so many standard deviations of its displacement.
 _SIGMAS = 3.0
-
-
-@dataclass(frozen=True)
-class MarkerTrust:
-    """How far sightings of markers are trusted.
-
-    Attributes
-    ----------
-    sd_mm : float
-        Standard deviation, along each axis, between what a marker and what is bound to it have moved.
-    lost_sd_mm_per_mm : float
-        How much is added for each millimetre that the needle moves while the marker is not seen.
-    most_lost_mm : float
-        The needle stops when it has moved so far without the marker being seen.
-    jump_mm : float
-        A displacement that differs by more from the last one, beyond what the needle's way allows, is a jump.
-    """
-
-    sd_mm: float
-    lost_sd_mm_per_mm: float
-    most_lost_mm: float
-    jump_mm: float
 
 
 @dataclass(frozen=True)

@@ -1,120 +1,139 @@
-"""Weights of the planner and policy of the steering step. Protocols take defaults from here, so it loads no numpy."""
+"""What a protocol says about planning, estimating and steering: its sections are the settings. It loads no numpy."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal, TypeAlias
 
-from labrig.errors import InputError
+from pydantic import Field
 
-Turning = Literal["compensated", "back_and_forth"]
+from labrig.protocol.model import Conflict, Model, NonNegativeMm, PositiveMm
+
+Turning: TypeAlias = Literal["compensated", "back_and_forth"]
 """How the bevel is turned against torsion: see `labrig.steering.torsion`."""
 
-_POSITIVE = frozenset(
-    ["replan_every_mm", "observe_every_mm", "arrival_mm", "stuck_mm", "most_misses", "max_off_axis_rad"]
+PlanMethod: TypeAlias = Literal["best", "paper"]
+EstimatorMethod: TypeAlias = Literal["error-state", "paper"]
+Weight: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
+
+
+class PlanWeights(Model):
+    """What makes one feasible path better than another; the smallest sum wins."""
+
+    length_per_mm: Weight = 1.0
+    """Cost of a millimetre of path."""
+    turn: Weight = 4.0
+    """Cost of an arc."""
+    target_error_per_mm: Weight = 10.0
+    """Cost of each millimetre beside the target."""
+    clearance_per_mm: Weight = 6.0
+    """Cost of each millimetre missing to a comfortable clearance."""
+    comfortable_clearance_mm: NonNegativeMm = 3.0
+    """Clearance beyond which more is no better [mm]."""
+    curvature_per_mm: Weight = 4.0
+    """Cost of each millimetre by which the worst radius of its tolerance moves the tip; without a tolerance, a
+    radius one per cent larger."""
+    room_per_mm: Weight = 6.0
+    """Cost, in the plane, of each millimetre missing to a comfortable room: the clearance from an obstacle that
+    the needle would have if it bent away from it at once."""
+    comfortable_room_mm: NonNegativeMm = 6.0
+    """Room beyond which more is no better [mm]."""
+
+
+class Estimator(Model):
+    """How the tip's pose is estimated from its observed positions."""
+
+    method: EstimatorMethod = "error-state"
+    """The default filter, or the paper's for comparison."""
+    observation_sd_mm: PositiveMm = 0.2
+    """Standard deviation of an observed tip position, along each axis [mm]."""
+    process_sd_deg_per_root_mm: float = Field(0.4, ge=0, le=10)
+    """Random turning of the tip after a millimetre [deg / mm^0.5]."""
+    radius_sd_mm: NonNegativeMm = 0.6
+    """Standard deviation of radius_mm; 0: the radius is not estimated [mm]."""
+    start_sd_deg: float = Field(1.0, ge=0, le=20)
+    """Standard deviation of the sheath's direction [deg]."""
+    cavity_every_mm: PositiveMm | None = 50.0
+    """Mean path length between cavities, in which the needle does not steer; null: cavities are not modelled
+    [mm]."""
+    slip_sd: Annotated[float, Field(ge=0, le=0.2)] = 0.01
+    """Standard deviation of the slip, the share of the inserted length by which the tip stays behind; 0: the slip
+    is not estimated. The paper's filter does not estimate it [-]."""
+
+    @property
+    def process_sd_rad_per_root_mm(self) -> float:
+        """Random turning of the tip after a millimetre [rad / mm^0.5]."""
+        return math.radians(self.process_sd_deg_per_root_mm)
+
+    @property
+    def start_sd_rad(self) -> float:
+        """Standard deviation of the sheath's direction [rad]."""
+        return math.radians(self.start_sd_deg)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield keys that the paper's filter cannot use."""
+        if self.method == "paper" and self.radius_sd_mm > 0:
+            message = (
+                f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
+            )
+            yield Conflict("radius_sd_mm", message, "set it to 0, or use the error-state filter")
+        if self.method == "paper" and self.cavity_every_mm is not None:
+            message = (
+                f"cavity_every_mm is {self.cavity_every_mm:g}, but the paper's filter does not model cavities"
+            )
+            yield Conflict("cavity_every_mm", message, "set it to null, or use the error-state filter")
+
+
+class SteeringPolicy(Model):
+    """When the path is replanned, when the insertion is given up, and how the hinges respond to a turn."""
+
+    replan_every_mm: PositiveMm = 20.0
+    """Replan after this much insertion [mm]."""
+    deviation_mm: NonNegativeMm | None = 0.4
+    """Replan if the rest of the path would miss by more; null: never for that reason [mm]."""
+    near_mm: NonNegativeMm = 30.0
+    """Replan at every picture if no more than this is left [mm]."""
+    final_mm: NonNegativeMm = 8.0
+    """Take the path that comes nearest to the target if no more than this is left [mm]."""
+    backlash_mm: NonNegativeMm = 1.5
+    """Insertion over which the curvature reverses after half a turn [mm]."""
+    closing_mm: NonNegativeMm = 3.0
+    """Insertion over which the hinges close at the start [mm]."""
+    most_misses: int = Field(8, ge=1, le=1000)
+    """Stop the needle after this many pictures in a row without a credible tip."""
+    stuck_mm: PositiveMm = 4.0
+    """Stop the needle after inserting this much without the tip advancing [mm]."""
+    least_clearance_mm: NonNegativeMm = 0.2
+    """If no path keeps clearance_mm, take a path that keeps this [mm]."""
+    max_off_axis_deg: Annotated[float, Field(gt=0, le=180)] = 50.0
+    """Largest angle of a path to its start, if a path within it exists: a needle that leads far aside has no
+    curvature left for corrections. The paper has no limit [deg]."""
+    turning: Turning = "compensated"
+    """How the bevel is turned against torsion of the needle. compensated: in the directions whose lags displace the
+    tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and back."""
+
+
+class MarkerTrust(Model):
+    """How far sightings of markers are trusted."""
+
+    sd_mm: NonNegativeMm = 0.1
+    """How far what is bound to a marker may be from where the marker's displacement puts it, along each axis
+    (standard deviation) [mm]."""
+    lost_sd_mm_per_mm: float = Field(0.05, ge=0, le=10)
+    """How much is added to that for each millimetre that the needle moves while the marker is not seen [mm/mm]."""
+    most_lost_mm: PositiveMm = 10.0
+    """The needle stops when it has moved this far without a marker being seen [mm]."""
+    jump_mm: PositiveMm = 1.0
+    """The needle stops when a marker has moved by more than this between two pictures and stays there; three
+    standard deviations of lost_sd_mm_per_mm are allowed besides [mm]."""
+
+
+PAPER_POLICY = SteeringPolicy(
+    deviation_mm=None,
+    near_mm=0.0,
+    final_mm=0.0,
+    backlash_mm=0.0,
+    closing_mm=0.0,
+    max_off_axis_deg=180.0,
+    turning="back_and_forth",
 )
-
-
-@dataclass(frozen=True)
-class PlanWeights:
-    """What makes one feasible path better than another; the smallest sum wins.
-
-    Parameters
-    ----------
-    length_per_mm, turn, target_error_per_mm : float
-        Cost of a millimetre of path, of a turn between arcs, and of a millimetre by which the tip misses the target.
-    clearance_per_mm, comfortable_clearance_mm : float
-        Cost of each millimetre that a comfortable clearance lacks.
-    curvature_per_mm : float
-        Cost of each millimetre by which the tip moves if the radius is the worst of its tolerance, or one per cent
-        larger if the problem states no tolerance.
-    cavity_per_mm : float
-        Cost of each millimetre by which the tip would miss after a cavity, averaged over its place on the path.
-    room_per_mm, comfortable_room_mm : float
-        Cost, in the plane, of each millimetre that a comfortable room lacks: the clearance that the needle would have
-        if it bent away from the obstacle from here on (`labrig.steering.room`).
-    """
-
-    length_per_mm: float = 1.0
-    turn: float = 4.0
-    target_error_per_mm: float = 10.0
-    clearance_per_mm: float = 6.0
-    comfortable_clearance_mm: float = 3.0
-    curvature_per_mm: float = 4.0
-    cavity_per_mm: float = 20.0
-    room_per_mm: float = 6.0
-    comfortable_room_mm: float = 6.0
-
-
-@dataclass(frozen=True)
-class SteeringPolicy:
-    """When the path is replanned, and the properties of the needle beyond its arcs.
-
-    Parameters
-    ----------
-    replan_every_mm : float
-    deviation_mm, deviation_share : float
-        Replan if the rest of the path would miss the target by more than deviation_mm plus deviation_share times
-        its length; infinite: a miss never causes a replan.
-    near_mm, near_deviation_mm : float
-        Within near_mm of the end, replan for a miss of more than near_deviation_mm.
-    final_mm, final_error_per_mm : float
-        Within final_mm of the target, take at every sighting the path that comes nearest to it; final_error_per_mm is
-        the cost of a millimetre of miss against that of the turns.
-    max_off_axis_rad : float
-        Limit of the path's angle to the start's axis, if a path within it exists: a needle that leads far aside has
-        no curvature left for corrections.
-    observe_every_mm : float
-    backlash_mm : float
-        Length along which the curvature swings over after a turn of the bevel.
-    closing_mm : float
-        Length along which the hinges close after the start.
-    lead_mm : float
-        A turn that is planned while the needle moves is made no sooner than after this length.
-    arrival_mm : float
-        The needle stops when less than this is left of the path.
-    most_misses : int
-        The needle is lost after so many sightings in a row that are missing or rejected.
-    stuck_mm : float
-        The needle is stuck if it was inserted by this and its tip moved by less than half of it.
-    least_clearance_mm : float
-        If disturbances have used up the clearance, a path that keeps this much is taken.
-    patience_mm : float
-        The needle follows the old path for this length if that would miss and no new path is found.
-    """
-
-    replan_every_mm: float = 20.0
-    deviation_mm: float = 0.4
-    deviation_share: float = 0.02
-    near_mm: float = 30.0
-    near_deviation_mm: float = 0.2
-    final_mm: float = 8.0
-    final_error_per_mm: float = 40.0
-    max_off_axis_rad: float = math.radians(50.0)
-    observe_every_mm: float = 1.0
-    backlash_mm: float = 1.5
-    closing_mm: float = 3.0
-    lead_mm: float = 0.2
-    arrival_mm: float = 0.05
-    most_misses: int = 8
-    stuck_mm: float = 4.0
-    least_clearance_mm: float = 0.2
-    patience_mm: float = 15.0
-
-    def __post_init__(self) -> None:
-        """Refuse a length that is negative, or zero where it must be positive."""
-        for name, value in vars(self).items():
-            positive = name in _POSITIVE
-            if not (value > 0 if positive else value >= 0):
-                raise InputError(f"{name} is {value:g}, it must be {'above 0' if positive else '0 or more'}")
-
-    @classmethod
-    def paper(cls) -> Self:
-        """Return the paper's policy: replan every 20 mm, let a turn act at once, and follow the plan to its end."""
-        return cls(
-            deviation_mm=math.inf,
-            near_mm=0.0,
-            final_mm=0.0,
-            max_off_axis_rad=math.pi,
-            backlash_mm=0.0,
-            closing_mm=0.0,
-        )
+"""The paper's policy: replan every 20 mm, let a turn act at once, and follow the plan to its end."""

@@ -11,7 +11,8 @@ from labrig.needle.kinematics import FloatArray, path_frames, path_points
 from labrig.steering import planar_search, spatial_search
 from labrig.steering.clearance import path_distances
 from labrig.steering.mending import mend_paths
-from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
+from labrig.steering.parameters import PlanMethod
+from labrig.steering.problem import Obstacle, PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
 from labrig.steering.score import (

@@ -6,8 +6,8 @@ from typing import Literal
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.parameters import SteeringPolicy
-from labrig.steering.problem import PlanMethod, PlanProblem
+from labrig.steering.parameters import PlanMethod, SteeringPolicy
+from labrig.steering.problem import PlanProblem
 from labrig.steering.tip import EstimatorSettings, freeze, require_numbers
 
 StopReason = Literal[
@@ -22,9 +22,6 @@ StopReason = Literal[
 ]
 
 
-SearchStaging = Literal["staged", "unbounded"]
-
-
 @dataclass(frozen=True)
 class SteeringSettings:
     """The problem, how the tip is estimated, and the policy.
@@ -37,20 +34,15 @@ class SteeringSettings:
     policy : SteeringPolicy
     method : {"best", "paper"}
         The planner.
-    staging : {"staged", "unbounded"}
-        "staged": a moving needle waits for a quick search only; if that finds nothing and the old path will not do, the
-        needle halts, and then the planner searches thoroughly, as it does at the start. "unbounded": it searches on,
-        and for the reason of a failure, while the needle advances; for records that were made before.
-    mends_path : bool
-        Whether the path that the needle follows, mended, is compared with the new ones when "best" plans again.
+    observe_every_mm : float
+        Inserted length between two sightings.
     """
 
     problem: PlanProblem
     estimator: EstimatorSettings
     policy: SteeringPolicy = field(default_factory=SteeringPolicy)
     method: PlanMethod = "best"
-    staging: SearchStaging = "staged"
-    mends_path: bool = True
+    observe_every_mm: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse a planner and a filter that disagree about the plane."""

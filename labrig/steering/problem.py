@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.parameters import PlanWeights
 
-PlanMethod = Literal["best", "paper"]
 Point = tuple[float, float, float]
 
 HIGHEST_MAX_ARCS = 12

@@ -14,6 +14,7 @@ from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.bending import PathStretch, Turn, advance_pose
+from labrig.steering.cavities import CAVITY_MM
 from labrig.steering.clearance import path_distances
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
@@ -25,6 +26,10 @@ _RADIUS_FACTOR = 1.5
 _PLACES = 16
 # Share of the rest of a path that the needle can correct sideways later, with curvature to spare.
 _CORRECTED_SHARE = 0.05
+# The needle follows the old path for this length if that would miss and no new path is found.
+_PATIENCE_MM = 15.0
+# In the last millimetres: the cost of a millimetre of miss against that of the turns.
+_FINAL_ERROR_PER_MM = 40.0
 # Rounds of a thorough search in which a better path is sought than the first.
 _IMPROVING_ROUNDS = 6
 
@@ -32,27 +37,19 @@ _IMPROVING_ROUNDS = 6
 def replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
     """Return the state with a new path, with the old path if it will do, or with the reason why there is none."""
     tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
-    staged = settings.staging == "staged"
     stands = occasion == "start" or state.sought is not None
     try:
         problem = pose_problem_ahead(state, settings)
     except InputError as error:
-        return (
-            replace(tried, sought=occasion)
-            if staged and not stands
-            else replace(tried, refusal=error.message)
-        )
-    searches = staged and stands
-    mends = settings.mends_path and settings.method == "best" and state.plan.found
+        return replace(tried, refusal=error.message) if stands else replace(tried, sought=occasion)
+    mends = settings.method == "best" and state.plan.found  # the paper's planner compares no paths
     present = _psi_ahead(state, settings) if mends else None
-    plan = plan_with_clearance(problem, settings, "thorough" if searches else "quick", present)
+    plan = plan_with_clearance(problem, settings, "thorough" if stands else "quick", present)
     if not plan.found:
         if _is_still_good(state, settings):
             return tried
-        if staged and not stands:
+        if not stands:
             return replace(tried, sought=occasion)
-        if not staged:
-            plan = plan_with_clearance(problem, settings, "closer")
     return _follow(tried, plan, problem, settings) if plan.found else replace(tried, refusal=plan.reason)
 
 
@@ -85,9 +82,9 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
         start=advance_pose(start, (PathStretch(0.0, turned, bends=True),), 0.0),
         radius_mm=_bounded_radius_mm(state, settings),
         radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
-        cavity_mm=settings.estimator.cavity_mm if math.isfinite(settings.estimator.cavity_every_mm) else 0.0,
+        cavity_mm=0.0 if settings.estimator.cavity_every_mm is None else CAVITY_MM,
         axis=(float(along[0]), float(along[1]), float(along[2])),
-        max_off_axis_rad=settings.policy.max_off_axis_rad,
+        max_off_axis_rad=math.radians(settings.policy.max_off_axis_deg),
         max_length_mm=max((settings.problem.max_length_mm - from_mm) * (1.0 - state.tip.slip), HERE_MM),
         covariance=state.tip.covariance,
     )
@@ -131,7 +128,7 @@ def _plan(
 ) -> Plan:
     around = Surroundings(problem)
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
-        weights = replace(problem.weights, target_error_per_mm=settings.policy.final_error_per_mm)
+        weights = problem.weights.model_copy(update={"target_error_per_mm": _FINAL_ERROR_PER_MM})
         psi = find_nearest_approach(Surroundings(replace(problem, weights=weights)))
         return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
     rounds = _IMPROVING_ROUNDS if effort == "thorough" else 1
@@ -176,7 +173,7 @@ def _is_still_good(state: SteeringState, settings: SteeringSettings) -> bool:
     if not state.plan.found:
         return False
     miss_mm, gap_mm = predict_miss_and_gap(state, settings)
-    recent = state.insertion_mm - state.followed_mm <= settings.policy.patience_mm
+    recent = state.insertion_mm - state.followed_mm <= _PATIENCE_MM
     can_correct = miss_mm <= settings.problem.tolerance_mm + _CORRECTED_SHARE * max(state.left_mm, 0.0)
     return (can_correct or recent) and gap_mm >= settings.policy.least_clearance_mm
 

@@ -12,6 +12,8 @@ _RADIUS_ERROR = 0.01
 ROUNDING = 1e-9
 """Costs, lengths [mm] and angles [rad] that differ by less differ by rounding."""
 _PIECES = 3
+# Cost of each millimetre by which the tip would miss after a cavity, averaged over its place on the path.
+_CAVITY_PER_MM = 20.0
 
 
 def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
@@ -84,7 +86,7 @@ def _path_costs(psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around:
     cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1).max(axis=0)
     cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
     if around.problem.cavity_mm > 0.0:
-        cost += weights.cavity_per_mm * _miss_after_cavity(psi, around)
+        cost += _CAVITY_PER_MM * _miss_after_cavity(psi, around)
     if around.problem.planar and weights.room_per_mm > 0.0 and len(around.centres_mm):
         rooms = find_least_rooms(psi, frames, around)
         cost += weights.room_per_mm * np.maximum(weights.comfortable_room_mm - rooms, 0.0)

@@ -97,7 +97,7 @@ def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringS
         return None
 
     def cost(log_sd: float) -> float:
-        estimator = replace(settings.estimator, observation_sd_mm=math.exp(log_sd))
+        estimator = settings.estimator.model_copy(update={"observation_sd_mm": math.exp(log_sd)})
         return _find_cost(insertions, replace(settings, estimator=estimator))
 
     found = _find_minimum(cost, np.log(_SDS_MM), _LOG_SD_EXACT, _LOG_SD_STEP)
@@ -111,7 +111,7 @@ def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSett
         return None
 
     def cost(backlash_mm: float) -> float:
-        policy = replace(settings.policy, backlash_mm=max(backlash_mm, 0.0))
+        policy = settings.policy.model_copy(update={"backlash_mm": max(backlash_mm, 0.0)})
         return _find_cost(insertions, replace(settings, policy=policy))
 
     found = _find_minimum(cost, _BACKLASHES_MM, _BACKLASH_EXACT_MM, _BACKLASH_STEP_MM)

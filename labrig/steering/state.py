@@ -126,9 +126,11 @@ def take_in_sighting(
         belief = advance_belief(belief, step, settings.estimator)
     belief = step_belief(belief, replace(last, position_mm=sighting.position_mm), settings.estimator)
     moving_from, seen_mm = state.moving_from, sighting.position_mm
-    if settings.estimator.robust and not belief.tip.accepted:
-        seen_mm = None
-    if seen_mm is not None and np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2:
+    if (
+        seen_mm is not None
+        and belief.tip.accepted
+        and np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2
+    ):
         moving_from = sighting.insertion_mm, seen_mm
     turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
     return replace(

@@ -4,7 +4,7 @@ A sighting is an insertion length and the tip's position seen there. The estimat
 path is replanned from where the tip will be once a turn can act. The command states how far the needle may advance,
 where to take the next picture, and whether to turn the bevel or to stop.
 
-There are two policies. The paper's (`SteeringPolicy.paper`) replans every 20 mm and lets a turn act at once. The
+There are two policies. The paper's (`PAPER_POLICY`) replans every 20 mm and lets a turn act at once. The
 default policy also replans when the rest of the path would miss, and at every sighting near the target, and it allows
 for the backlash. In the last millimetres it takes the path that comes nearest, and it stops where the tip passes the
 target at its nearest.
@@ -32,6 +32,14 @@ from labrig.steering.state import (
     take_in_sighting,
     turn_bevel,
 )
+
+LEAD_MM = 0.2
+"""A turn that is planned while the needle moves is made no sooner than after this length."""
+
+# The needle stops when less than this is left of the path.
+_ARRIVAL_MM = 0.05
+# The rest of the path may miss by the policy's deviation and this share of its length; near its end by this.
+_DEVIATION_SHARE, _NEAR_DEVIATION_MM = 0.02, 0.2
 
 
 def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
@@ -95,16 +103,13 @@ def _find_occasion(state: SteeringState, settings: SteeringSettings) -> Occasion
         return "near"
     if state.insertion_mm - state.planned_at_mm >= policy.replan_every_mm - HERE_MM:
         return "schedule"
-    return _find_deviation(state, settings) if math.isfinite(policy.deviation_mm) else None
+    return None if policy.deviation_mm is None else _find_deviation(state, settings, policy.deviation_mm)
 
 
-def _find_deviation(state: SteeringState, settings: SteeringSettings) -> Occasion | None:
+def _find_deviation(state: SteeringState, settings: SteeringSettings, deviation_mm: float) -> Occasion | None:
     """Return the occasion to replan if the rest of the path would miss or come too close to an obstacle, or None."""
-    policy = settings.policy
-    near = state.left_mm <= policy.near_mm
-    limit_mm = (
-        policy.near_deviation_mm if near else policy.deviation_mm + policy.deviation_share * state.left_mm
-    )
+    near = state.left_mm <= settings.policy.near_mm
+    limit_mm = _NEAR_DEVIATION_MM if near else deviation_mm + _DEVIATION_SHARE * state.left_mm
     try:
         miss_mm, gap_mm = predict_miss_and_gap(state, settings)
     except InputError:
@@ -118,17 +123,17 @@ def _command_next(state: SteeringState, settings: SteeringSettings) -> tuple[Ste
     """Return what to do next, and the state after it is done."""
     if state.refusal is not None:
         return state, _stop(state, _find_stop_reason(state, settings), state.refusal)
-    if state.left_mm <= settings.policy.arrival_mm:
+    if state.left_mm <= _ARRIVAL_MM:
         return state, _stop_at_end(state, settings)
     if state.sought is not None:
-        halt_mm = state.insertion_mm + settings.policy.lead_mm
+        halt_mm = state.insertion_mm + LEAD_MM
         return replace(state, run_to_mm=halt_mm), SteeringCommand(0.0, halt_mm, halt_mm)
     turned, roll_rad = _make_due_turns(state, settings)
     run_to_mm = turned.end_mm
     if turned.ahead:
-        soonest_mm = turned.insertion_mm + settings.policy.lead_mm
+        soonest_mm = turned.insertion_mm + LEAD_MM
         run_to_mm = min(max(turned.ahead[0].at_mm, soonest_mm), run_to_mm)
-    pictures = max(1, round((run_to_mm - turned.insertion_mm) / settings.policy.observe_every_mm))
+    pictures = max(1, round((run_to_mm - turned.insertion_mm) / settings.observe_every_mm))
     observe_at_mm = turned.insertion_mm + (run_to_mm - turned.insertion_mm) / pictures
     return replace(turned, run_to_mm=run_to_mm), SteeringCommand(roll_rad, observe_at_mm, run_to_mm)
 

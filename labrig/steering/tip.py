@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,115 +10,45 @@ from scipy.special import chdtri
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-
-EstimatorMethod = Literal["error-state", "paper"]
+from labrig.protocol.model import PositiveMm
+from labrig.steering.parameters import Estimator
 
 # The errors of a tip: position and rotation vector, both in the tip's own frame, curvature and, if estimated, slip.
 POSITION, ORIENTATION, CURVATURE, SLIP = slice(0, 3), slice(3, 6), 6, 7
-_DOUBTFUL_PROBABILITY = 0.95
+# Shares of good observations that pass the gate of the error-state filter, and the gate after a rejected one.
+_GATE_PROBABILITY, _DOUBTFUL_PROBABILITY = 0.9999, 0.95
 # In the plane the tip moves along its y and z axes and turns about its x axis.
 _PLANAR_ERRORS, _SPATIAL_ERRORS = (1, 2, 3), (0, 1, 2, 3, 4, 5)
 _ROTATION_TOLERANCE = 1e-6
 _HALF_TURN_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True)
-class EstimatorSettings:
-    """How the tip is estimated, and the assumed noise.
+class EstimatorSettings(Estimator):
+    """How the tip of a needle of a radius is estimated.
 
-    Parameters
-    ----------
-    radius_mm : float
-        Of the needle's path.
-    observation_sd_mm : float
-        Of an observed position, along each axis.
-    process_sd_rad_per_root_mm : float
-        Random turning of the tip about each of its axes, after one millimetre; it grows with the square root of
-        the length inserted.
-    method : {"error-state", "paper"}
-    planar : bool
-        The needle stays in the y-z plane of its start: disturbances and observations out of it are ignored, as in
-        section V-C of the paper. Rolls are then whole half turns.
-    radius_sd_mm : float
-        Of the radius. 0: the radius is known; above 0: the error-state filter estimates the curvature too.
-    slip_sd : float
-        Of the slip, the share of the inserted length by which the tip stays behind (friction stores it in the needle
-        and the gel; it is negative where the picture's scale is too small). 0: the tip advances by what is inserted;
-        above 0: the error-state filter estimates the slip too.
-    start_sd_rad : float
-        Of the orientation at the start, about each axis.
-    gate_probability : float
-        Share of good observations that pass the gate of the error-state filter.
-    patience : int
-        So many observations in a row may fail the gate; at the next failure the filter widens its covariance until
-        the observation is an ordinary one.
-    robust : bool
-        Of the error-state filter: what was rejected says nothing about cavities nor about a stuck needle, and after
-        several rejections the position is taken from the next sighting, but not the heading. False: for records that
-        were made before.
-    cavity_every_mm, cavity_mm : float
-        Mean length of path from one cavity to the next, and mean length of a cavity, in which the needle goes straight;
-        `labrig.steering.cavities` models them. Infinite: no cavities.
-
-    Raises
-    ------
-    InputError
-        For a setting that is not finite or out of its range, with its name.
+    Where the needle is `planar` it stays in the y-z plane of its start: disturbances and observations out of it are
+    ignored, as in section V-C of the paper. Rolls are then whole half turns.
     """
 
-    radius_mm: float
-    observation_sd_mm: float
-    process_sd_rad_per_root_mm: float
-    method: EstimatorMethod = "error-state"
+    radius_mm: PositiveMm
     planar: bool = False
-    radius_sd_mm: float = 0.0
-    start_sd_rad: float = 0.02
-    gate_probability: float = 0.9999
-    patience: int = 3
-    cavity_every_mm: float = math.inf
-    cavity_mm: float = 8.0
-    robust: bool = True
-    slip_sd: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.method not in get_args(EstimatorMethod):
-            methods = " or ".join(get_args(EstimatorMethod))
-            raise InputError(f"method {self.method!r} is unknown", f"use {methods}")
-        for name in ("radius_mm", "observation_sd_mm"):
-            _require(name, getattr(self, name), getattr(self, name) > 0.0, "above 0")
-        for name in ("process_sd_rad_per_root_mm", "radius_sd_mm", "start_sd_rad", "patience", "slip_sd"):
-            _require(name, getattr(self, name), getattr(self, name) >= 0.0, "0 or more")
-        _require(
-            "gate_probability", self.gate_probability, 0.0 < self.gate_probability < 1.0, "between 0 and 1"
-        )
-        for name in ("cavity_every_mm", "cavity_mm"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"{name} is {getattr(self, name):g}, it must be above 0")
-        if self.method == "paper" and math.isfinite(self.cavity_every_mm):
-            message = "cavity_every_mm is set, but the paper's filter does not model cavities"
-            raise InputError(message, "leave it out")
-        if self.method == "paper" and self.radius_sd_mm > 0.0:
-            message = (
-                f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
-            )
-            raise InputError(message, "set it to 0, or use the error-state filter")
-        if self.method == "paper" and self.slip_sd > 0.0:
-            message = (
-                f"slip_sd is {self.slip_sd:g}, but the paper's filter takes the inserted length as known"
-            )
-            raise InputError(message, "set it to 0, or use the error-state filter")
 
     @cached_property
     def size(self) -> int:
         """The number of errors of a tip here."""
-        return SLIP + 1 if self.slip_sd > 0.0 else SLIP
+        return SLIP + 1 if self.estimates_slip else SLIP
+
+    @property
+    def estimates_slip(self) -> bool:
+        """Whether the slip is uncertain."""
+        return self.slip_sd > 0.0 and self.method != "paper"
 
     @cached_property
     def errors(self) -> tuple[int, ...]:
         """Which of the errors of a tip are uncertain here: the degrees of freedom of its NEES."""
         pose = _PLANAR_ERRORS if self.planar else _SPATIAL_ERRORS
         pose = (*pose, CURVATURE) if self.radius_sd_mm > 0.0 else pose
-        return (*pose, SLIP) if self.slip_sd > 0.0 else pose
+        return (*pose, SLIP) if self.estimates_slip else pose
 
     @cached_property
     def observed(self) -> FloatArray:
@@ -129,7 +58,7 @@ class EstimatorSettings:
     @cached_property
     def gate_nis(self) -> float:
         """The NIS beyond which an observation is rejected, from the chi-square distribution."""
-        return float(chdtri(len(self.observed), 1.0 - self.gate_probability))
+        return float(chdtri(len(self.observed), 1.0 - _GATE_PROBABILITY))
 
     @cached_property
     def doubtful_nis(self) -> float:

@@ -32,13 +32,12 @@ from labrig.runner.virtual_sight import WorldSight
 from labrig.simulation.lens import see_points
 from labrig.simulation.world import Glance
 from labrig.steering.out_of_plane import RolledStretch
-from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.parameters import PAPER_POLICY
 from labrig.steering.parameters import Turning as PlannedTurning
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering
-from labrig.steering.tip import EstimatorSettings
 from labrig.steering.torsion import BaseTurn, TorsionalLag
 from tests.benchmarks.seen_shaft import RIG, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
@@ -100,7 +99,7 @@ class _DrawnSight(WorldSight):
 class _SameWayBevel(Bevel):
     """A bevel that is always turned in the same direction, which is compared with those of the product."""
 
-    def choose(self, roll_rad: float, state: SteeringState, rolled: list[RolledStretch]) -> BaseTurn:
+    def choose(self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]) -> BaseTurn:
         """Return the turn of the base."""
         del state, rolled
         return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
@@ -131,15 +130,9 @@ def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
     chosen = replace(chosen, problem=replace(chosen.problem, max_length_mm=problem.max_length_mm))
     if policy == "default":
         return chosen
-    assumed = chosen.estimator
-    estimator = EstimatorSettings(
-        assumed.radius_mm,
-        assumed.observation_sd_mm,
-        assumed.process_sd_rad_per_root_mm,
-        "paper",
-        planar=True,
-    )
-    return replace(chosen, estimator=estimator, policy=SteeringPolicy.paper(), method="paper")
+    papers = {"method": "paper", "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0}
+    estimator = chosen.estimator.model_copy(update=papers)
+    return replace(chosen, estimator=estimator, policy=PAPER_POLICY, method="paper")
 
 
 def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) -> InsertionEnd:

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from labrig.campaign.tasks import CampaignTasks, compute_task
+from labrig.steering.parameters import PlanMethod
 from labrig.steering.planner import plan_path
-from labrig.steering.problem import PlanMethod, PlanProblem, Surroundings
+from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.score import cost_path
 from labrig.vision import calibrate_intrinsics
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature

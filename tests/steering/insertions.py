@@ -42,8 +42,13 @@ class SimulatedInsertion:
 
 def settings(planar: bool, **changes: object) -> EstimatorSettings:
     """Return the settings that fit the simulated world."""
-    given = {"planar": planar, "start_sd_rad": START_SD_RAD} | changes
-    return EstimatorSettings(RADIUS_MM, SIGMA_MM, PROCESS_SD_RAD, **given)  # type: ignore[arg-type]
+    known = {"radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0}
+    noise = {
+        "observation_sd_mm": SIGMA_MM,
+        "process_sd_deg_per_root_mm": math.degrees(PROCESS_SD_RAD),
+        "start_sd_deg": math.degrees(START_SD_RAD),
+    }
+    return EstimatorSettings(**({"radius_mm": RADIUS_MM, "planar": planar} | known | noise | changes))  # type: ignore[arg-type]
 
 
 def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float = 1.0) -> SimulatedInsertion:

@@ -10,9 +10,12 @@ from labrig.steering.arrival import TipOffset, bound_target_error, decide_arriva
 DRAWS = 300
 
 
-def bound(offset_mm: ArrayLike, covariance_mm2: ArrayLike) -> tuple[float, float]:
+def bound(
+    offset_mm: ArrayLike, covariance_mm2: ArrayLike, slope: ArrayLike = (0.0, 0.0)
+) -> tuple[float, float]:
     """Return the interval of a single offset."""
-    return bound_target_error(TipOffset(np.asarray(offset_mm), np.asarray(covariance_mm2)))
+    offset = TipOffset(np.asarray(offset_mm), np.asarray(covariance_mm2), slope=np.asarray(slope))
+    return bound_target_error(offset)
 
 
 @pytest.mark.parametrize("sd_mm", [(0.5, 0.2, 0.1), (0.05, 0.2, 0.2), (2.0, 0.05, 0.08)])
@@ -25,7 +28,7 @@ def test_the_interval_holds_95_of_100_distances(sd_mm: tuple[float, float, float
         angle, x_mm = random.uniform(0.0, 2 * np.pi), random.normal(0.0, sd_mm[0])
         passed_mm = random.uniform(0.0, 1.0) * np.array((0.0, np.cos(angle), np.sin(angle)))
         seen_mm = passed_mm + random.normal(0.0, (0.0, *sd_mm[1:]))
-        low_mm, high_mm = bound(seen_mm, covariance)
+        low_mm, high_mm = bound(seen_mm, covariance, ray[1:])
         true_mm = np.linalg.norm(passed_mm + x_mm * ray)
         below += int(true_mm < low_mm)
         above += int(true_mm > high_mm)

@@ -16,20 +16,17 @@ from tests.steering.false_sightings import WATCHFUL, scattered_rmse_deg, streak_
 from tests.steering.insertions import RADIUS_MM, settings
 
 RUNS = 5
-BEFORE = replace(WATCHFUL, robust=False)
 
 
 @pytest.mark.parametrize(("share", "limit_deg"), [(0.05, 1.4), (0.2, 1.5)])
 def test_scattered_false_sightings_hardly_turn_the_heading(share: float, limit_deg: float) -> None:
     """With one false sighting in twenty, or in five, the heading is as good as in the figures of the benchmark."""
     assert scattered_rmse_deg(RUNS, share) < limit_deg
-    assert scattered_rmse_deg(RUNS, share, BEFORE) > limit_deg
 
 
 def test_six_false_sightings_in_a_row_hardly_turn_the_heading() -> None:
     """A thing beside the tip that is seen six times is left again without a turn of the heading."""
     assert streak_rmse_deg(RUNS) < 4.0
-    assert streak_rmse_deg(RUNS, BEFORE) > 10.0
 
 
 def test_after_false_sightings_the_next_must_be_closer_to_count() -> None:
@@ -42,15 +39,13 @@ def test_after_false_sightings_the_next_must_be_closer_to_count() -> None:
     away = step_tip(seen, TipObservation(np.array((0.0, 9.0, 2.0)), 1.0), chosen)
     again = replace(aside, position_mm=np.array((0.0, 3.3 * math.sqrt(away.covariance[1, 1] + 0.2**2), 3.0)))
     assert not step_tip(away, again, chosen).accepted
-    assert step_tip(away, again, replace(chosen, robust=False)).accepted
 
 
-@pytest.mark.parametrize(("robust", "stop"), [(True, "target_reached"), (False, "needle_stuck")])
-def test_one_false_sighting_ahead_does_not_make_a_needle_stuck(robust: bool, stop: str) -> None:
-    """A perfect insertion goes on after one sighting 2.5 mm ahead of the tip; it did not before."""
+def test_one_false_sighting_ahead_does_not_make_a_needle_stuck() -> None:
+    """A perfect insertion goes on after one sighting 2.5 mm ahead of the tip."""
     needle = DrivenNeedle(RADIUS_MM)
     chosen = SteeringSettings(
-        PlanProblem((0.0, 5.0, 60.0), planar=True), replace(WATCHFUL, robust=robust, cavity_every_mm=math.inf)
+        PlanProblem((0.0, 5.0, 60.0), planar=True), WATCHFUL.model_copy(update={"cavity_every_mm": None})
     )
     state, command = start_steering(chosen)
     while command.stop is None:
@@ -59,4 +54,4 @@ def test_one_false_sighting_ahead_does_not_make_a_needle_stuck(robust: bool, sto
         ahead_mm = 2.5 if 30.0 <= needle.inserted_mm < 31.0 else 0.0
         seen = needle.place + needle.frame.apply((0.0, 0.0, ahead_mm))
         state, command = step_steering(state, TipSighting(needle.inserted_mm, seen), chosen)
-    assert command.stop == stop
+    assert command.stop == "target_reached"

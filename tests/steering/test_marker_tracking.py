@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from labrig.steering.marker_tracking import MarkerTrust, TrackedMarker, follow_marker
+from labrig.steering.marker_tracking import TrackedMarker, follow_marker
 from labrig.steering.moving import Displacement, Displacements, displace_problem
+from labrig.steering.parameters import MarkerTrust
 from labrig.steering.problem import Obstacle, PlanProblem, Surroundings
 
 TRUST = MarkerTrust(sd_mm=0.1, lost_sd_mm_per_mm=0.05, most_lost_mm=10.0, jump_mm=1.0)

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from labrig.errors import InputError
 from labrig.needle.kinematics import path_frames, path_points, rotation_x
 from labrig.steering.clearance import arc_distances, find_nearest_places, path_distances
+from labrig.steering.parameters import PlanMethod, PlanWeights
 from labrig.steering.planner import plan_in_rounds, plan_path, sample_path
-from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Surroundings
+from labrig.steering.problem import Obstacle, PlanProblem, Surroundings
 from labrig.steering.room import find_least_rooms
 from labrig.steering.score import cost_path
 from tests.benchmarks.oracle import integrate_path
@@ -249,8 +250,8 @@ def test_the_same_problem_has_the_same_plan() -> None:
 def test_a_heavier_weight_buys_clearance() -> None:
     """A higher price of missing clearance gives no less of it."""
     problem = PlanProblem(TARGET, OBSTACLES, planar=True)
-    careless = replace(problem, weights=replace(problem.weights, clearance_per_mm=0.0))
-    careful = replace(problem, weights=replace(problem.weights, clearance_per_mm=100.0))
+    careless = replace(problem, weights=PlanWeights(clearance_per_mm=0.0))
+    careful = replace(problem, weights=PlanWeights(clearance_per_mm=100.0))
     assert plan_path(careful).clearance_mm >= plan_path(careless).clearance_mm
     assert plan_path(careless).length_mm <= plan_path(careful).length_mm
 
@@ -280,7 +281,7 @@ def test_the_side_with_room_is_taken() -> None:
     """A path that would bend away from the first obstacle all the way there gives way to one on its other side."""
     spheres = (Obstacle((0.0, 1.8, 28.1), 8.0), Obstacle((0.0, -4.4, 63.1), 8.0))
     problem = PlanProblem((0.0, -0.4, 96.4), spheres, radius_mm=27.7, cavity_mm=8.0, planar=True)
-    careless = replace(problem, weights=replace(problem.weights, room_per_mm=0.0))
+    careless = replace(problem, weights=PlanWeights(room_per_mm=0.0))
     careless_first, first = (plan_path(case, effort="quick").arcs[0] for case in (careless, problem))
     assert abs(careless_first.roll_rad) == pytest.approx(math.pi)
     assert first.roll_rad == pytest.approx(0.0)

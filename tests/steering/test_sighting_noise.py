@@ -55,7 +55,7 @@ def test_the_noise_of_the_sightings_is_measured(sigma_mm: float) -> None:
 
 def test_the_backlash_is_measured() -> None:
     """Within three of its standard deviations, where the policy states another."""
-    fitting = replace(STATED, estimator=replace(STATED.estimator, observation_sd_mm=0.03))
+    fitting = replace(STATED, estimator=STATED.estimator.model_copy(update={"observation_sd_mm": 0.03}))
     measured = measure_backlash([see(0.03, 2)], fitting)
     assert measured is not None
     assert abs(measured.value_mm - TRUE_BACKLASH_MM) < 3.0 * measured.sd_mm

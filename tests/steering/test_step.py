@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.parameters import PAPER_POLICY, SteeringPolicy
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import Obstacle, PlanProblem
-from labrig.steering.step import start_steering, step_steering
+from labrig.steering.step import LEAD_MM, start_steering, step_steering
 from labrig.steering.tip import EstimatorSettings
 from tests.steering.driven_needle import DrivenNeedle, drive
 
@@ -26,18 +26,25 @@ def settings(
     problem: PlanProblem = PLANAR, policy: SteeringPolicy | None = None, **noise: Any
 ) -> SteeringSettings:
     """Return settings for a problem; the default policy's filter also estimates the radius."""
-    values: dict[str, Any] = {
-        "observation_sd_mm": 0.2,
-        "process_sd_rad_per_root_mm": math.radians(0.3),
-    } | noise
-    estimator = EstimatorSettings(problem.radius_mm, planar=problem.planar, radius_sd_mm=0.6, **values)
+    values: dict[str, Any] = {"process_sd_deg_per_root_mm": 0.3, "start_sd_deg": math.degrees(0.02)} | noise
+    estimator = EstimatorSettings(
+        radius_mm=problem.radius_mm, planar=problem.planar, cavity_every_mm=None, slip_sd=0.0, **values
+    )
     return SteeringSettings(problem, estimator, policy or SteeringPolicy())
 
 
 def papers(problem: PlanProblem = PLANAR) -> SteeringSettings:
     """Return the paper's policy, planner and filter."""
-    estimator = EstimatorSettings(RADIUS_MM, 0.2, math.radians(0.3), "paper", planar=problem.planar)
-    return SteeringSettings(problem, estimator, SteeringPolicy.paper(), "paper")
+    estimator = EstimatorSettings(
+        radius_mm=RADIUS_MM,
+        process_sd_deg_per_root_mm=0.3,
+        start_sd_deg=math.degrees(0.02),
+        method="paper",
+        radius_sd_mm=0.0,
+        cavity_every_mm=None,
+        planar=problem.planar,
+    )
+    return SteeringSettings(problem, estimator, PAPER_POLICY, "paper")
 
 
 def gap_mm(needle: DrivenNeedle, problem: PlanProblem) -> float:
@@ -99,25 +106,20 @@ def test_commands_lead_on() -> None:
         assert state.insertion_mm < command.observe_at_mm <= command.run_to_mm + 1e-9
         assert command.observe_at_mm - state.insertion_mm < 1.6
         assert abs(command.roll_rad) in {0.0, math.pi}
-        assert all(turn.at_mm >= command.run_to_mm - chosen.policy.lead_mm - 1e-9 for turn in state.ahead)
+        assert all(turn.at_mm >= command.run_to_mm - LEAD_MM - 1e-9 for turn in state.ahead)
         needle.roll_rad += command.roll_rad
         needle.insert(command.observe_at_mm)
         state, command = step_steering(state, TipSighting(needle.inserted_mm, needle.place), chosen)
 
 
 def test_a_needle_halts_for_a_thorough_search() -> None:
-    """A needle too stiff for its target is told so only where it was told to halt, unless the search is unbounded."""
-    halted = {}
-    for staging in ("staged", "unbounded"):
-        chosen = replace(settings(), staging=staging)
-        done = drive(DrivenNeedle(3 * RADIUS_MM), chosen)
-        assert done.command.stop in {"blocked", "target_missed"}
-        last, before = done.states[-1], done.states[-2]
-        assert last.refusal is not None
-        halted[staging] = before.sought is not None
-        if halted[staging]:
-            assert last.insertion_mm == before.run_to_mm == before.insertion_mm + chosen.policy.lead_mm
-    assert halted == {"staged": True, "unbounded": False}
+    """A needle too stiff for its target is told so only where it was told to halt."""
+    done = drive(DrivenNeedle(3 * RADIUS_MM), settings())
+    assert done.command.stop in {"blocked", "target_missed"}
+    last, before = done.states[-1], done.states[-2]
+    assert last.refusal is not None
+    assert before.sought is not None
+    assert last.insertion_mm == before.run_to_mm == before.insertion_mm + LEAD_MM
 
 
 def test_a_tip_that_is_not_seen_is_lost() -> None:
@@ -192,7 +194,7 @@ def test_a_sighting_of_no_number_is_refused() -> None:
 def test_planner_and_estimator_speak_of_one_plane() -> None:
     """A planar problem with a spatial filter is refused."""
     with pytest.raises(InputError, match="planar"):
-        SteeringSettings(PLANAR, EstimatorSettings(RADIUS_MM, 0.2, 0.005))
+        SteeringSettings(PLANAR, EstimatorSettings(radius_mm=RADIUS_MM))
 
 
 @pytest.mark.parametrize("target_y_mm", [-15.0, 0.0, 15.0])

@@ -27,13 +27,10 @@ from labrig.experiments.insertion.ending import (
     TEMPLATE_BIAS_MM,
     Ending,
     EstimatedEnd,
-    SeenEnd,
     TargetErrorBounds,
     TracedPath,
-    bound_error,
-    find_depth,
+    judge_end,
     measure_end,
-    missed_by_shaft,
 )
 from labrig.experiments.insertion.events import (
     BevelTurn,
@@ -71,7 +68,6 @@ from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
-from labrig.steering.out_of_plane import budget_out_of_plane
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
@@ -250,8 +246,8 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     budget = None if end is None else _find_budget(end, target_mm, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
     target_sd_mm = find_target_sd_mm(source.protocol, markers.last)
-    bounds = _bound_error(events, settings, source, end, steps, target_sd_mm=target_sd_mm)
-    ending = _decide_ending(events.stop, error_mm, bounds, _find_doubt(source, markers), tolerance_mm)
+    bounds = _judge_end(events, settings, source, end, steps, target_sd_mm=target_sd_mm)
+    ending = _decide_ending(stop, bounds, _find_doubt(source, markers), tolerance_mm)
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
@@ -324,33 +320,32 @@ def _describe_truth(truth: TrueInsertion | None, true: _TruePath) -> dict[str, A
     }
 
 
-def _bound_error(
+def _judge_end(
     events: _Events,
     settings: SteeringSettings,
     source: _Source,
-    end: ShaftTip | None,
+    shaft: ShaftTip | None,
     steps: Sequence[InsertionStep],
     *,
     target_sd_mm: float,
 ) -> TargetErrorBounds | None:
-    """Return the distance in space from the target; None if the protocol knows the plane alone, or nothing was seen."""
-    start, stop, plane = events.start, events.stop, source.view.plane
-    unseen = make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion)
-    bumped = source.sentinel is not None and not source.sentinel.accepted
-    if unseen is None or stop is None or bumped:
+    """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
+    start, stop = events.start, events.stop
+    if stop is None or (source.sentinel is not None and not source.sentinel.accepted):
         return None
-    path = TracedPath(events.turns, start.roll_zero_rad, stop.depth_mm, stop.centred)
     last = steps[-1] if steps else None
-    estimate = None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm)
-    if end is not None:
-        depth, drift = find_depth(end, plane, path, settings, unseen), _find_drift(source.sentinel)
-        seen = SeenEnd.of_shaft(end, estimate, path, plane, drift=drift, depth=depth)
-    elif estimate is not None:
-        seen = SeenEnd.of_estimate(estimate, plane)
-    else:
-        return None
-    budget = budget_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen)
-    return bound_error(seen, budget, settings.problem.target_mm, target_sd_mm)
+    return judge_end(
+        TracedPath.of_turns(
+            events.turns, start.roll_zero_rad, stop.depth_mm, stop.centred, settings.policy.backlash_mm
+        ),
+        settings,
+        make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion),
+        source.view.plane,
+        target_sd_mm,
+        shaft=shaft,
+        estimate=None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm),
+        drift=_find_drift(source.sentinel),
+    )
 
 
 def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
@@ -362,24 +357,16 @@ def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
 
 
 def _decide_ending(
-    stop: InsertionStop | None,
-    error_mm: float | None,
-    bounds: TargetErrorBounds | None,
-    doubt: Ending | None,
-    tolerance_mm: float,
+    stop: InsertionStop | None, bounds: TargetErrorBounds | None, doubt: Ending | None, tolerance_mm: float
 ) -> Ending:
     """Return how an insertion ended: as steered, unless camera or markers were moved or the shaft shows otherwise."""
     if stop is None:
         return Ending("stopped", "interrupted", "the run ended before the insertion did")
-    steered_there = stop.outcome in ("reached", "reached_in_plane_only")
-    if not steered_there:
-        return Ending(stop.outcome, str(stop.stop), stop.cause)
-    if doubt is not None:
-        return doubt
-    if bounds is not None:
-        return bounds.decide(tolerance_mm)
-    if error_mm is not None and error_mm > tolerance_mm:
-        return missed_by_shaft(error_mm, tolerance_mm)
+    if stop.outcome in ("reached", "reached_in_plane_only"):
+        if doubt is not None:
+            return doubt
+        if bounds is not None:
+            return bounds.decide(tolerance_mm)
     return Ending(stop.outcome, str(stop.stop), stop.cause)
 
 

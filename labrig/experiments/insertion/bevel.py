@@ -1,8 +1,10 @@
 """The bevel of a needle that is being inserted: how it was turned, and how the rotation axis turns it next."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from labrig.devices.needle_state import RollZero
+from labrig.experiments.insertion.ending import TracedPath
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.runner.session import Session
 from labrig.steering.out_of_plane import RolledStretch
@@ -29,14 +31,10 @@ class Bevel:
         The protocol's key.
     radius_mm : float
         Expected of the needle's arcs.
-    base_rad : float
-        Where the base stands, from the roll zero; also where the bevel is, as far as its lag is known.
-    turned, centred : int
-        The directions in which it was turned last, and to the roll zero; 0 if that is not known.
+    centred : int
+        The direction in which it was turned to the roll zero; 0 if that is not known.
     turns : list of BevelTurn
         The turns that were made.
-    rolled : list of RolledStretch
-        Stretches between turns, without the present one.
     """
 
     session: Session
@@ -44,11 +42,13 @@ class Bevel:
     roll_zero: RollZero
     turning: Turning
     radius_mm: float
-    base_rad: float = 0.0
-    turned: int = 0
     centred: int = 0
     turns: list[BevelTurn] = field(default_factory=list)
-    rolled: list[RolledStretch] = field(default_factory=list)
+
+    @property
+    def base_rad(self) -> float:
+        """Where the base stands, from the roll zero; also where the bevel is, as far as its lag is known."""
+        return self.turns[-1].to_rad - self.roll_zero.zero_rad if self.turns else 0.0
 
     @property
     def _limits(self) -> BaseLimits:
@@ -60,8 +60,7 @@ class Bevel:
         if self.turning == "compensated":
             from_rad = self.session.read_positions().rotation_rad - zero_rad
             turn = centre_bevel(from_rad, self.roll_zero.lag, self._limits)
-            self.turned = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
-            self.centred = self.turned
+            self.centred = turn.direction if turn.overshoot_rad or abs(from_rad) > _SAME_RAD else 0
             if turn.overshoot_rad:
                 self.session.move("rotation", zero_rad + turn.farthest_rad, rotation.max_speed / 2)
         self.session.move("rotation", zero_rad, rotation.max_speed / 2)
@@ -69,8 +68,8 @@ class Bevel:
     def turn(self, roll_rad: float, state: SteeringState, depth_mm: float) -> None:
         """Turn by an angle at a depth, in the direction that `turning` leads to, while the needle stands still."""
         session, rotation, zero_rad = self.session, self.session.axis("rotation"), self.roll_zero.zero_rad
-        rolled = self._list_rolled(state.insertion_mm)
-        turn = self.choose(roll_rad, state, rolled)
+        path = TracedPath.of_turns(self.turns, zero_rad, state.insertion_mm, self.centred)
+        turn = self.choose(roll_rad, state, path.stretches)
         event = BevelTurn(
             trial=self.trial,
             depth_mm=depth_mm,
@@ -79,7 +78,6 @@ class Bevel:
             overshoot_rad=turn.overshoot_rad,
         )
         self.turns.append(event)
-        self.rolled, self.turned, self.base_rad = rolled, turn.direction, turn.to_rad
         session.record(event)
         speed = rotation.nearest_speed(rotation.max_speed)
         if turn.overshoot_rad:
@@ -88,7 +86,7 @@ class Bevel:
         session.move("rotation", zero_rad + turn.to_rad, speed)
         session.wait(rotation.lag_s)
 
-    def choose(self, roll_rad: float, state: SteeringState, rolled: list[RolledStretch]) -> BaseTurn:
+    def choose(self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]) -> BaseTurn:
         """Return the turn of the base that turns the bevel by an angle after these stretches."""
         return plan_turn(
             rolled,
@@ -99,8 +97,3 @@ class Bevel:
             turning=self.turning,
             radius_mm=self.radius_mm,
         )
-
-    def _list_rolled(self, to_mm: float) -> list[RolledStretch]:
-        """Return the stretches between turns, the present one included."""
-        since_mm = sum(stretch.length_mm for stretch in self.rolled)
-        return [*self.rolled, RolledStretch(max(0.0, to_mm - since_mm), self.base_rad, self.turned)]

@@ -6,7 +6,7 @@ from the standard deviations under `out_of_plane:` in the protocol, and how far 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -22,6 +22,7 @@ from labrig.steering.out_of_plane import (
     OutOfPlaneBudget,
     OutOfPlaneSettings,
     RolledStretch,
+    budget_out_of_plane,
     covary_out_of_plane,
 )
 from labrig.steering.policy import Halt, SteeringSettings
@@ -113,33 +114,35 @@ class Ending:
 
 @dataclass(frozen=True)
 class TracedPath:
-    """The recorded turns of the bevel, the roll zero, and the length inserted in the end.
+    """The stretches of a path between the turns of the bevel, and the length inserted since the last turn."""
 
-    `centred` is the direction in which the bevel was turned to the roll zero; 0 if it is not known.
-    """
+    stretches: tuple[RolledStretch, ...]
+    since_turn_mm: float = math.inf
 
-    turns: tuple[BevelTurn, ...]
-    roll_zero_rad: float
-    depth_mm: float
-    centred: int = 0
+    @classmethod
+    def of_turns(
+        cls,
+        turns: Sequence[BevelTurn],
+        roll_zero_rad: float,
+        depth_mm: float,
+        centred: int = 0,
+        backlash_mm: float = 0.0,
+    ) -> "TracedPath":
+        """Return the path between recorded turns; a turn acts half the backlash later.
+
+        `centred` is the direction in which the bevel was turned to the roll zero; 0 if it is not known.
+        """
+        acting_mm = [min(turn.depth_mm + backlash_mm / 2, depth_mm) for turn in turns]
+        lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, depth_mm)))
+        turned = ((turn.to_rad - roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in turns)
+        rolls = ((0.0, centred), *turned)
+        stretches = (RolledStretch(max(0.0, mm), *roll) for mm, roll in zip(lengths_mm, rolls, strict=True))
+        return cls(tuple(stretches), depth_mm - turns[-1].depth_mm if turns else math.inf)
 
     @property
-    def since_turn_mm(self) -> float:
-        """Length inserted since the bevel was turned last; infinite if it never was."""
-        return self.depth_mm - self.turns[-1].depth_mm if self.turns else math.inf
-
-    def split(self, settings: SteeringSettings) -> tuple[RolledStretch, ...]:
-        """Return the stretches between the turns; a turn acts half the backlash later."""
-        lag_mm = settings.policy.backlash_mm / 2
-        acting_mm = [min(turn.depth_mm + lag_mm, self.depth_mm) for turn in self.turns]
-        lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, self.depth_mm)))
-        turned = (
-            (turn.to_rad - self.roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in self.turns
-        )
-        return tuple(
-            RolledStretch(length_mm, *roll)
-            for length_mm, roll in zip(lengths_mm, ((0.0, self.centred), *turned), strict=True)
-        )
+    def depth_mm(self) -> float:
+        """The length of the path."""
+        return sum(stretch.length_mm for stretch in self.stretches)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +265,11 @@ class TargetErrorBounds:
     def decide(self, tolerance_mm: float) -> Ending:
         """Return how an insertion ended that was steered to its target."""
         if self.in_plane_mm > tolerance_mm:
-            return missed_by_shaft(self.in_plane_mm, tolerance_mm)
+            cause = (
+                f"steered to the target, and measured {self.in_plane_mm:.2f} mm from it where {tolerance_mm:g} mm "
+                "are allowed"
+            )
+            return Ending("missed", "target_missed", cause)
         arrival = decide_arrival(self.interval_mm, tolerance_mm)
         cause = f"the needle's end is {self._describe()}, and {tolerance_mm:g} mm are allowed"
         if self.depth is not None and self.depth.contradicts:
@@ -315,27 +322,17 @@ def decide_ending(
     stop, detail : str
         Of the last command.
     bounds : TargetErrorBounds or None
-        By the last picture; None where the plane alone decides.
+        By the last picture; None if it was not steered there.
     tolerance_mm : float
         How far from the target the needle may end.
     doubt : Halt or None
         Why the place of the target is not known in the end.
     """
-    if stop != "target_reached":
+    if stop != "target_reached" or bounds is None:
         return Ending("stopped" if stop in UNSURE_STOPS else "missed", stop, detail)
     if doubt is not None:
         return Ending("stopped", doubt.reason, doubt.detail)
-    if bounds is None:
-        return Ending("reached", stop, detail)
     return bounds.decide(tolerance_mm)
-
-
-def missed_by_shaft(error_mm: float, tolerance_mm: float) -> Ending:
-    """Return the ending of an insertion that was steered to its target, and whose shaft ends elsewhere."""
-    cause = (
-        f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
-    )
-    return Ending("missed", "target_missed", cause)
 
 
 def measure_end(
@@ -358,16 +355,59 @@ def measure_end(
     )
 
 
-def find_depth(
-    end: ShaftTip, plane: PlaneMap, path: TracedPath, settings: SteeringSettings, unseen: OutOfPlaneSettings
+def judge_end(
+    path: TracedPath,
+    settings: SteeringSettings,
+    unseen: OutOfPlaneSettings,
+    plane: PlaneMap,
+    target_sd_mm: float,
+    *,
+    shaft: ShaftTip | None = None,
+    estimate: EstimatedEnd | None = None,
+    drift: float = 0.0,
+) -> TargetErrorBounds | None:
+    """Return the distance in space from the target to a needle's end; None where nothing tells the end.
+
+    Parameters
+    ----------
+    path : TracedPath
+        The path that it has taken, or will take.
+    settings : SteeringSettings
+        With the target where it is in the end.
+    unseen : OutOfPlaneSettings
+        What leads it out of the plane.
+    plane : PlaneMap
+    target_sd_mm : float
+        Of the target's place along each axis.
+    shaft : ShaftTip or None
+        As measured in the last picture.
+    estimate : EstimatedEnd or None
+        As the end was followed on the way.
+    drift : float
+        Relative change of scale since the calibration.
+    """
+    problem = settings.problem
+    if shaft is not None:
+        depth = _find_depth(shaft, plane, path, problem.radius_mm, unseen)
+        seen = SeenEnd.of_shaft(shaft, estimate, path, plane, drift=drift, depth=depth)
+    elif estimate is not None:
+        seen = SeenEnd.of_estimate(estimate, plane)
+    else:
+        return None
+    budget = budget_out_of_plane(path.stretches, problem.radius_mm, unseen)
+    return bound_error(seen, budget, problem.target_mm, target_sd_mm)
+
+
+def _find_depth(
+    shaft: ShaftTip, plane: PlaneMap, path: TracedPath, radius_mm: float, unseen: OutOfPlaneSettings
 ) -> Depth | None:
     """Return how far the needle's end is out of the plane, by the last picture and its path; None if it is not told."""
     perspective = Perspective.of(plane)
     if perspective is None:
         return None
     at_mm = np.linspace(0.0, path.depth_mm, max(_LEAST_NODES, round(path.depth_mm / _NODE_MM)))
-    covariance = covary_out_of_plane(path.split(settings), settings.problem.radius_mm, unseen, at_mm)
-    return measure_depth(end, perspective, path.depth_mm, at_mm, covariance)
+    covariance = covary_out_of_plane(path.stretches, radius_mm, unseen, at_mm)
+    return measure_depth(shaft, perspective, path.depth_mm, at_mm, covariance)
 
 
 def bound_error(
@@ -384,6 +424,7 @@ def bound_error(
             np.array((-target_mm[0], *off_mm)) + depth.x_mm * ray,
             covariance + depth.sd_mm**2 * np.outer(ray, ray),
             depth.probability,
+            seen.slope,
         )
         for depth in possible
     )

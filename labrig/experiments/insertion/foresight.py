@@ -9,13 +9,13 @@ from labrig.devices.needle_state import RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LimitError, Problem
 from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
-from labrig.experiments.insertion.ending import EstimatedEnd, SeenEnd, bound_error
+from labrig.experiments.insertion.ending import EstimatedEnd, TracedPath, judge_end
 from labrig.experiments.insertion.marker_view import find_marker_problems, find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_out_of_plane
 from labrig.experiments.shared.holes import find_near_holes
 from labrig.runner.session import Session
-from labrig.steering.out_of_plane import RolledStretch, budget_out_of_plane
+from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.planner import Plan
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.torsion import BaseLimits, TurnAhead, plan_turn
@@ -60,15 +60,16 @@ def foresee_doubt(
     plane: PlaneMap,
 ) -> Problem | None:
     """Return the warning that the last picture will not be able to certify the tolerance; None if it may."""
-    unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
-    if unseen is None:
-        return None
     problem = settings.problem
-    budget = budget_out_of_plane(stretches, problem.radius_mm, unseen)
-    end = EstimatedEnd(np.array(problem.target_mm[1:]), READ_PX * plane.mm_per_px)
-    seen = SeenEnd.of_estimate(end, plane)
-    bounds = bound_error(seen, budget, problem.target_mm, find_target_sd_mm(protocol, None))
-    return bounds.warn(problem.tolerance_mm)
+    bounds = judge_end(
+        TracedPath(tuple(stretches)),
+        settings,
+        make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion),
+        plane,
+        find_target_sd_mm(protocol, None),
+        estimate=EstimatedEnd(np.array(problem.target_mm[1:]), READ_PX * plane.mm_per_px),
+    )
+    return None if bounds is None else bounds.warn(problem.tolerance_mm)
 
 
 def _find_unmeasured(
@@ -79,7 +80,7 @@ def _find_unmeasured(
     A success would rest on it.
     """
     unseen = protocol.out_of_plane
-    if unseen is None or rig.kind == ONLY_SIMULATED:
+    if rig.kind == ONLY_SIMULATED:
         return
     if unseen.heading_sd_deg_per_root_mm == 0.0:
         yield Problem(

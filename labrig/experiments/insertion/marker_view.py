@@ -11,7 +11,7 @@ from labrig.errors import InputError, Problem, TargetMissedError
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.events import MarkersSought, RecordedMarker
 from labrig.experiments.insertion.protocol import InsertionProtocol, Markers
-from labrig.steering.marker_tracking import MarkerTrust, TrackedMarker, follow_marker
+from labrig.steering.marker_tracking import TrackedMarker, follow_marker
 from labrig.steering.moving import Displacement, Displacements, displace_problem
 from labrig.steering.policy import Halt, SteeringSettings
 from labrig.vision.marker import (
@@ -113,13 +113,6 @@ class MarkerView:
         """The ids of all markers, in order."""
         return sorted({marker_id for marker_id in self.bound if marker_id is not None})
 
-    @property
-    def trust(self) -> MarkerTrust:
-        """How far sightings are trusted."""
-        return MarkerTrust(
-            **self.markers.model_dump(include={"sd_mm", "lost_sd_mm_per_mm", "most_lost_mm", "jump_mm"})
-        )
-
     def search(self, search: SearchMarkers, last_px: Mapping[int, FloatArray | None]) -> "dict[int, _Seen]":
         """Find markers in a picture by their ids, near where they were last seen."""
         return {
@@ -174,7 +167,7 @@ class MarkersFollowed:
     def displacements(self) -> Displacements:
         """The displacements of what is bound to them."""
         moved = {
-            marker.marker_id: Displacement(marker.moved_mm, marker.sd_mm(self.view.trust))
+            marker.marker_id: Displacement(marker.moved_mm, marker.sd_mm(self.view.markers))
             for marker in self.tracked
         }
         return Displacements.by_marker(self.view.bound, moved)
@@ -195,7 +188,7 @@ class MarkersFollowed:
             reason=seen.fix.reason,
             believed=seen.place is not None and marker.strayed_mm is None,
             displacement_mm=marker.moved_mm,
-            sd_mm=marker.sd_mm(self.view.trust),
+            sd_mm=marker.sd_mm(self.view.markers),
             unseen_mm=marker.unseen_mm,
         )
 
@@ -259,7 +252,7 @@ def pass_unread_picture(followed: MarkersFollowed, reason: str, inserted_mm: flo
 
 
 def _take_in(followed: MarkersFollowed, seen: Mapping[int, _Seen], inserted_mm: float) -> MarkersFollowed:
-    trust = followed.view.trust
+    trust = followed.view.markers
     tracked = tuple(
         follow_marker(marker, None if place is None else place.centre_mm, inserted_mm, trust)
         for marker in followed.tracked

@@ -37,12 +37,10 @@ from labrig.experiments.insertion.ending import (
     UNSURE_STOPS,
     Ending,
     EstimatedEnd,
-    SeenEnd,
     TargetErrorBounds,
     TracedPath,
-    bound_error,
     decide_ending,
-    find_depth,
+    judge_end,
 )
 from labrig.experiments.insertion.events import (
     InsertionRole,
@@ -86,7 +84,6 @@ from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, requi
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
-from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
@@ -406,7 +403,7 @@ class Insertion:
         final = session.take_picture(NeedleRole.FINAL, self.trial)
         self.follow_markers(final, state.insertion_mm)
         if command.stop == "target_reached" or session.is_judged:
-            self.bounds = self._bound_error(final, state)
+            self.bounds = session.compute(partial(self._judge_end, final, state))
         bounds, ending = self.bounds, self._decide(self.bounds, command)
         session.record_truth(self.trial)
         session.tell(f"{ending.stop}: {ending.cause}")
@@ -414,7 +411,7 @@ class Insertion:
             session.ask(ConfirmStopped(command.detail))
         withdraw(session, self.path, self._withdrawal_speeds)
         error_mm = None if bounds is None else bounds.in_plane_mm
-        session.judge(self.trial, {"target_error_mm": error_mm}, "out_of_plane is null")
+        session.judge(self.trial, {"target_error_mm": error_mm})
         session.record(
             InsertionStop(
                 trial=self.trial,
@@ -439,39 +436,32 @@ class Insertion:
             str(command.stop), command.detail, bounds, self.settings.problem.tolerance_mm, doubt
         )
 
-    def _bound_error(self, final: TakenPicture, state: SteeringState) -> TargetErrorBounds | None:
-        """Return the distance from the needle's end to the target, by the last picture; None without `out_of_plane`."""
-        unseen = make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion)
-        if unseen is None:
-            return None
-        path = TracedPath(
-            tuple(self.bevel.turns), self.roll_zero.zero_rad, state.insertion_mm, self.bevel.centred
+    def _judge_end(self, final: TakenPicture, state: SteeringState) -> TargetErrorBounds | None:
+        """Return the distance in space from the target, by the shaft in the last picture and the estimate."""
+        protocol, roll_zero = self.protocol, self.roll_zero
+        path = TracedPath.of_turns(
+            self.bevel.turns,
+            roll_zero.zero_rad,
+            state.insertion_mm,
+            self.bevel.centred,
+            protocol.policy.backlash_mm,
         )
-        problem = self.settings.problem
-        seen = self._see_end(final, state, path, unseen)
-        budget = budget_out_of_plane(path.split(self.settings), problem.radius_mm, unseen)
-        target_sd_mm = find_target_sd_mm(self.protocol, self.markers)
-        return bound_error(seen, budget, problem.target_mm, target_sd_mm)
-
-    def _see_end(
-        self, final: TakenPicture, state: SteeringState, path: TracedPath, unseen: OutOfPlaneSettings
-    ) -> SeenEnd:
-        """Return the end of the shaft in the last picture, or of the estimate if that cannot be measured."""
-        plane, protocol = self.sight.plane, self.protocol
-        estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
-        measure = partial(
-            self.sight.measure_end,
-            final,
-            protocol.needle.diameter_mm,
-            protocol.sheath.diameter_mm,
-            self.roll_zero.sd_rad,
-        )
+        unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
         try:
-            end = self.session.compute(measure)
+            shaft = self.sight.measure_end(
+                final, protocol.needle.diameter_mm, protocol.sheath.diameter_mm, roll_zero.sd_rad
+            )
         except MeasurementRefusedError:
-            return SeenEnd.of_estimate(estimate, plane)
-        depth = self.session.compute(partial(find_depth, end, plane, path, self.settings, unseen))
-        return SeenEnd.of_shaft(end, estimate, path, plane, depth=depth)
+            shaft = None
+        return judge_end(
+            path,
+            self.settings,
+            unseen,
+            self.sight.plane,
+            find_target_sd_mm(protocol, self.markers),
+            shaft=shaft,
+            estimate=EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm),
+        )
 
     @property
     def _withdrawal_speeds(self) -> Mapping[str, float]:

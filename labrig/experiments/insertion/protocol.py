@@ -5,7 +5,6 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.model import (
     Conflict,
     Line,
@@ -30,10 +29,16 @@ from labrig.protocol.sections import (
     check_sheath,
 )
 from labrig.protocol.specimen_file import TracksBySpecimen
-from labrig.steering.parameters import SteeringPolicy, Turning
+from labrig.steering.parameters import (
+    PAPER_POLICY,
+    Estimator,
+    MarkerTrust,
+    PlanMethod,
+    PlanWeights,
+    SteeringPolicy,
+)
 
 _WHERE = "give one of position_mm: [x, y, z], pixel: [u, v] and ask: true"
-_DEFAULT = SteeringPolicy()
 
 
 class Phantom(TrackedSpecimen):
@@ -90,7 +95,7 @@ class InsertionObstacle(Place):
             yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
 
 
-class Markers(Model):
+class Markers(MarkerTrust):
     """The printed markers that target and obstacles are bound to by their `marker_id`, and how far they are trusted."""
 
     dictionary: MarkerDictionary = "DICT_4X4_50"
@@ -99,17 +104,6 @@ class Markers(Model):
     """Side of the printed black square, without its white rim [mm]."""
     x_mm: Annotated[float, Field(ge=-500, le=500)] = 0.0
     """Where they are across the steering plane, positive away from the camera [mm]."""
-    sd_mm: NonNegativeMm = 0.1
-    """How far what is bound to a marker may be from where the marker's displacement puts it, along each axis
-    (standard deviation) [mm]."""
-    lost_sd_mm_per_mm: float = Field(0.05, ge=0, le=10)
-    """How much is added to that for each millimetre that the needle moves while the marker is not seen
-    [mm/mm]."""
-    most_lost_mm: PositiveMm = 10.0
-    """The needle stops when it has moved this far without a marker being seen [mm]."""
-    jump_mm: PositiveMm = 1.0
-    """The needle stops when a marker has moved by more than this between two pictures and stays there; three
-    standard deviations of lost_sd_mm_per_mm are allowed besides [mm]."""
 
 
 class InsertionAdvance(Advance):
@@ -124,7 +118,7 @@ class InsertionAdvance(Advance):
 class Planner(Model):
     """How a path is planned."""
 
-    method: Literal["best", "paper"] = "best"
+    method: PlanMethod = "best"
     """The default planner, or the paper's for comparison."""
     radius_mm: PositiveMm
     """Radius of the needle's arcs expected in this gel [mm]."""
@@ -132,93 +126,10 @@ class Planner(Model):
     """Asked for, from the needle's surface to an obstacle's [mm]."""
     max_arcs: int = Field(6, ge=1, le=12)
     """Most arcs of a path."""
-    weights: PlannerWeights = Field(default_factory=PlannerWeights)
+    weights: PlanWeights = PlanWeights()
     """What makes one path better than another."""
-    staging: Literal["staged", "unbounded"] = "staged"
-    """With staged, a needle that moves waits for a quick search only, and halts for a thorough one; with
-    unbounded, the planner searches on while the needle advances."""
-    mends_path: bool = True
-    """Whether the path that the needle follows, mended, is compared with the new ones when the path is
-    replanned. The paper's planner does not compare paths."""
 
 
-class Estimator(Model):
-    """How the tip's pose is estimated from its observed positions."""
-
-    method: Literal["error-state", "paper"] = "error-state"
-    """The default filter, or the paper's for comparison."""
-    observation_sd_mm: PositiveMm = 0.2
-    """Standard deviation of an observed tip position, along each axis [mm]."""
-    process_sd_deg_per_root_mm: float = Field(0.4, ge=0, le=10)
-    """Random turning of the tip after a millimetre [deg / mm^0.5]."""
-    radius_sd_mm: NonNegativeMm = 0.6
-    """Standard deviation of radius_mm; 0: the radius is not estimated [mm]."""
-    start_sd_deg: float = Field(1.0, ge=0, le=20)
-    """Standard deviation of the sheath's direction [deg]."""
-    cavity_every_mm: PositiveMm | None = 50.0
-    """Mean path length between cavities, in which the needle does not steer; null: cavities are not modelled
-    [mm]."""
-    slip_sd: Annotated[float, Field(ge=0, le=0.2)] = 0.01
-    """Standard deviation of the slip, the share of the inserted length by which the tip stays behind; 0: the
-    slip is not estimated. The paper's filter does not estimate it [-]."""
-    robust: bool = True
-    """Whether rejected sightings are kept from the estimate of cavities and from the search for a stuck
-    needle, and several in a row may move the estimated position but not turn the heading."""
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield keys that the paper's filter cannot use."""
-        if self.method == "paper" and self.radius_sd_mm > 0:
-            message = (
-                f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
-            )
-            yield Conflict("radius_sd_mm", message, "set it to 0, or use the error-state filter")
-        if self.method == "paper" and self.cavity_every_mm is not None:
-            message = (
-                f"cavity_every_mm is {self.cavity_every_mm:g}, but the paper's filter does not model cavities"
-            )
-            yield Conflict("cavity_every_mm", message, "set it to null, or use the error-state filter")
-
-
-class Policy(Model):
-    """When the path is replanned, when the insertion is given up, and how the hinges respond to a turn."""
-
-    replan_every_mm: PositiveMm = _DEFAULT.replan_every_mm
-    """Replan after this much insertion [mm]."""
-    deviation_mm: NonNegativeMm | None = _DEFAULT.deviation_mm
-    """Replan if the rest of the path would miss by more; null: never for that reason [mm]."""
-    near_mm: NonNegativeMm = _DEFAULT.near_mm
-    """Replan at every picture if no more than this is left [mm]."""
-    final_mm: NonNegativeMm = _DEFAULT.final_mm
-    """Take the path that comes nearest to the target if no more than this is left [mm]."""
-    backlash_mm: NonNegativeMm = _DEFAULT.backlash_mm
-    """Insertion over which the curvature reverses after half a turn [mm]."""
-    closing_mm: NonNegativeMm = _DEFAULT.closing_mm
-    """Insertion over which the hinges close at the start [mm]."""
-    most_misses: int = Field(_DEFAULT.most_misses, ge=1, le=1000)
-    """Stop the needle after this many pictures in a row without a credible tip."""
-    stuck_mm: PositiveMm = _DEFAULT.stuck_mm
-    """Stop the needle after inserting this much without the tip advancing [mm]."""
-    least_clearance_mm: NonNegativeMm = _DEFAULT.least_clearance_mm
-    """If no path keeps clearance_mm, take a path that keeps this [mm]."""
-    max_off_axis_deg: Annotated[float, Field(gt=0, le=180)] = 50.0
-    """Largest angle of a path to its start, if a path within it exists: a needle that leads far aside has no
-    curvature left for corrections. The paper has no limit [deg]."""
-    turning: Turning = "compensated"
-    """How the bevel is turned against torsion of the needle. compensated: in the directions whose lags
-    displace the tip least, and past the angle by the measured lag and back. back_and_forth: half a turn,
-    and back."""
-
-
-_PAPER_POLICY = Policy(
-    replan_every_mm=20.0,
-    deviation_mm=None,
-    near_mm=0.0,
-    final_mm=0.0,
-    backlash_mm=0.0,
-    closing_mm=0.0,
-    max_off_axis_deg=180.0,
-    turning="back_and_forth",
-)
 _PAPER: Mapping[str, Mapping[str, object]] = {
     "planner": {"method": "paper"},
     "estimator": {"method": "paper", "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0},
@@ -276,13 +187,13 @@ class InsertionProtocol(JudgedProtocol):
     """How the needle goes in and comes out."""
     planner: Planner
     """How a path is planned."""
-    estimator: Estimator = Field(default_factory=Estimator)
+    estimator: Estimator = Estimator()
     """How the tip's pose is estimated."""
-    policy: Policy = Field(default_factory=Policy, json_schema_extra=_allow_paper)
+    policy: SteeringPolicy = Field(SteeringPolicy(), json_schema_extra=_allow_paper)
     """When the path is replanned; paper: the paper's planner, filter and policy, for comparison."""
-    out_of_plane: OutOfPlane | None = Field(default_factory=OutOfPlane)
+    out_of_plane: OutOfPlane = OutOfPlane()
     """What leads the needle out of the plane that the camera sees. The target is reached if the 95 % interval
-    of the distance in space lies within the tolerance; null: if the distance in the plane does."""
+    of the distance in space lies within the tolerance."""
     roll_zero: RollZeroSteps | None = None
     """How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion."""
     sentinel: GridSentinel | None = None
@@ -291,11 +202,11 @@ class InsertionProtocol(JudgedProtocol):
     @field_validator("policy", mode="before")
     @classmethod
     def _read_policy(cls, policy: object) -> object:
-        return _PAPER_POLICY if policy == "paper" else policy
+        return PAPER_POLICY if policy == "paper" else policy
 
     @model_validator(mode="after")
     def _follow_paper(self) -> Self:
-        if self.policy is not _PAPER_POLICY:
+        if self.policy is not PAPER_POLICY:
             return self
         sections = {
             name: getattr(self, name).model_copy(update=dict(values)) for name, values in _PAPER.items()
@@ -368,7 +279,7 @@ class InsertionProtocol(JudgedProtocol):
 
     def _find_keys_beside_paper(self) -> Iterator[Conflict]:
         """Yield keys that `policy: paper` decides."""
-        if self.policy is _PAPER_POLICY:
+        if self.policy is PAPER_POLICY:
             for name, values in _PAPER.items():
                 for key in values:
                     if key in getattr(self, name).model_fields_set:

@@ -2,16 +2,15 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.designed_needle import Filling
 from labrig.protocol.load import load_designed_model
 from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
-from labrig.steering.parameters import PlanWeights
+from labrig.steering.parameters import PlanMethod, PlanWeights
 from labrig.steering.problem import Obstacle, PlanProblem
 
 Direction3: TypeAlias = tuple[float, float, float]
@@ -94,9 +93,9 @@ class Scenario(Model):
     """Most arcs of a path."""
     max_length_mm: PositiveMm = 150.0
     """Longest path [mm]."""
-    method: Literal["best", "paper"] = "best"
+    method: PlanMethod = "best"
     """The default planner, or the paper's for comparison."""
-    weights: PlannerWeights = PlannerWeights()
+    weights: PlanWeights = PlanWeights()
 
 
 def load_scenario(path: Path | str) -> Scenario:
@@ -134,7 +133,7 @@ def make_problem(scenario: Scenario) -> PlanProblem:
         max_arcs=scenario.max_arcs,
         max_length_mm=scenario.max_length_mm,
         planar=scenario.planar,
-        weights=PlanWeights(**scenario.weights.model_dump()),
+        weights=scenario.weights,
     )
 
 

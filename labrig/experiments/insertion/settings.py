@@ -10,7 +10,6 @@ import numpy as np
 from labrig.analysis.result import TrialOrigin
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.steering.out_of_plane import OutOfPlaneSettings
-from labrig.steering.parameters import PlanWeights, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.tip import EstimatorSettings
@@ -44,9 +43,7 @@ def make_insertion_settings(
     InputError
         When the start or the target is inside an obstacle.
     """
-    planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
-    values = policy.model_dump(exclude={"turning"})
-    deviation_mm, max_off_axis_deg = values.pop("deviation_mm"), values.pop("max_off_axis_deg")
+    planner = protocol.planner
     return SteeringSettings(
         problem=PlanProblem(
             target_mm=target_mm,
@@ -58,43 +55,26 @@ def make_insertion_settings(
             max_arcs=planner.max_arcs,
             max_length_mm=protocol.insertion.max_length_mm,
             planar=True,
-            weights=PlanWeights(**planner.weights.model_dump()),
+            weights=planner.weights,
         ),
         estimator=EstimatorSettings(
-            radius_mm=planner.radius_mm,
-            observation_sd_mm=estimator.observation_sd_mm,
-            process_sd_rad_per_root_mm=math.radians(estimator.process_sd_deg_per_root_mm),
-            method=estimator.method,
-            planar=True,
-            radius_sd_mm=estimator.radius_sd_mm,
-            start_sd_rad=math.radians(estimator.start_sd_deg),
-            cavity_every_mm=math.inf if estimator.cavity_every_mm is None else estimator.cavity_every_mm,
-            robust=estimator.robust,
-            slip_sd=0.0 if estimator.method == "paper" else estimator.slip_sd,
+            **protocol.estimator.model_dump(), radius_mm=planner.radius_mm, planar=True
         ),
-        policy=SteeringPolicy(
-            **values,
-            deviation_mm=math.inf if deviation_mm is None else deviation_mm,
-            max_off_axis_rad=math.radians(max_off_axis_deg),
-            observe_every_mm=protocol.insertion.frame_every_mm,
-        ),
+        policy=protocol.policy,
         method=planner.method,
-        staging=planner.staging,
-        mends_path=planner.mends_path,
+        observe_every_mm=protocol.insertion.frame_every_mm,
     )
 
 
 def make_out_of_plane(
     protocol: InsertionProtocol, roll_zero_sd_rad: float, torsion: MeasuredTorsion | None
-) -> OutOfPlaneSettings | None:
-    """Return what leads the needle out of the plane; None if the protocol decides by the plane alone.
+) -> OutOfPlaneSettings:
+    """Return what leads the needle out of the plane.
 
     `torsion` is the measured lag of the bevel, None if it was not measured; where the lag is compensated its standard
     deviation takes the place of the protocol's.
     """
     unseen = protocol.out_of_plane
-    if unseen is None:
-        return None
     lag = LagError(0.0, math.radians(unseen.lag_sd_deg), 0.0)
     if torsion is not None and protocol.policy.turning == "compensated":
         lag = torsion.error or LagError(0.0, torsion.sd_rad, 0.0)
@@ -133,4 +113,5 @@ def restore_settings(settings: SteeringSettings, origin: TrialOrigin | None) -> 
 
 def with_observation_sd(settings: SteeringSettings, observation_sd_mm: float) -> SteeringSettings:
     """Return the settings with another standard deviation of a sighting."""
-    return replace(settings, estimator=replace(settings.estimator, observation_sd_mm=observation_sd_mm))
+    estimator = settings.estimator.model_copy(update={"observation_sd_mm": observation_sd_mm})
+    return replace(settings, estimator=estimator)

@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from typing import ClassVar, Literal
 
-from pydantic import Field
-
 from labrig.protocol.model import Conflict, Line
 from labrig.protocol.sections import (
     Advance,

@@ -83,7 +83,9 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
     assert isinstance(protocol, InsertionProtocol)
     for needle_id, refused in ((protocol.needle.needle_id, 0), ("another", 1)):
         store = NeedleState(rig.state_path)
-        store.update(referenced=("rotation",), roll_zero=RollZero(needle_id, 0.1, 0.01, "run-1"))
+        store.update(
+            referenced=("insertion", "rotation", "linear"), roll_zero=RollZero(needle_id, 0.1, 0.01, "run-1")
+        )
         problems = [problem for problem in find_problems(protocol, rig) if problem.where == "roll_zero"]
         assert len(problems) == refused
 
@@ -106,7 +108,7 @@ def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
     never = insertion("out_of_plane.heading_sd_deg_per_root_mm=0")
     where = {problem.where for problem in find_problems(never, bench)}
     assert {"out_of_plane.lag_sd_deg", "out_of_plane.heading_sd_deg_per_root_mm"} <= where
-    for stated in ("out_of_plane.lag_sd_deg=5", "roll_zero.torsion={}", "out_of_plane=null"):
+    for stated in ("out_of_plane.lag_sd_deg=5", "roll_zero.torsion={}"):
         where = {problem.where for problem in find_problems(insertion(stated), bench)}
         assert not any(name.startswith("out_of_plane") for name in where)
 
@@ -168,4 +170,3 @@ def test_a_tolerance_that_one_camera_cannot_certify_is_told_beforehand() -> None
     assert "by the lag of the bevel" in warning.message
     assert "out_of_plane.lag_sd_deg" in warning.hint
     assert plan_of(insertion(), large_rig()).warnings == ()
-    assert plan_of(insertion("out_of_plane=null"), large_rig()).warnings == ()

@@ -9,7 +9,7 @@ import pytest
 from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane
+from labrig.experiments.insertion.settings import make_out_of_plane
 from labrig.experiments.insertion.summary import describe_places, summarise
 from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
 from tests.analysis.insertions import analyse, analyse_recorded, record_insertion
@@ -128,10 +128,9 @@ def test_a_turn_counts_from_where_it_acts() -> None:
     """The budget of a recorded path is that of its stretches, each from half a backlash after the turn."""
     protocol = insertion("out_of_plane.lag_sd_deg=5")
     assert isinstance(protocol, InsertionProtocol)
-    settings = make_insertion_settings(protocol, (0.0, -6.0, 40.0), ())
     settings_unseen = make_out_of_plane(protocol, 0.01, None)
     turn = BevelTurn(trial=0, depth_mm=20.0, from_rad=0.3, to_rad=0.3 + math.pi)
-    stretches = TracedPath((turn,), 0.3, 40.0).split(settings)
+    stretches = TracedPath.of_turns((turn,), 0.3, 40.0, 0, protocol.policy.backlash_mm).stretches
     budget = budget_out_of_plane(stretches, protocol.planner.radius_mm, settings_unseen)
     first_mm, radius_mm = 20.75, protocol.planner.radius_mm
     parts = (first_mm * (40 - first_mm / 2) / radius_mm, -((40 - first_mm) ** 2) / 2 / radius_mm)

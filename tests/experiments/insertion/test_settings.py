@@ -10,7 +10,7 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.steering.parameters import PlanWeights, SteeringPolicy
+from labrig.steering.parameters import PAPER_POLICY
 from tests.runner.sessions import PROTOCOLS
 
 
@@ -25,7 +25,7 @@ def test_one_word_is_the_whole_of_the_papers_policy(tmp_path: Path) -> None:
     """The paper's planner and filter, no limit of the angle, and a file with every key says the same."""
     protocol = load("policy=paper")
     settings = make_insertion_settings(protocol, (0.0, 4.0, 100.0), ())
-    assert settings.policy == SteeringPolicy.paper()
+    assert settings.policy == PAPER_POLICY
     assert (settings.method, settings.estimator.method, protocol.policy.turning) == (
         "paper",
         "paper",
@@ -51,10 +51,3 @@ def test_a_key_beside_the_papers_policy_is_refused(beside: str) -> None:
     """What the word decides cannot be set too."""
     with pytest.raises(FileFormatError, match=beside.partition("=")[0]):
         load("policy=paper", beside)
-
-
-def test_the_example_has_the_defaults_of_steering() -> None:
-    """What the example leaves out is what the library takes."""
-    settings = make_insertion_settings(load(), (0.0, 4.0, 100.0), ())
-    assert settings.policy == SteeringPolicy()
-    assert settings.problem.weights == PlanWeights()

@@ -21,14 +21,18 @@ def design(
     files of a run of protocols/design.yaml.
     """
     from labrig.cli.finished_run import print_summary
-    from labrig.experiments.hinge_design.study import DesignOrder, study_design
+    from labrig.experiments.hinge_design.protocol import DesignProtocol
+    from labrig.experiments.hinge_design.study import study_design
     from labrig.experiments.hinge_design.summary import summarise
+    from labrig.needle.rotation_search import DEFAULT_SEED
 
-    order = DesignOrder(radius_mm=radius_mm, clearance_mm=clearance_mm)
+    order = DesignProtocol.model_construct(
+        experiment="design", radius_mm=radius_mm, clearance_mm=clearance_mm, seed=DEFAULT_SEED
+    )
     with progress("searching rotations", 1.0) as reporter:
         study = study_design(order, progress=lambda done, of: reporter(done / of, f"{done} of {of} hinges"))
     if as_json:
-        print_json(study.document)
+        print_json(study.model_dump(mode="json"))
     else:
-        print_summary(summarise(study.document))
-    return 0 if study.document["accepted"] else 1
+        print_summary(summarise(dict(study)))
+    return 0 if study.accepted else 1

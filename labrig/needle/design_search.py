@@ -10,7 +10,7 @@ from labrig.errors import AnswerIsNoError
 from labrig.needle.equations import EQUATION_3, RotationPlane, rotation_for_radius_deg
 from labrig.needle.hinge import Hinge, widest_clearance_mm
 from labrig.needle.rotation_search import DEFAULT_SEED, HingeRotation, search_rotations
-from labrig.needle.tube import Tube
+from labrig.protocol.design_file import Tube
 
 GRID_POINTS = 7
 # The paper does not print the range of its figure 3. Ours has the paper's design near its middle.

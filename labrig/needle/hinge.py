@@ -46,7 +46,7 @@ from shapely import LineString, MultiPolygon, Polygon
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.needle.limits import require_within
-from labrig.needle.tube import Tube
+from labrig.protocol.design_file import Tube
 
 _NECK_HALF_ANGLE_RAD = math.radians(30.0)
 # Chords of an arc. With 120, the sum of both rotations is within 0.01 degrees of the sum with 480.

@@ -17,15 +17,24 @@ from labrig.protocol.yaml_file import load_yaml_model
 Basis: TypeAlias = Literal["equation (3)", "our contour"]
 
 
-class TubeSection(Model):
+class Tube(Model):
     """The tube that the needle's tip is cut from."""
 
-    outer_diameter_mm: float = Field(gt=0, le=10)
+    outer_diameter_mm: float = Field(1.2, ge=0.2, le=10)
     """Outer diameter of the tube [mm]."""
-    inner_diameter_mm: float = Field(gt=0, le=10)
+    inner_diameter_mm: float = Field(0.7, ge=0.1, le=9.9)
     """Inner diameter of the tube [mm]."""
-    link_length_mm: float = Field(gt=0, le=100)
+    link_length_mm: float = Field(3.0, ge=0.2, le=100)
     """Length of a link, from hinge to hinge [mm]."""
+
+    @property
+    def is_papers(self) -> bool:
+        """Whether it has the section of the paper's tube, to which equation (3) was fitted; links may be longer."""
+        paper = Tube()
+        return (self.outer_diameter_mm, self.inner_diameter_mm) == (
+            paper.outer_diameter_mm,
+            paper.inner_diameter_mm,
+        )
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a bore that leaves no wall."""
@@ -44,7 +53,7 @@ class NeedleDesign(Model):
     """Which kind of file this is."""
     schema_version: Literal[1]
     """Version of this file format; a higher one needs a newer labrig."""
-    tube: TubeSection
+    tube: Tube
     """The tube that the needle's tip is cut from."""
     clearance_mm: float = Field(gt=0, le=1)
     """Width that the laser cuts [mm]."""

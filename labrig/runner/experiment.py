@@ -82,7 +82,7 @@ PLACES: Mapping[str, tuple[str, ...]] = {
     "make_view": ("view",),
     "follow": ("view",),
     "list_tracks": ("analysis",),
-    "find_problems": ("protocol", "plan"),
+    "find_problems": ("protocol", "study"),
     "simulate": ("virtual",),
     "tell_values": ("virtual",),
 }

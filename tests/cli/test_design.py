@@ -5,25 +5,34 @@ from typing import Any
 import pytest
 
 from labrig.cli.finished_run import print_summary
-from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius, study_design
+from labrig.experiments.hinge_design.protocol import DesignProtocol, MeasuredNeedle
+from labrig.experiments.hinge_design.study import study_design
 from labrig.experiments.hinge_design.summary import summarise
-from labrig.needle.tube import TABLE_1, Tube
+from labrig.needle.rotation_search import DEFAULT_SEED
+from labrig.protocol.design_file import Tube
 from tests.cli.conftest import Labrig
 
 
 @pytest.fixture(scope="module")
 def designed() -> dict[str, Any]:
     """Return the document of the paper's needle with a measured radius, on a coarse grid."""
-    order = DesignOrder(30.0, 0.025, tip_length_mm=40, measured=MeasuredRadius(27.6, None), grid_points=3)
-    return study_design(order).document
+    design = DesignProtocol(
+        experiment="design",
+        radius_mm=30.0,
+        clearance_mm=0.025,
+        tip_length_mm=40,
+        measured=MeasuredNeedle(radius_mm=27.6),
+        grid_points=3,
+        seed=DEFAULT_SEED,
+    )
+    return study_design(design).model_dump(mode="json")
 
 
 def test_the_papers_needle_is_the_default(designed: dict[str, Any]) -> None:
     """Equation (3) gives 4.12 degrees, next to table I's 4.13."""
-    assert Tube(**designed["tube"]) == TABLE_1.tube
+    assert Tube(**designed["tube"]) == Tube()
     assert designed["beta_rot_deg"] == pytest.approx(11.46, abs=0.005)
     assert designed["beta_cut_deg"] == pytest.approx(4.12, abs=0.005)
-    assert designed["table_1"] == {"beta_cut_deg": 4.13, "beta_rot_deg": 11.46}
 
 
 def test_the_search_is_printed_next_to_the_equations(designed: dict[str, Any]) -> None:
@@ -33,7 +42,7 @@ def test_the_search_is_printed_next_to_the_equations(designed: dict[str, Any]) -
     assert search["beta_cut_deg"] == pytest.approx(3.33, abs=0.02)
     assert set(search["fit"]) == {"a", "b", "c", "rmse_deg"}
     assert search["fit"]["a"] == pytest.approx(1.10, abs=0.01)
-    assert (search["grid"]["points"], search["inside_grid"]) == (3, True)
+    assert (len(designed["cells"]), search["inside_grid"]) == (9, True)
 
 
 def test_a_measured_radius_gives_the_effective_clearance(designed: dict[str, Any]) -> None:
@@ -47,8 +56,7 @@ def test_a_measured_radius_gives_the_effective_clearance(designed: dict[str, Any
 
 def test_tolerances_and_links_are_reported(designed: dict[str, Any]) -> None:
     """The laser's tolerance gives an interval of the radius, and the tip a number of links."""
-    low, high = designed["tolerance"]["radius_mm"]
-    assert low < 28 < 32 < high
+    assert designed["tolerance"]["low_mm"] < 28 < 32 < designed["tolerance"]["high_mm"]
     assert designed["links"] == 13
 
 

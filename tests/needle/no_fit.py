@@ -16,6 +16,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from labrig.needle.hinge import HingeView
+from labrig.protocol.design_file import Tube
 
 FloatArray = NDArray[np.float64]
 
@@ -168,3 +169,8 @@ def _grown(first: int, triangles: list[Polygon], neighbours: list[list[int]], le
 
 def _corners(pieces: list[FloatArray], of: Callable[..., FloatArray]) -> FloatArray:
     return np.array([of(piece, axis=0) for piece in pieces])
+
+
+def make_tube(outer_mm: float, inner_mm: float, link_mm: float) -> Tube:
+    """Return a tube of these diameters and links."""
+    return Tube(outer_diameter_mm=outer_mm, inner_diameter_mm=inner_mm, link_length_mm=link_mm)

@@ -8,7 +8,7 @@ from labrig.errors import AnswerIsNoError, InputError
 from labrig.needle.design_search import GridPoint, fit_plane, make_hinge_grid, search_design, search_grid
 from labrig.needle.equations import EQUATION_3, RotationPlane
 from labrig.needle.rotation_search import search_rotations
-from labrig.needle.tube import Tube
+from labrig.protocol.design_file import Tube
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,16 @@ from hypothesis import strategies as st
 from labrig.errors import InputError
 from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
 from labrig.needle.rotation_search import interference_mm2, search_largest_rotation
-from labrig.needle.tube import Tube
+from labrig.protocol.design_file import Tube
+from tests.needle.no_fit import make_tube
 
 PAPER = Hinge(Tube(), 0.025, 4.13)
 
 hinges = st.builds(
     lambda outer, bore, share, cut: Hinge(
-        Tube(outer, bore * outer, 3 * outer), share * widest_clearance_mm(Tube(outer, bore * outer), cut), cut
+        make_tube(outer, bore * outer, 3 * outer),
+        share * widest_clearance_mm(make_tube(outer, bore * outer, 3 * outer), cut),
+        cut,
     ),
     outer=st.floats(0.6, 3.0),
     bore=st.floats(0.4, 0.8),

@@ -10,8 +10,8 @@ from labrig.needle.rotation_search import (
     search_largest_rotation,
     search_rotations,
 )
-from labrig.needle.tube import Tube
-from tests.needle.no_fit import LargestFree, NoFit
+from labrig.protocol.design_file import Tube
+from tests.needle.no_fit import LargestFree, NoFit, make_tube
 
 PAPER = Hinge(Tube(), 0.025, 4.13)
 STEP_DEG = 0.01
@@ -21,7 +21,7 @@ def random_hinge(number: int) -> Hinge:
     """Return one of the random designs: tubes of 0.8 to 2 mm, clearances and inclinations over most that they allow."""
     rng = np.random.default_rng(number)
     outer_mm = rng.uniform(0.8, 2.0)
-    tube = Tube(outer_mm, outer_mm * rng.uniform(0.5, 0.75), 3 * outer_mm)
+    tube = make_tube(outer_mm, outer_mm * rng.uniform(0.5, 0.75), 3 * outer_mm)
     beta_cut_deg = rng.uniform(0.0, 10.0)
     return Hinge(tube, rng.uniform(0.1, 0.9) * widest_clearance_mm(tube, beta_cut_deg), beta_cut_deg)
 
@@ -98,7 +98,7 @@ def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float)
 
 def test_rotation_is_a_matter_of_proportions() -> None:
     """A needle of twice the size turns as far."""
-    double = Hinge(Tube(2.4, 1.4, 6.0), 0.05, 4.13)
+    double = Hinge(make_tube(2.4, 1.4, 6.0), 0.05, 4.13)
     assert search_rotations(double).beta_rot_deg == pytest.approx(
         search_rotations(PAPER).beta_rot_deg, abs=0.005
     )

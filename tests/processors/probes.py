@@ -17,6 +17,7 @@ from typing import Any
 from labrig.analysis.installation import describe_kernels
 from labrig.analysis.run import analyze_run
 from labrig.campaign.tasks import CampaignTasks, compute_task
+from labrig.experiments.hinge_design.protocol import DesignTolerances
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.reader import open_run
 from labrig.runner.replay import replay_run
@@ -136,7 +137,7 @@ def _read_insertion(name: str, result: Document) -> Case:
 
 def _read_design(name: str, result: Document) -> Case:
     search = result["search"]
-    cut_deg = search["tolerance"]["cut_deg"]
+    cut_deg = DesignTolerances().cut_deg
     numbers = {
         "angle of hinge [deg]": [
             *((cell[key], cut_deg) for cell in result["cells"] for key in ("beta_a_deg", "beta_b_deg")),

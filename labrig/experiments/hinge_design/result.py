@@ -1,84 +1,81 @@
-"""The result of a design: what to cut for a steering radius."""
+"""The result of a design: what to cut for a steering radius, by equation (3) and on our own contour."""
 
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import ConfigDict, FiniteFloat
-
-from labrig.analysis.result import Result, ResultPart, require_part
+from labrig.analysis.result import Result
 from labrig.needle.design_search import GridPoint
+from labrig.needle.equations import EQUATION_3, RadiusTolerance, RotationPlane
+from labrig.needle.tube import TABLE_1
+from labrig.protocol.design_file import Basis, Tube
+from labrig.protocol.model import Model
 
 
-class _Plane(ResultPart):
-    a: FiniteFloat
-    b: FiniteFloat
-    c: FiniteFloat
-    rmse_deg: FiniteFloat
+class Searched(Model):
+    """The answer of the search on our contour; if it has none, its numbers are None and `reason` is a sentence.
 
-
-class _Fit(_Plane):
-    model_config = ConfigDict(extra="forbid")
-
-
-class _PaperPlane(_Plane):
-    same_tube: bool
-
-
-class _Slopes(ResultPart):
-    radius_mm: tuple[FiniteFloat | None, FiniteFloat | None]
-    radius_mm_per_clearance_mm: FiniteFloat | None
-    radius_mm_per_cut_deg: FiniteFloat | None
-
-
-class _Tolerance(_Slopes):
-    clearance_mm: FiniteFloat
-    cut_deg: FiniteFloat
-
-
-class _PrintedNeedle(ResultPart):
-    beta_cut_deg: FiniteFloat
-    beta_rot_deg: FiniteFloat
-
-
-class _MeasuredNeedle(_PrintedNeedle):
-    radius_mm: FiniteFloat
-    clearance_mm: FiniteFloat | None
-    search_clearance_mm: FiniteFloat | None
-
-
-class _Search(ResultPart):
-    beta_cut_deg: FiniteFloat | None
-    beta_rot_deg: FiniteFloat | None
-    beta_a_deg: FiniteFloat | None
-    beta_b_deg: FiniteFloat | None
-    radius_mm: FiniteFloat | None
-    tolerance: _Slopes | None
-    inside_grid: bool | None
-    reason: str | None
-    fit: _Fit
-
-
-class DesignResult(Result):
-    """The result of a design run: the document that `labrig design --json` prints too, and the searched grid.
-
-    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds the answer of our own contour, or the
-    reason why it cannot give the radius. `accepted`: there is something to cut, by equation (3) or, for a tube that it
-    does not cover, by our contour.
+    `fit` is the plane of the form of equation (3) through the searched grid.
     """
 
-    kind: Literal["design"] = "design"
-    accepted: bool = True
+    fit: RotationPlane
+    beta_cut_deg: float | None = None
+    beta_rot_deg: float | None = None
+    beta_a_deg: float | None = None
+    beta_b_deg: float | None = None
+    radius_mm: float | None = None
+    tolerance: RadiusTolerance | None = None
+    inside_grid: bool | None = None
+    reason: str | None = None
+
+
+class MeasuredAnswer(Model):
+    """What the radius of a measured needle says: its rotation, and the clearance by either plane."""
+
+    radius_mm: float
+    beta_rot_deg: float
+    beta_cut_deg: float
+    clearance_mm: float
+    search_clearance_mm: float | None = None
+
+
+class DesignStudy(Model):
+    """Both answers: `beta_cut_deg` and `tolerance` are those of equation (3), `search` that of our own contour.
+
+    `accepted`: there is something to cut, by equation (3) or, for a tube that it does not cover, by our contour.
+    """
+
+    accepted: bool
     beta_cut_deg: float
     beta_rot_deg: float
     radius_mm: float
     clearance_mm: float
-    tube: dict[str, float]
-    equation_3: Annotated[dict[str, Any], require_part(_PaperPlane)]
-    tolerance: Annotated[dict[str, Any], require_part(_Tolerance)]
-    table_1: Annotated[dict[str, float], require_part(_PrintedNeedle)] | None
+    tube: Tube
+    equation_3: RotationPlane = EQUATION_3
+    tolerance: RadiusTolerance
     links: int | None
-    measured: Annotated[dict[str, Any], require_part(_MeasuredNeedle)] | None
-    search: Annotated[dict[str, Any], require_part(_Search)]
+    measured: MeasuredAnswer | None
+    search: Searched
     cells: tuple[GridPoint, ...]
+
+    @property
+    def basis(self) -> Basis:
+        """What the design is based on: equation (3) if it covers the tube, otherwise our contour."""
+        return "equation (3)" if self.tube.is_papers else "our contour"
+
+    @property
+    def is_table_1(self) -> bool:
+        """Whether this is the needle of table I."""
+        paper = TABLE_1
+        return (self.tube, self.clearance_mm, self.radius_mm) == (
+            paper.tube,
+            paper.clearance_mm,
+            paper.radius_mm,
+        )
+
+
+class DesignResult(Result, DesignStudy):
+    """The result of a design run."""
+
+    kind: Literal["design"] = "design"
 
 
 RunResult = DesignResult

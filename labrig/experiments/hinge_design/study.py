@@ -3,22 +3,21 @@
 `labrig design` and runs of the experiment design both come through `study_design`; the numbers are the same.
 """
 
-import csv
-import io
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from labrig.analysis.engine import DEFAULT_WORKERS, WorkQueue, open_process_pool
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings
 from labrig.durable import write_atomically
-from labrig.errors import AnswerIsNoError, InputError
+from labrig.errors import AnswerIsNoError, InputError, Problem
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.hinge_design.result import DesignResult
+from labrig.experiments.hinge_design.result import DesignResult, DesignStudy, MeasuredAnswer, Searched
 from labrig.needle.design_search import (
     STEEPEST_CUT_DEG,
     GridPoint,
@@ -30,6 +29,7 @@ from labrig.needle.design_search import (
 )
 from labrig.needle.equations import (
     EQUATION_3,
+    RadiusTolerance,
     RotationPlane,
     count_links,
     radius_mm,
@@ -37,94 +37,13 @@ from labrig.needle.equations import (
     rotation_for_radius_deg,
 )
 from labrig.needle.hinge import Hinge
-from labrig.needle.rotation_search import DEFAULT_SEED
-from labrig.needle.tube import TABLE_1, Tube
-from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection
+from labrig.needle.tube import TABLE_1
+from labrig.protocol.design_file import NeedleDesign
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 
 DESIGN_FILE = "design.json"
 GRID_FILE = "grid.csv"
-
-Document = dict[str, Any]
-
-_NO_DESIGN_HINT = "ask for a smaller radius, or cut with a smaller clearance"
-
-_COLUMNS = (
-    "clearance_mm",
-    "beta_cut_deg",
-    "beta_a_deg",
-    "beta_b_deg",
-    "beta_rot_deg",
-    "plane_deg",
-    "residual_deg",
-    "equation_3_deg",
-)
-
-
-@dataclass(frozen=True)
-class MeasuredRadius:
-    """A needle that was measured: its radius, how it was cut, and in which run.
-
-    An inclination of None stands for the one that the needle asked for is cut at: table I's for the paper's, that of
-    equation (3) for any other.
-    """
-
-    radius_mm: float
-    beta_cut_deg: float | None
-    run: Path | None = None
-
-
-@dataclass(frozen=True)
-class DesignOrder:
-    """The question of a study; the tolerances are those of the laser."""
-
-    radius_mm: float
-    clearance_mm: float
-    tube: Tube = TABLE_1.tube
-    clearance_tolerance_mm: float = 0.003
-    cut_tolerance_deg: float = 0.1
-    tip_length_mm: float | None = None
-    measured: MeasuredRadius | None = None
-    grid_points: int = 7
-    seed: int = DEFAULT_SEED
-
-    @classmethod
-    def of(cls, protocol: DesignProtocol) -> "DesignOrder":
-        """Return the order of a protocol."""
-        measured = protocol.measured
-        return cls(
-            tube=Tube(**protocol.tube.model_dump()),
-            radius_mm=protocol.radius_mm,
-            clearance_mm=protocol.clearance_mm,
-            clearance_tolerance_mm=protocol.tolerances.clearance_mm,
-            cut_tolerance_deg=protocol.tolerances.cut_deg,
-            tip_length_mm=protocol.tip_length_mm,
-            measured=None if measured is None else MeasuredRadius(measured.radius_mm, measured.beta_cut_deg),
-            grid_points=protocol.grid_points,
-            seed=protocol.seed,
-        )
-
-
-@dataclass(frozen=True)
-class DesignStudy:
-    """Both answers as a document, the searched grid, and the plane fitted to it."""
-
-    document: Document
-    cells: tuple[GridPoint, ...]
-    plane: RotationPlane
-
-    def save(self, provenance: Mapping[str, Any], folder: Path) -> None:
-        """Write the grid as CSV, and the design file where there is something to cut.
-
-        Raises
-        ------
-        DiskError
-            When a file cannot be written.
-        """
-        write_atomically(folder / GRID_FILE, encode_hinge_table(self.cells, self.plane))
-        if self.document["accepted"]:
-            write_atomically(folder / DESIGN_FILE, design_file(self.document, provenance))
 
 
 def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Findings:
@@ -136,14 +55,33 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
         When processes that search die of the same hinge again.
     """
     stamp = request.stamp
-    study = study_design(DesignOrder.of(protocol), request.workers, request.progress)
+    study = study_design(protocol, request.workers, request.progress)
     settings = {"grid_points": protocol.grid_points, "seed": protocol.seed}
-    content = DesignResult(**stamp.fields(settings), **study.document, cells=study.cells)
-    return Findings(content, partial(study.save, stamp.provenance))
+    content = DesignResult(**stamp.fields(settings), **dict(study))
+    return Findings(content, partial(save_study, study, stamp.provenance))
+
+
+def find_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
+    """Return the first problem of the equations or of the contour's limits, at its key; empty for a valid design."""
+    for key, check in _list_checks(protocol):
+        try:
+            check()
+        except (InputError, AnswerIsNoError) as error:
+            return (Problem(key, error.message, error.hint),)
+    return ()
+
+
+def _list_checks(protocol: DesignProtocol) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield each key with its check; later checks assume that the earlier ones passed."""
+    yield "clearance_mm", lambda: Hinge(protocol.tube, protocol.clearance_mm, 0.0)
+    yield "radius_mm", lambda: _design(protocol)
+    yield "tolerances", lambda: _require_bounded_radius(_find_tolerance(protocol, EQUATION_3))
+    yield "tip_length_mm", lambda: _count_links(protocol)
+    yield "measured", lambda: _describe_measured_needle(protocol)
 
 
 def study_design(
-    order: DesignOrder, workers: int = DEFAULT_WORKERS, progress: Progress | None = None
+    protocol: DesignProtocol, workers: int = DEFAULT_WORKERS, progress: Progress | None = None
 ) -> DesignStudy:
     """Answer by equation (3), then by the search; if our contour cannot give the radius, its answer holds the reason.
 
@@ -161,58 +99,71 @@ def study_design(
     MachineError
         When processes that search die of the same hinge again.
     """
-    document = _solve_equations(order)
-    hinges = make_hinge_grid(order.tube, order.clearance_mm, order.grid_points)
+    tube, measured = protocol.tube, _describe_measured_needle(protocol)
+    designed, tolerance, links = (
+        _design(protocol),
+        _find_tolerance(protocol, EQUATION_3),
+        _count_links(protocol),
+    )
+    hinges = make_hinge_grid(tube, protocol.clearance_mm, protocol.grid_points)
     if progress is not None:
         progress(0, len(hinges))
     with open_process_pool(workers, "searched rotations") as pool:
-        cells = search_grid(hinges, WorkQueue(pool).map, progress, order.seed)
+        cells = search_grid(hinges, WorkQueue(pool).map, progress, protocol.seed)
     plane = fit_plane(cells)
-    document["search"] = _search_answer(order, cells, plane)
-    # Equation (3) always has an answer for a tube of the paper's section; any other tube has only our contour.
-    document["accepted"] = (
-        find_design_basis(document) == "equation (3)" or document["search"]["reason"] is None
+    if measured is not None:
+        measured = measured.model_copy(update={"search_clearance_mm": _find_clearance_mm(plane, measured)})
+    search = _search(protocol, plane)
+    return DesignStudy(
+        accepted=tube.is_papers or search.reason is None,
+        beta_cut_deg=designed.beta_cut_deg,
+        beta_rot_deg=rotation_for_radius_deg(protocol.radius_mm, tube.link_length_mm),
+        radius_mm=protocol.radius_mm,
+        clearance_mm=protocol.clearance_mm,
+        tube=tube,
+        tolerance=tolerance,
+        links=links,
+        measured=measured,
+        search=search,
+        cells=cells,
     )
-    if document["measured"] is not None:
-        document["measured"]["search_clearance_mm"] = _find_clearance_mm(plane, document["measured"])
-    return DesignStudy(document, cells, plane)
 
 
-def find_design_basis(document: Mapping[str, Any]) -> Basis:
-    """Return what a design is based on: equation (3) if it covers the tube, otherwise our contour."""
-    return "equation (3)" if document["equation_3"]["same_tube"] else "our contour"
-
-
-def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> bytes:
-    """Return the design file of a study, which protocols can name.
+def save_study(study: DesignStudy, provenance: Mapping[str, Any], folder: Path) -> None:
+    """Write the grid as CSV, and the design file where there is something to cut.
 
     Raises
     ------
-    AnswerIsNoError
-        When nothing was found to cut.
+    DiskError
+        When a file cannot be written.
+    """
+    write_atomically(folder / GRID_FILE, encode_hinge_table(study.cells, study.search.fit))
+    if study.accepted:
+        write_atomically(folder / DESIGN_FILE, encode_design_file(study, provenance))
+
+
+def encode_design_file(study: DesignStudy, provenance: Mapping[str, Any]) -> bytes:
+    """Return the design file of an accepted study, which protocols can name.
+
+    Raises
+    ------
     InputError
         When the tolerances are so wide that the hinges may not turn at all, so that no radius can be guaranteed.
     """
-    if not document["accepted"]:
-        raise AnswerIsNoError(document["search"]["reason"], _NO_DESIGN_HINT)
-    basis = find_design_basis(document)
-    answer = document if basis == "equation (3)" else document["search"]
-    low_mm, high_mm = answer["tolerance"]["radius_mm"]
-    if high_mm is None:
-        raise InputError(
-            "the radius has no upper limit within the tolerances: the hinges might not turn at all",
-            "give the tolerances of a laser that can cut this needle",
-        )
+    answer = study if study.basis == "equation (3)" else study.search
+    assert answer.tolerance is not None
+    assert answer.beta_cut_deg is not None
+    high_mm = _require_bounded_radius(answer.tolerance)
     design = NeedleDesign(
         kind="labrig-needle-design",
         schema_version=1,
-        tube=TubeSection(**document["tube"]),
-        clearance_mm=document["clearance_mm"],
-        beta_cut_deg=answer["beta_cut_deg"],
-        radius_mm=document["radius_mm"],
-        radius_low_mm=low_mm,
+        tube=study.tube,
+        clearance_mm=study.clearance_mm,
+        beta_cut_deg=answer.beta_cut_deg,
+        radius_mm=study.radius_mm,
+        radius_low_mm=answer.tolerance.low_mm,
         radius_high_mm=high_mm,
-        basis=basis,
+        basis=study.basis,
         provenance=dict(provenance),
     )
     return encode_document(design.model_dump(mode="json"))
@@ -220,135 +171,97 @@ def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> b
 
 def encode_hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> bytes:
     """Return the searched grid as CSV: a line for each cell, with the values of both planes."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for cell in cells:
-        fitted_deg = plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)
-        angles_deg = (
-            cell.beta_a_deg,
-            cell.beta_b_deg,
-            cell.beta_rot_deg,
-            fitted_deg,
-            cell.beta_rot_deg - fitted_deg,
-            EQUATION_3.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm),
-        )
-        place = (f"{cell.clearance_mm:.6g}", f"{cell.beta_cut_deg:.6g}")
-        writer.writerow([*place, *(f"{angle_deg:.4f}" for angle_deg in angles_deg)])
-    return text.getvalue().encode("utf-8")
+    table = pd.DataFrame([vars(cell) for cell in cells])
+    cut_deg, clearance_mm = table["beta_cut_deg"], table["clearance_mm"]
+    table["beta_rot_deg"] = table["beta_a_deg"] + table["beta_b_deg"]
+    table["plane_deg"] = plane.a * cut_deg + plane.b * clearance_mm + plane.c
+    table["residual_deg"] = table["beta_rot_deg"] - table["plane_deg"]
+    table["equation_3_deg"] = EQUATION_3.a * cut_deg + EQUATION_3.b * clearance_mm + EQUATION_3.c
+    angles = table.columns.difference(["clearance_mm", "beta_cut_deg"])
+    table[angles] = table[angles].round(4)
+    text: str = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    return text.encode("utf-8")
 
 
-def _solve_equations(order: DesignOrder) -> Document:
-    """Return the answer of equations (1) to (3). All checks of the order are made here."""
-    tube = order.tube
-    beta_rot_deg = rotation_for_radius_deg(order.radius_mm, tube.link_length_mm)
-    beta_cut_deg = design_by_equations(tube, order.radius_mm, order.clearance_mm).beta_cut_deg
-    is_table_1 = (tube, order.clearance_mm, order.radius_mm) == (
-        TABLE_1.tube,
-        TABLE_1.clearance_mm,
-        TABLE_1.radius_mm,
-    )
-    return {
-        "beta_cut_deg": beta_cut_deg,
-        "beta_rot_deg": beta_rot_deg,
-        "radius_mm": order.radius_mm,
-        "clearance_mm": order.clearance_mm,
-        "tube": asdict(tube),
-        "equation_3": {**asdict(EQUATION_3), "same_tube": covers_tube(tube)},
-        "tolerance": _find_tolerance(order, EQUATION_3, beta_rot_deg),
-        "table_1": {"beta_cut_deg": TABLE_1.beta_cut_deg, "beta_rot_deg": TABLE_1.beta_rot_deg}
-        if is_table_1
-        else None,
-        "links": None
-        if order.tip_length_mm is None
-        else count_links(order.tip_length_mm, tube.link_length_mm),
-        "measured": None
-        if order.measured is None
-        else _describe_measured_needle(
-            order, order.measured, TABLE_1.beta_cut_deg if is_table_1 else beta_cut_deg
-        ),
-    }
+def _design(protocol: DesignProtocol) -> Hinge:
+    return design_by_equations(protocol.tube, protocol.radius_mm, protocol.clearance_mm)
 
 
-def covers_tube(tube: Tube) -> bool:
-    """Return whether equation (3), which was fitted to one tube, covers this one; it holds for any link length."""
-    paper = TABLE_1.tube
-    return (tube.outer_diameter_mm, tube.inner_diameter_mm) == (
-        paper.outer_diameter_mm,
-        paper.inner_diameter_mm,
-    )
+def _count_links(protocol: DesignProtocol) -> int | None:
+    length_mm = protocol.tip_length_mm
+    return None if length_mm is None else count_links(length_mm, protocol.tube.link_length_mm)
 
 
-def _find_tolerance(order: DesignOrder, plane: RotationPlane, beta_rot_deg: float) -> Document:
-    found = radius_tolerance(
+def _find_tolerance(
+    protocol: DesignProtocol, plane: RotationPlane, beta_rot_deg: float | None = None
+) -> RadiusTolerance:
+    """Return the tolerance of the radius at a rotation, by default at that of the wanted radius."""
+    link_mm = protocol.tube.link_length_mm
+    return radius_tolerance(
         plane,
-        beta_rot_deg,
-        order.tube.link_length_mm,
-        clearance_tolerance_mm=order.clearance_tolerance_mm,
-        cut_tolerance_deg=order.cut_tolerance_deg,
+        rotation_for_radius_deg(protocol.radius_mm, link_mm) if beta_rot_deg is None else beta_rot_deg,
+        link_mm,
+        clearance_tolerance_mm=protocol.tolerances.clearance_mm,
+        cut_tolerance_deg=protocol.tolerances.cut_deg,
     )
-    return {
-        "clearance_mm": order.clearance_tolerance_mm,
-        "cut_deg": order.cut_tolerance_deg,
-        "radius_mm_per_clearance_mm": found.per_clearance,
-        "radius_mm_per_cut_deg": found.per_degree_mm,
-        "radius_mm": [found.low_mm, found.high_mm],
-    }
 
 
-def _describe_measured_needle(
-    order: DesignOrder, measured: MeasuredRadius, designed_cut_deg: float
-) -> Document:
-    beta_rot_deg = rotation_for_radius_deg(measured.radius_mm, order.tube.link_length_mm)
-    beta_cut_deg = designed_cut_deg if measured.beta_cut_deg is None else measured.beta_cut_deg
-    Hinge(order.tube, order.clearance_mm, beta_cut_deg)
-    return {
-        "run": None if measured.run is None else str(measured.run),
-        "radius_mm": measured.radius_mm,
-        "beta_rot_deg": beta_rot_deg,
-        "beta_cut_deg": beta_cut_deg,
-        "clearance_mm": EQUATION_3.clearance_mm(beta_rot_deg, beta_cut_deg),
-    }
+def _require_bounded_radius(tolerance: RadiusTolerance) -> float:
+    """Return the largest radius; refuse hinges that might not turn at all."""
+    if tolerance.high_mm is None:
+        raise InputError(
+            "the radius has no upper limit within the tolerances: the hinges might not turn at all",
+            "give the tolerances of a laser that can cut this needle",
+        )
+    return tolerance.high_mm
 
 
-def _find_clearance_mm(plane: RotationPlane, measured: Document) -> float | None:
+def _describe_measured_needle(protocol: DesignProtocol) -> MeasuredAnswer | None:
+    """Return what a measured needle says by equation (3).
+
+    Without an inclination of its own it was cut as the needle asked for: as table I says for the paper's, otherwise as
+    equation (3) does.
+    """
+    measured, tube = protocol.measured, protocol.tube
+    if measured is None:
+        return None
+    cut_deg = measured.beta_cut_deg
+    if cut_deg is None:
+        asked = (tube, protocol.clearance_mm, protocol.radius_mm)
+        is_table_1 = asked == (TABLE_1.tube, TABLE_1.clearance_mm, TABLE_1.radius_mm)
+        cut_deg = TABLE_1.beta_cut_deg if is_table_1 else _design(protocol).beta_cut_deg
+    Hinge(tube, protocol.clearance_mm, cut_deg)
+    beta_rot_deg = rotation_for_radius_deg(measured.radius_mm, tube.link_length_mm)
+    return MeasuredAnswer(
+        radius_mm=measured.radius_mm,
+        beta_rot_deg=beta_rot_deg,
+        beta_cut_deg=cut_deg,
+        clearance_mm=EQUATION_3.clearance_mm(beta_rot_deg, cut_deg),
+    )
+
+
+def _find_clearance_mm(plane: RotationPlane, measured: MeasuredAnswer) -> float | None:
     """Return the clearance by our own plane; None if it would be negative."""
     try:
-        return plane.clearance_mm(measured["beta_rot_deg"], measured["beta_cut_deg"])
+        return plane.clearance_mm(measured.beta_rot_deg, measured.beta_cut_deg)
     except AnswerIsNoError:
         return None
 
 
-def _search_answer(order: DesignOrder, cells: tuple[GridPoint, ...], plane: RotationPlane) -> Document:
-    """Return the answer of the search; if our contour has none, its numbers are None and `reason` is a sentence."""
-    answer: Document = {
-        "beta_cut_deg": None,
-        "beta_rot_deg": None,
-        "beta_a_deg": None,
-        "beta_b_deg": None,
-        "radius_mm": None,
-        "tolerance": None,
-        "inside_grid": None,
-        "reason": None,
-        "fit": asdict(plane),
-        "grid": {
-            "points": order.grid_points,
-            "clearance_mm": [cells[0].clearance_mm, cells[-1].clearance_mm],
-            "beta_cut_deg": [cells[0].beta_cut_deg, cells[-1].beta_cut_deg],
-        },
-    }
+def _search(protocol: DesignProtocol, plane: RotationPlane) -> Searched:
+    """Return the answer of the search."""
     try:
-        found = search_design(order.tube, order.radius_mm, order.clearance_mm, plane, order.seed)
+        found = search_design(protocol.tube, protocol.radius_mm, protocol.clearance_mm, plane, protocol.seed)
     except (AnswerIsNoError, InputError) as error:
-        return {**answer, "reason": f"on our contour {error.message}"}
-    beta_cut_deg = found.hinge.beta_cut_deg
-    return {
-        **answer,
-        "beta_cut_deg": beta_cut_deg,
-        "beta_rot_deg": found.rotation.beta_rot_deg,
-        "beta_a_deg": found.rotation.hinge_a.rotation_deg,
-        "beta_b_deg": found.rotation.hinge_b.rotation_deg,
-        "radius_mm": radius_mm(found.rotation.beta_rot_deg, order.tube.link_length_mm),
-        "tolerance": _find_tolerance(order, plane, found.rotation.beta_rot_deg),
-        "inside_grid": beta_cut_deg <= STEEPEST_CUT_DEG,
-    }
+        return Searched(fit=plane, reason=f"on our contour {error.message}")
+    rotation = found.rotation
+    return Searched(
+        fit=plane,
+        beta_cut_deg=found.hinge.beta_cut_deg,
+        inside_grid=found.hinge.beta_cut_deg <= STEEPEST_CUT_DEG,
+        beta_rot_deg=rotation.beta_rot_deg,
+        beta_a_deg=rotation.hinge_a.rotation_deg,
+        beta_b_deg=rotation.hinge_b.rotation_deg,
+        radius_mm=radius_mm(rotation.beta_rot_deg, protocol.tube.link_length_mm),
+        tolerance=_find_tolerance(protocol, plane, rotation.beta_rot_deg),
+    )

@@ -8,12 +8,11 @@ import math
 
 from labrig.analysis.outcome import TaskOutcome
 from labrig.errors import FileFormatError, InputError
-from labrig.experiments.hinge_design.plan import find_problems
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.hinge_design.study import covers_tube
+from labrig.experiments.hinge_design.study import find_problems
 from labrig.needle.design_search import design_by_equations
 from labrig.needle.equations import EQUATION_3, radius_mm
-from labrig.needle.tube import TABLE_1, Tube
+from labrig.needle.tube import TABLE_1
 from labrig.simulation.description import stream
 
 REACH_DEPTH_MM = 20.0
@@ -35,8 +34,8 @@ def simulate(protocol: DesignProtocol, seed: int) -> TaskOutcome:
     """
     if problems := find_problems(protocol):
         raise FileFormatError(problems)
-    tube = Tube(**protocol.tube.model_dump())
-    if not covers_tube(tube):
+    tube = protocol.tube
+    if not tube.is_papers:
         paper = TABLE_1.tube
         raise InputError(
             f"equation (3) was fitted to a tube of {paper.outer_diameter_mm:g} mm with a bore of "

@@ -7,7 +7,7 @@ from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_secti
 from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3
 from labrig.needle.hinge import Hinge
-from labrig.needle.tube import Tube
+from labrig.protocol.design_file import PAPER_TUBE
 
 CELLS = tuple(
     GridPoint(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
@@ -28,7 +28,7 @@ def test_the_same_cells_give_the_same_bytes(picture_format: str, start: bytes) -
 
 def test_the_section_shows_both_links_with_the_laser_between_them() -> None:
     """Along the axis the knuckle's top is a clearance below the crown of the socket; both sizes are written."""
-    drawn = draw_section(Hinge(Tube(), 0.025, 3.33), "section")
+    drawn = draw_section(Hinge(PAPER_TUBE, 0.025, 3.33), "section")
     knuckle, socket = (
         np.asarray(patch.get_path().vertices, float) for patch in drawn.figure.axes[0].patches[:2]
     )

@@ -2,10 +2,12 @@
 
 import pytest
 
-from labrig.errors import AnswerIsNoError, InputError
-from labrig.experiments.hinge_design.study import design_file, encode_hinge_table
+from labrig.errors import InputError
+from labrig.experiments.hinge_design.result import DesignStudy, Searched
+from labrig.experiments.hinge_design.study import encode_design_file, encode_hinge_table
 from labrig.needle.design_search import GridPoint
-from labrig.needle.equations import EQUATION_3
+from labrig.needle.equations import EQUATION_3, RadiusTolerance
+from labrig.protocol.design_file import Tube
 
 CELLS = tuple(
     GridPoint(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
@@ -27,13 +29,18 @@ def test_the_table_holds_what_the_plane_leaves() -> None:
 
 def test_hinges_that_might_not_turn_make_no_design_file() -> None:
     """A design whose radius has no upper limit has no design file."""
-    document = {"accepted": True, "equation_3": {"same_tube": True}, "tolerance": {"radius_mm": [20.0, None]}}
+    study = DesignStudy(
+        accepted=True,
+        beta_cut_deg=4.12,
+        beta_rot_deg=11.46,
+        radius_mm=30.0,
+        clearance_mm=0.025,
+        tube=Tube(),
+        tolerance=RadiusTolerance(-1.0, -1.0, 20.0, None),
+        links=None,
+        measured=None,
+        search=Searched(fit=EQUATION_3),
+        cells=CELLS,
+    )
     with pytest.raises(InputError, match="no upper limit"):
-        design_file(document, {})
-
-
-def test_a_study_that_found_nothing_makes_no_design_file() -> None:
-    """Without an answer of equation (3) or the contour, the design file is refused with the contour's reason."""
-    document = {"accepted": False, "search": {"reason": "on our contour no inclination gives 7 degrees"}}
-    with pytest.raises(AnswerIsNoError, match="no inclination gives 7"):
-        design_file(document, {})
+        encode_design_file(study, {})

@@ -8,7 +8,6 @@ import pytest
 
 from labrig.errors import FileFormatError, InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.hinge_design.study import DesignOrder
 from labrig.experiments.hinge_design.virtual import find_reach_mm, simulate
 from labrig.needle.equations import EQUATION_3, radius_tolerance
 from labrig.protocol.load import load_protocol
@@ -25,13 +24,12 @@ def test_radii_fill_the_tolerance_and_stay_within_it() -> None:
     """The radii of a thousand needles lie within the worst cases of the design, and come near both."""
     protocol = design()
     radii_mm = np.array([simulate(protocol, seed).values["radius_mm"] for seed in range(1000)])
-    order = DesignOrder.of(protocol)
     worst = radius_tolerance(
         EQUATION_3,
         11.459155902616466,
-        order.tube.link_length_mm,
-        clearance_tolerance_mm=order.clearance_tolerance_mm,
-        cut_tolerance_deg=order.cut_tolerance_deg,
+        protocol.tube.link_length_mm,
+        clearance_tolerance_mm=protocol.tolerances.clearance_mm,
+        cut_tolerance_deg=protocol.tolerances.cut_deg,
     )
     assert worst.high_mm is not None
     assert worst.low_mm <= radii_mm.min() < worst.low_mm + 0.4

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE, Tube
 
 
 @dataclass(frozen=True)
@@ -16,4 +16,4 @@ class PaperNeedle:
     beta_rot_deg: float
 
 
-TABLE_1 = PaperNeedle(Tube(), clearance_mm=0.025, radius_mm=30.0, beta_cut_deg=4.13, beta_rot_deg=11.46)
+TABLE_1 = PaperNeedle(PAPER_TUBE, clearance_mm=0.025, radius_mm=30.0, beta_cut_deg=4.13, beta_rot_deg=11.46)

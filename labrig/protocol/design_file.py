@@ -20,17 +20,17 @@ Basis: TypeAlias = Literal["equation (3)", "our contour"]
 class Tube(Model):
     """The tube that the needle's tip is cut from."""
 
-    outer_diameter_mm: float = Field(1.2, ge=0.2, le=10)
+    outer_diameter_mm: float = Field(ge=0.2, le=10)
     """Outer diameter of the tube [mm]."""
-    inner_diameter_mm: float = Field(0.7, ge=0.1, le=9.9)
+    inner_diameter_mm: float = Field(ge=0.1, le=9.9)
     """Inner diameter of the tube [mm]."""
-    link_length_mm: float = Field(3.0, ge=0.2, le=100)
+    link_length_mm: float = Field(ge=0.2, le=100)
     """Length of a link, from hinge to hinge [mm]."""
 
     @property
     def is_papers(self) -> bool:
         """Whether it has the section of the paper's tube, to which equation (3) was fitted; links may be longer."""
-        paper = Tube()
+        paper = PAPER_TUBE
         return (self.outer_diameter_mm, self.inner_diameter_mm) == (
             paper.outer_diameter_mm,
             paper.inner_diameter_mm,
@@ -44,6 +44,10 @@ class Tube(Model):
                 f"{self.outer_diameter_mm:g}"
             )
             yield Conflict("inner_diameter_mm", message, "the two may have been given the wrong way round")
+
+
+PAPER_TUBE = Tube(outer_diameter_mm=1.2, inner_diameter_mm=0.7, link_length_mm=3.0)
+"""The tube of table I."""
 
 
 class NeedleDesign(Model):

@@ -1,8 +1,6 @@
-"""Errors of pydantic -> faults with a position, in words that need no knowledge of Python.
+"""Errors of pydantic -> faults with a position; what a key is stands in the model's JSON Schema."""
 
-The limits come from the model's JSON Schema, so that an editor and an error message never disagree.
-"""
-
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,35 +9,39 @@ from pydantic import ValidationError
 
 from labrig.protocol.formatting import (
     Plain,
-    Scalar,
     choice_hint,
     find_closest,
-    number_text_hint,
-    other_unit_hint,
-    rescaled_hint,
     show,
     show_key,
+    show_number,
 )
 from labrig.protocol.model import ConflictError
 from labrig.protocol.schema import SchemaView
 from labrig.protocol.tree import InputFault, KeyPath, Tree
 
-_TRUTH_WORDS = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
+_EXPECTED = {
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number, at least {ge}",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number, at most {le}",
+    "finite_number": "a finite number",
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "a whole number"),
+    "bool_type": "true or false",
+    "string_type": "text",
+    "string_too_long": "text of at most {max_length} characters",
+    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
+    "too_long": "a list of at most {max_length} entries",
+    "too_short": "a list of more entries",
+    **dict.fromkeys(("model_type", "dict_type", "model_attributes_type"), "a section (keys and values)"),
+    "literal_error": "{expected}",
+}
+"""Type of a pydantic error -> what it expects; others are told by pydantic's own message."""
 
 
 @dataclass(frozen=True)
 class _Spot:
-    """The place of a pydantic error, in the file and in the schema.
-
-    Parameters
-    ----------
-    tree : Tree
-        The whole file.
-    path : tuple of keys and indices
-        From the top.
-    view, holder_view : SchemaView or None
-        The schema of the place and the schema of the section or list around it; None if there is none.
-    """
+    """The place of a pydantic error: the path in the file, and the schema of the place and of what is around it."""
 
     tree: Tree
     path: KeyPath
@@ -52,20 +54,10 @@ class _Spot:
         return self.tree.value(self.path)
 
     @property
-    def holder(self) -> KeyPath:
-        """The path of the section or list around it."""
-        return self.path[:-1]
-
-    @property
     def name(self) -> str:
         """The key as a message names it; an entry of a list follows the key of the list."""
         keys = [index for index, part in enumerate(self.path) if isinstance(part, str)]
         return ".".join(show_key(part) for part in self.path[keys[-1] :]) if keys else "the file"
-
-    @property
-    def expected(self) -> str:
-        """The expected value, in words."""
-        return self.view.describe() if self.view else "another value"
 
     @property
     def about(self) -> str:
@@ -81,18 +73,28 @@ class _Spot:
 def explain_errors(error: ValidationError, tree: Tree, view: SchemaView) -> tuple[InputFault, ...]:
     """Return each error of pydantic as a fault of the file that `tree` was read from.
 
-    A missing key and an unknown key beside it that probably means it are one fault, at the unknown key.
+    A missing key and an unknown key beside it that probably means it are one fault, at the unknown key. A value that
+    fits none of several kinds is one fault.
     """
     spots = [(detail, _locate(detail["loc"], tree, view)) for detail in error.errors(include_url=False)]
     meant = {
-        (*spot.holder, _guess_key(spot)) for detail, spot in spots if detail["type"] == "extra_forbidden"
+        (*spot.path[:-1], _guess_key(spot)) for detail, spot in spots if detail["type"] == "extra_forbidden"
     }
-    return tuple(
-        fault
-        for detail, spot in spots
-        if detail["type"] != "missing" or spot.path not in meant
-        for fault in _explain_error(detail, spot, view)
-    )
+    faults: dict[KeyPath, list[InputFault]] = {}
+    for detail, spot in spots:
+        if detail["type"] != "missing" or spot.path not in meant:
+            for fault in _explain_error(detail, spot, view):
+                faults.setdefault(fault.path, []).append(fault)
+    return tuple(_join(same) for same in faults.values())
+
+
+def _join(faults: list[InputFault]) -> InputFault:
+    """Return one fault for those of one place."""
+    messages = dict.fromkeys(fault.message for fault in faults)
+    first = next(iter(messages))
+    others = (message.partition(", expected ")[2] for message in list(messages)[1:])
+    hint = next((fault.hint for fault in faults if fault.hint), "")
+    return replace(faults[0], message=" or ".join([first, *filter(None, others)]), hint=hint)
 
 
 def _locate(loc: KeyPath, tree: Tree, view: SchemaView) -> _Spot:
@@ -115,13 +117,29 @@ def _explain_error(detail: Mapping[str, Any], spot: _Spot, top: SchemaView) -> I
     elif kind == "extra_forbidden":
         yield _explain_unknown_key(spot, top)
     elif kind in {"union_tag_invalid", "union_tag_not_found"}:
-        view = spot.view
-        key, kinds = (view.tag_key, tuple(view.tags)) if view else ("kind", ())
+        key, kinds = (spot.view.tag_key, tuple(spot.view.tags)) if spot.view else ("kind", ())
         yield choice_fault(spot.tree, (*spot.path, key), kinds)
-    elif not spot.tree.holds(spot.path):
-        yield _explain_missing(spot)
+    elif kind == "missing" and not isinstance(spot.path[-1], int):
+        yield spot.fault(f"{spot.name} is missing", spot.about)
+    elif raised is not None:
+        yield spot.fault(f"{spot.name} is {show(spot.value)}: {raised}", spot.about)
     else:
-        yield _explain_wrong_value(spot, str(raised or ""))
+        yield _explain_wrong_value(detail, spot)
+
+
+def _explain_wrong_value(detail: Mapping[str, Any], spot: _Spot) -> InputFault:
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "json_invalid":  # half of a surrogate pair, from an escape or a terminal
+        return spot.fault(
+            "a text holds bytes that are not characters", "write the character itself, in UTF-8"
+        )
+    if kind == "missing":
+        spot, kind = replace(spot, path=spot.path[:-1], view=spot.holder_view), "too_short"
+    limits = {key: show_number(value) for key, value in context.items() if isinstance(value, int | float)}
+    expected = _EXPECTED[kind].format(**context | limits) if kind in _EXPECTED else detail["msg"]
+    choices = re.findall(r"'([^']*)'", context.get("expected", ""))
+    hint = choice_hint(spot.value, choices) if choices and isinstance(spot.value, str) else spot.about
+    return spot.fault(f"{spot.name} is {show(spot.value)}, expected {expected}", hint)
 
 
 def _explain_conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFault]:
@@ -135,7 +153,7 @@ def _explain_conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFaul
 def _guess_key(spot: _Spot) -> str | None:
     """Return the key that an unknown key probably means, if possible one that the file lacks."""
     keys = spot.holder_view.keys if spot.holder_view else ()
-    free = [key for key in keys if not spot.tree.holds((*spot.holder, key))]
+    free = [key for key in keys if not spot.tree.holds((*spot.path[:-1], key))]
     return find_closest(str(spot.path[-1]), free) or find_closest(str(spot.path[-1]), keys)
 
 
@@ -143,7 +161,7 @@ def _explain_unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
     key = str(spot.path[-1])
     elsewhere = next(_find_paths(key, top), None)
     if meant := _guess_key(spot):
-        hint = f"did you mean {meant}?{other_unit_hint(key, meant, spot.value)}"
+        hint = f"did you mean {meant}?"
     elif elsewhere:
         hint = f"{key} belongs to {elsewhere}; check the indentation"
     else:
@@ -171,50 +189,3 @@ def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFa
     chosen = tree.value(path)
     hint = choice_hint(chosen if isinstance(chosen, str) else str(chosen), choices)
     return InputFault(tree.at(path).value, path, f"{key} is {show(chosen)}, expected one of {listed}", hint)
-
-
-def _explain_missing(spot: _Spot) -> InputFault:
-    if isinstance(spot.path[-1], int):  # the fault is that the list is too short
-        return _explain_wrong_value(_Spot(spot.tree, spot.holder, spot.holder_view, None), "")
-    return spot.fault(f"{spot.name} is missing, expected {spot.expected}", spot.about)
-
-
-def _explain_wrong_value(spot: _Spot, raised: str) -> InputFault:
-    if raised:
-        return spot.fault(f"{spot.name} is {show(spot.value)}: {raised}", spot.about)
-    hint = _value_hint(spot.name, spot.value, spot.view) if spot.view else ""
-    return spot.fault(f"{spot.name} is {show(spot.value)}, expected {spot.expected}", hint or spot.about)
-
-
-def _value_hint(name: str, value: Plain, view: SchemaView) -> str:
-    expected = view.node.get("type")
-    if isinstance(value, dict):
-        return "text with a colon needs quotes" if expected == "string" else ""
-    if isinstance(value, list):
-        return ""
-    if expected == "array":
-        return "write a list: [..., ...], or a line that starts with `- ` for each entry"
-    if expected in {"number", "integer"}:
-        return _number_hint(name, value, view)
-    return _word_hint(value, view)
-
-
-def _word_hint(value: Scalar, view: SchemaView) -> str:
-    expected = view.node.get("type")
-    if isinstance(value, str) and view.choices:
-        return choice_hint(value, view.choices)
-    if isinstance(value, str) and expected == "boolean" and value.lower() in _TRUTH_WORDS:
-        return f"write {_TRUTH_WORDS[value.lower()]}"
-    if isinstance(value, str) or expected != "string" or view.choices:
-        return ""
-    return 'write "" for none, or delete the line' if value is None else "put the text in quotes"
-
-
-def _number_hint(name: str, value: Scalar, view: SchemaView) -> str:
-    if isinstance(value, str):
-        return number_text_hint(name, value)
-    if isinstance(value, bool) or value is None:
-        return ""
-    if view.node["type"] == "integer" and isinstance(value, float) and value.is_integer():
-        return f"write {int(value)}, without a point"
-    return rescaled_hint(name, value, *view.limits)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from labrig.errors import FileFormatError, InputError, Problem
+from labrig.errors import FileFormatError, InputError
 from labrig.protocol.formatting import Plain, show
 from labrig.protocol.tree import InputFault, Position, Tree
 from labrig.protocol.yaml_text import MAX_DEPTH, compose, resolve_scalar
@@ -32,16 +32,11 @@ def _apply_override(tree: Tree, text: str) -> Tree:
     try:
         return tree.put(path, _read_value(raw.strip()), SET)
     except FileFormatError as error:
-        faults = [_locate(problem, path, raw.strip()) for problem in error.problems]
+        shown = show(raw.strip())
+        faults = [InputFault(SET, path, f"{fault.message}: {shown}", fault.hint) for fault in error.problems]
     except InputError as error:
         faults = [InputFault(SET, path, error.message)]
     return replace(tree, faults=(*tree.faults, *faults))
-
-
-def _locate(problem: Problem, path: tuple[str, ...], value: str) -> InputFault:
-    """Return a problem of a value as a fault that shows the value: an option has no line to be named."""
-    hint = problem.hint.replace("on the line named here", "in this value")
-    return InputFault(SET, path, f"{problem.message}: {show(value)}", hint)
 
 
 def _read_value(text: str) -> Plain:

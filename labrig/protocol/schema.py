@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from math import inf
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -15,16 +14,10 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core.core_schema import ModelSchema
 
-from labrig.protocol.formatting import Plain, range_words, show_key
+from labrig.protocol.formatting import Plain
 
 JsonSchema: TypeAlias = dict[str, Plain]
 
-_BOUND_WORDS = {
-    "exclusiveMinimum": "above",
-    "minimum": "least",
-    "exclusiveMaximum": "below",
-    "maximum": "most",
-}
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
@@ -107,7 +100,7 @@ class SchemaView:
         options = [option for option in _as_list(node.get("anyOf")) if option != {"type": "null"}]
         if len(options) == 1:
             rest = {key: value for key, value in node.items() if key != "anyOf"}
-            return self.follow({**_as_section(options[0]), **rest, "nullable": True})
+            return self.follow({**_as_section(options[0]), **rest})
         return SchemaView(node, self.definitions)
 
     @property
@@ -119,13 +112,6 @@ class SchemaView:
     def keys(self) -> tuple[str, ...]:
         """The keys of a section."""
         return tuple(_as_section(self.node.get("properties")))
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """The words that are allowed, if only certain words are."""
-        if "const" in self.node:
-            return (str(self.node["const"]),)
-        return tuple(map(str, _as_list(self.node.get("enum"))))
 
     @property
     def tags(self) -> Mapping[str, Plain]:
@@ -149,64 +135,6 @@ class SchemaView:
         else:
             found = _as_section(self.node.get("properties")).get(key, self.node.get("additionalProperties"))
         return self.follow(found) if isinstance(found, dict) else None
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """The lowest and the highest number; either may be excluded."""
-        bounds = self._bounds()
-        low = bounds.get("minimum", bounds.get("exclusiveMinimum", -inf))
-        return low, bounds.get("maximum", bounds.get("exclusiveMaximum", inf))
-
-    def _bounds(self) -> dict[str, float]:
-        return {
-            key: float(value)
-            for key, value in self.node.items()
-            if key in _BOUND_WORDS and isinstance(value, int | float)
-        }
-
-    def describe(self) -> str:
-        """Return the expected value, limits included, as words of a sentence."""
-        words = self._describe_value()
-        return f"{words} or null" if self.node.get("nullable") else words
-
-    def _describe_value(self) -> str:
-        if self.choices:
-            return "one of " * (len(self.choices) > 1) + ", ".join(map(show_key, self.choices))
-        if options := [*_as_list(self.node.get("anyOf")), *_as_list(self.node.get("oneOf"))]:
-            return " or ".join(
-                dict.fromkeys(self.follow(_as_section(option)).describe() for option in options)
-            )
-        describe = {
-            "number": lambda: self._describe_number("a number"),
-            "integer": lambda: self._describe_number("a whole number"),
-            "boolean": lambda: "true or false",
-            "string": self._describe_text,
-            "array": self._describe_list,
-            "object": self._describe_section,
-        }
-        return describe.get(str(self.node.get("type", "")), lambda: "another value")()
-
-    def _describe_number(self, noun: str) -> str:
-        return range_words(noun, **{_BOUND_WORDS[key]: value for key, value in self._bounds().items()})
-
-    def _describe_text(self) -> str:
-        least, most = self.node.get("minLength", 0), self.node.get("maxLength")
-        if most is None:
-            return "text"
-        return f"text of {least} to {most} characters" if least else f"text of at most {most} characters"
-
-    def _describe_list(self) -> str:
-        entry = self.child(0)
-        return f"a list{self._describe_count()}" + (f", each {entry.describe()}" if entry else "")
-
-    def _describe_count(self) -> str:
-        least, most = self.node.get("minItems", 0), self.node.get("maxItems")
-        if most is None:
-            return f" of at least {least} entries" if least else ""
-        return f" of {most} values" if least == most else f" of {least} to {most} entries"
-
-    def _describe_section(self) -> str:
-        return f"a section with {', '.join(self.keys)}" if self.keys else "a section (keys and values)"
 
 
 def _as_section(value: Plain) -> dict[str, Plain]:

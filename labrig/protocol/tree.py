@@ -118,23 +118,6 @@ def _put(holder: Plain, keys: tuple[str, ...], value: Plain) -> Plain:
     return [*holder[:index], _put(holder[index], keys[1:], value), *holder[index + 1 :]]
 
 
-def find_half_characters(tree: Tree, path: KeyPath = ()) -> Iterator[InputFault]:
-    """Yield a fault for each key and text with half of a surrogate pair, which no encoding can write.
-
-    These come from escapes in double quotes and from options that are not valid in the terminal's encoding.
-    """
-    value = tree.value(path)
-    texts = [value, *(path[-1:])]
-    if any(
-        isinstance(text, str) and any("\ud800" <= character <= "\udfff" for character in text)
-        for text in texts
-    ):
-        message = f"{show(value)} or its key holds bytes that are not a character"
-        yield InputFault(tree.at(path).value, path, message, "write the character itself, in UTF-8")
-    for key in children(value):
-        yield from find_half_characters(tree, (*path, key))
-
-
 def locate_problems(position: Position, path: KeyPath, error: InputError) -> Iterator[InputFault]:
     """Yield the problems of another file as faults at the entry that names it."""
     problems = (

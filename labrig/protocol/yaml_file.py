@@ -16,13 +16,7 @@ from labrig.protocol.explain import explain_errors
 from labrig.protocol.model import Model
 from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import SchemaView, model_schema
-from labrig.protocol.tree import (
-    EntryPosition,
-    Position,
-    Tree,
-    file_format_error,
-    find_half_characters,
-)
+from labrig.protocol.tree import EntryPosition, Position, Tree, file_format_error
 from labrig.protocol.yaml_tree import load_tree, require_kind
 
 AnyModel = TypeVar("AnyModel", bound=Model)
@@ -101,8 +95,6 @@ _Representer.add_representer(str, _Representer.represent_text)
 
 def validate_tree(tree: Tree, model: type[AnyModel]) -> AnyModel:
     """Return the validated model of a tree. Raises `FileFormatError` with all faults of the tree and the model."""
-    if halves := tuple(find_half_characters(tree)):
-        raise file_format_error([*tree.faults, *halves])
     try:
         # From JSON, strict mode reads a list as a tuple and 40 as 40.0, and converts nothing else.
         made = model.model_validate_json(json.dumps(tree.values))

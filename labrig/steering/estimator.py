@@ -24,6 +24,9 @@ from labrig.steering.tip import (
     require_pose,
 )
 
+# Of the sheath's direction, for positions alone.
+_START_SD_RAD = 0.02
+
 _STEPS: dict[EstimatorMethod, Callable[[TipState, TipObservation, EstimatorSettings], TipState]] = {
     "error-state": step_error_state,
     "paper": step_paper_filter,
@@ -121,6 +124,7 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
             observation_sd_mm=observation_sd_mm,
             process_sd_deg_per_root_mm=math.degrees(process_sd_rad / math.sqrt(step_mm)),
             radius_sd_mm=radius_sd_mm,
+            start_sd_deg=math.degrees(_START_SD_RAD),
             cavity_every_mm=None,
             slip_sd=0.0,
             radius_mm=radius_mm,

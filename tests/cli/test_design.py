@@ -9,7 +9,7 @@ from labrig.experiments.hinge_design.protocol import DesignProtocol, MeasuredNee
 from labrig.experiments.hinge_design.study import study_design
 from labrig.experiments.hinge_design.summary import summarise
 from labrig.needle.rotation_search import DEFAULT_SEED
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE, Tube
 from tests.cli.conftest import Labrig
 
 
@@ -30,7 +30,7 @@ def designed() -> dict[str, Any]:
 
 def test_the_papers_needle_is_the_default(designed: dict[str, Any]) -> None:
     """Equation (3) gives 4.12 degrees, next to table I's 4.13."""
-    assert Tube(**designed["tube"]) == Tube()
+    assert Tube(**designed["tube"]) == PAPER_TUBE
     assert designed["beta_rot_deg"] == pytest.approx(11.46, abs=0.005)
     assert designed["beta_cut_deg"] == pytest.approx(4.12, abs=0.005)
 

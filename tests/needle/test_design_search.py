@@ -8,18 +8,18 @@ from labrig.errors import AnswerIsNoError, InputError
 from labrig.needle.design_search import GridPoint, fit_plane, make_hinge_grid, search_design, search_grid
 from labrig.needle.equations import EQUATION_3, RotationPlane
 from labrig.needle.rotation_search import search_rotations
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE
 
 
 @pytest.fixture(scope="module")
 def cells() -> tuple[GridPoint, ...]:
     """Return a grid of 3 x 3 points."""
-    return search_grid(make_hinge_grid(Tube(), 0.025, points=3), map)
+    return search_grid(make_hinge_grid(PAPER_TUBE, 0.025, points=3), map)
 
 
 def test_the_grid_lies_around_the_papers_design() -> None:
     """The grid of the paper's needle has 7 x 7 points, from 0.010 to 0.040 mm and from 0 to 8 degrees."""
-    hinges = make_hinge_grid(Tube(), 0.025)
+    hinges = make_hinge_grid(PAPER_TUBE, 0.025)
     assert len(hinges) == 49
     assert (hinges[0].clearance_mm, hinges[0].beta_cut_deg) == (pytest.approx(0.010), 0.0)
     assert (hinges[-1].clearance_mm, hinges[-1].beta_cut_deg) == (pytest.approx(0.040), 8.0)
@@ -27,13 +27,13 @@ def test_the_grid_lies_around_the_papers_design() -> None:
 
 def test_the_grid_stops_where_the_knuckle_would_slip_out() -> None:
     """For a wide clearance the grid ends at the widest that still holds the knuckle, and every hinge can be made."""
-    assert make_hinge_grid(Tube(), 0.08)[-1].clearance_mm < 0.08
+    assert make_hinge_grid(PAPER_TUBE, 0.08)[-1].clearance_mm < 0.08
 
 
 def test_cells_are_in_order_with_progress(cells: tuple[GridPoint, ...]) -> None:
     """Each cell belongs to its hinge, whoever searches, and progress counts to the end."""
     progress: list[tuple[int, int]] = []
-    hinges = make_hinge_grid(Tube(), 0.025, points=3)[:2]
+    hinges = make_hinge_grid(PAPER_TUBE, 0.025, points=3)[:2]
     with ThreadPoolExecutor(2) as executor:
         again = search_grid(hinges, executor.map, lambda done, total: progress.append((done, total)))
     assert again == cells[:2]
@@ -65,7 +65,7 @@ def test_our_contour_has_the_form_of_equation_3_but_not_its_slope_with_clearance
 
 def test_a_searched_design_turns_as_asked(cells: tuple[GridPoint, ...]) -> None:
     """The hinge that is found gives the radius that was asked for."""
-    found = search_design(Tube(), 30.0, 0.025, fit_plane(cells))
+    found = search_design(PAPER_TUBE, 30.0, 0.025, fit_plane(cells))
     assert found.rotation.beta_rot_deg == pytest.approx(11.459, abs=0.005)
     assert found.rotation == search_rotations(found.hinge)
 
@@ -74,10 +74,10 @@ def test_a_radius_that_needs_no_inclination_is_a_no() -> None:
     """When the clearance alone turns the hinges too far, the search says no, whatever the plane promises."""
     promising = RotationPlane(1.0, 0.0, 0.0, 0.0)
     with pytest.raises(AnswerIsNoError, match="no inclination gives"):
-        search_design(Tube(), 100.0, 0.025, promising)
+        search_design(PAPER_TUBE, 100.0, 0.025, promising)
 
 
 def test_a_radius_that_cuts_the_link_through_is_refused() -> None:
     """A radius of 8 mm would need an inclination that leaves no lips."""
     with pytest.raises(InputError, match="cuts the socket's lips through"):
-        search_design(Tube(), 8.0, 0.025, EQUATION_3)
+        search_design(PAPER_TUBE, 8.0, 0.025, EQUATION_3)

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from labrig.errors import InputError
 from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
 from labrig.needle.rotation_search import interference_mm2, search_largest_rotation
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE
 from tests.needle.no_fit import make_tube
 
-PAPER = Hinge(Tube(), 0.025, 4.13)
+PAPER = Hinge(PAPER_TUBE, 0.025, 4.13)
 
 hinges = st.builds(
     lambda outer, bore, share, cut: Hinge(
@@ -66,7 +66,7 @@ def test_a_clearance_wider_than_the_socket_holds_is_refused_as_micrometres() -> 
     with pytest.raises(
         InputError, match=r"laser clearance is 30 mm, and has to be at most 0\.07292 mm"
     ) as refused:
-        Hinge(Tube(), 30.0, 4.0)
+        Hinge(PAPER_TUBE, 30.0, 4.0)
     assert "30 µm is 0.03 mm" in refused.value.hint
 
 
@@ -74,7 +74,7 @@ def test_a_clearance_wider_than_the_socket_holds_is_refused_as_micrometres() -> 
 def test_impossible_clearances_are_refused(clearance_mm: float) -> None:
     """Clearances of zero and of half a micrometre are refused."""
     with pytest.raises(InputError, match="laser clearance"):
-        Hinge(Tube(), clearance_mm, 4.0)
+        Hinge(PAPER_TUBE, clearance_mm, 4.0)
 
 
 @pytest.mark.parametrize(
@@ -83,13 +83,13 @@ def test_impossible_clearances_are_refused(clearance_mm: float) -> None:
 def test_an_inclination_that_cuts_the_lips_through_is_refused(beta_cut_deg: float, message: str) -> None:
     """The inclination is limited by what it leaves of the lips."""
     with pytest.raises(InputError, match=f"cutting inclination.*{message}"):
-        Hinge(Tube(), 0.025, beta_cut_deg)
+        Hinge(PAPER_TUBE, 0.025, beta_cut_deg)
 
 
 def test_a_link_too_short_for_both_hinges_is_refused() -> None:
     """Socket and knuckle of one link must leave a wall's thickness between them."""
     with pytest.raises(InputError, match=r"link length is 0\.8 mm, and has to be at least 0\.928 mm"):
-        Hinge(Tube(link_length_mm=0.8), 0.025, 4.0)
+        Hinge(make_tube(1.2, 0.7, 0.8), 0.025, 4.0)
 
 
 def test_two_sections_decide_hinge_b() -> None:

@@ -10,10 +10,10 @@ from labrig.needle.rotation_search import (
     search_largest_rotation,
     search_rotations,
 )
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE
 from tests.needle.no_fit import LargestFree, NoFit, make_tube
 
-PAPER = Hinge(Tube(), 0.025, 4.13)
+PAPER = Hinge(PAPER_TUBE, 0.025, 4.13)
 STEP_DEG = 0.01
 
 
@@ -78,8 +78,8 @@ def test_brute_force_agrees_with_the_shared_area() -> None:
 
 def test_rotation_grows_with_clearance_and_inclination() -> None:
     """A wider cut, or a steeper one, never turns less, beyond the search's thousandth of a degree."""
-    narrow, middle, wide = (search_rotations(Hinge(Tube(), d, 4.0)) for d in (0.005, 0.025, 0.06))
-    straight, steep = (search_rotations(Hinge(Tube(), 0.025, cut)) for cut in (0.0, 12.0))
+    narrow, middle, wide = (search_rotations(Hinge(PAPER_TUBE, d, 4.0)) for d in (0.005, 0.025, 0.06))
+    straight, steep = (search_rotations(Hinge(PAPER_TUBE, 0.025, cut)) for cut in (0.0, 12.0))
     for found in ((narrow, middle, wide), (straight, middle, steep)):
         assert all(np.diff([rotation.hinge_a.rotation_deg for rotation in found]) > 0.005)
         assert all(np.diff([rotation.hinge_b.rotation_deg for rotation in found]) > 0.005)
@@ -88,8 +88,8 @@ def test_rotation_grows_with_clearance_and_inclination() -> None:
 @pytest.mark.parametrize("beta_cut_deg", [1.0, 4.0, 8.0])
 def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float) -> None:
     """As d goes to zero, hinge a turns by beta_cut and hinge b not at all."""
-    finest = search_rotations(Hinge(Tube(), 0.001, beta_cut_deg))
-    finer = search_rotations(Hinge(Tube(), 0.002, beta_cut_deg))
+    finest = search_rotations(Hinge(PAPER_TUBE, 0.001, beta_cut_deg))
+    finer = search_rotations(Hinge(PAPER_TUBE, 0.002, beta_cut_deg))
     limit_a_deg = 2 * finest.hinge_a.rotation_deg - finer.hinge_a.rotation_deg
     limit_b_deg = 2 * finest.hinge_b.rotation_deg - finer.hinge_b.rotation_deg
     assert limit_a_deg == pytest.approx(beta_cut_deg, abs=0.01)

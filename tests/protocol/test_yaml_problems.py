@@ -41,15 +41,8 @@ def line_of(text: str, part: str) -> int:
 @pytest.mark.parametrize(
     ("old", "new", "key", "message", "hint"),
     [
-        (
-            "diameter_mm: 1.2",
-            "diametr_mm: 1.2",
-            "needle.diametr_mm",
-            "unknown key",
-            "did you mean diameter_mm?",
-        ),
-        ("length_mm: 40", "length_cm: 4", "insertion.length_cm", "unknown key", "4 cm is length_mm: 40"),
-        ("speed_mm_s: 1\n", "speed_mm_min: 60\n", "insertion.speed_mm_min", "unknown key", "speed_mm_s: 1"),
+        ("diameter_mm: 1.2", "diametr_mm: 1.2", "needle.diametr_mm", "unknown key", "mean diameter_mm?"),
+        ("length_mm: 40", "length_cm: 4", "insertion.length_cm", "unknown key", "did you mean length_mm?"),
         (
             "title:",
             "pitch: 1\ntitle:",
@@ -57,44 +50,12 @@ def line_of(text: str, part: str) -> int:
             "unknown key pitch",
             "known here: schema_version, experiment",
         ),
-        (
-            "title:",
-            "frame_every_mm: 1\ntitle:",
-            "frame_every_mm",
-            "unknown",
-            "belongs to insertion.frame_every_mm",
-        ),
-        ("length_mm: 40", 'length_mm: "40"', "insertion.length_mm", 'is "40"', "without quotes: 40"),
-        (
-            "length_mm: 40",
-            "length_mm: 4 cm",
-            "insertion.length_mm",
-            'is "4 cm"',
-            "the key names the unit: 40",
-        ),
-        ("length_mm: 40", "length_mm: 4 ft", "insertion.length_mm", 'is "4 ft"', "write the number alone: 4"),
-        ("diameter_mm: 1.2", "diameter_mm: 1,2", "needle.diameter_mm", 'is "1,2"', "decimal point: 1.2"),
-        (
-            "diameter_mm: 1.2",
-            "diameter_mm: 1200",
-            "needle.diameter_mm",
-            "at most 10",
-            "meant in um, write diameter_mm: 1.2",
-        ),
-        (
-            "_percent: 10",
-            "_percent: 0.1",
-            "specimens.0.gelatin_percent",
-            "from 1 to 50",
-            "gelatin_percent: 10",
-        ),
-        (
-            "_roll_rad: 0",
-            "_roll_rad: 90",
-            "insertion.bevel_roll_rad",
-            "from -6.28319",
-            "meant in deg, write bevel_roll_rad: 1.5708",
-        ),
+        ("title:", "frame_every_mm: 1\ntitle:", "frame_every_mm", "unknown", "insertion.frame_every_mm"),
+        ("length_mm: 40", 'length_mm: "40"', "insertion.length_mm", 'is "40", expected a number', "[mm]"),
+        ("length_mm: 40", "length_mm: 4 cm", "insertion.length_mm", 'is "4 cm", expected a number', "[mm]"),
+        ("diameter_mm: 1.2", "diameter_mm: 1,2", "needle.diameter_mm", 'is "1,2"', "[mm]"),
+        ("diameter_mm: 1.2", "diameter_mm: 1200", "needle.diameter_mm", "is 1200, expected", "[mm]"),
+        ("_percent: 10", "_percent: 0.1", "specimens.0.gelatin_percent", "at least 1", "[percent]"),
         (
             "length_mm: 40",
             "length_mm: -40",
@@ -103,35 +64,23 @@ def line_of(text: str, part: str) -> int:
             "[mm]",
         ),
         ("length_mm: 40", "length_mm: .nan", "insertion.length_mm", "is .nan", "[mm]"),
-        ("seed: 20260", "seed: .inf", "seed", "is .inf, expected a whole number from 0 to 4294967295", ""),
+        ("seed: 20260", "seed: .inf", "seed", "is .inf, expected a whole number", ""),
         ("seed: 20260", "seed: true", "seed", "is true", ""),
-        ("seed: 20260", "seed: 3.0", "seed", "is 3.0", "write 3, without a point"),
-        ("needle_id: N1", "needle_id: 12", "needle.needle_id", "is 12, expected text", "in quotes"),
-        (
-            "needle_id: N1",
-            "needle_id: {a: b}",
-            "needle.needle_id",
-            "a section",
-            "text with a colon needs quotes",
-        ),
-        ('operator: ""', "operator:", "operator", "is empty (null)", 'write "" for none'),
+        ("seed: 20260", "seed: 3.0", "seed", "is 3.0, expected a whole number", ""),
+        ("needle_id: N1", "needle_id: 12", "needle.needle_id", "is 12, expected text", ""),
+        ("needle_id: N1", "needle_id: {a: b}", "needle.needle_id", "a section", ""),
+        ('operator: ""', "operator:", "operator", "is empty (null), expected text", ""),
         ("needle_id: N1", 'needle_id: "N1 "', "needle.needle_id", "neither starts nor ends", ""),
         ("needle_id: N1", 'needle_id: "N\\u202e1"', "needle.needle_id", "U+202E at position 2", ""),
         ('operator: ""', 'operator: "a\\nb"', "operator", "U+000A at position 2", ""),
         ("schema_version: 1", "schema_version: 2", "schema_version", "is 2, expected 1", "newer labrig"),
-        (
-            ": steerability\n",
-            ": sterability\n",
-            "experiment",
-            "expected one of",
-            "did you mean steerability?",
-        ),
+        (": steerability\n", ": sterability\n", "experiment", "expected one of", "mean steerability?"),
         (
             ": steerability\n",
             ": 7\n",
             "experiment",
             "is 7, expected one of",
-            "known here: camera-calibration, design",
+            "known here: camera-calibration",
         ),
     ],
 )
@@ -211,10 +160,8 @@ def test_several_rules_broken_at_once_are_all_told():
 def test_a_missing_section_is_told_with_what_it_holds():
     """What is not there is told at what should hold it."""
     (problem,) = problems_of(re.sub(r"sheath:\n(  .*\n)+", "", STEERABILITY))
-    assert (
-        problem.message
-        == "sheath is missing, expected a section with depth_mm, speed_mm_s, diameter_mm, origin"
-    )
+    assert problem.message == "sheath is missing"
+    assert problem.hint == "The tube that brings the needle into the gel."
 
 
 def test_a_missing_experiment_is_told_with_the_choices():
@@ -231,9 +178,9 @@ def test_a_missing_experiment_is_told_with_the_choices():
 @pytest.mark.parametrize(
     ("value", "key", "message", "hint"),
     [
-        ("[320]", "plane.origin_px", "is [320], expected a list of 2 values, each a number", "[px]"),
-        ("[320, 200, 1]", "plane.origin_px", "is [320, 200, 1], expected a list of 2", "[px]"),
-        ("320", "plane.origin_px", "is 320, expected a list", "write a list"),
+        ("[320]", "plane.origin_px", "is [320], expected a list of more entries", "[px]"),
+        ("[320, 200, 1]", "plane.origin_px", "is [320, 200, 1], expected a list of at most 2", "[px]"),
+        ("320", "plane.origin_px", "is 320, expected a list", "[px]"),
         ("[320, left]", "plane.origin_px.1", 'origin_px.1 is "left", expected a number', ""),
     ],
 )
@@ -250,7 +197,7 @@ def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
 def test_a_choice_close_to_one_that_exists_is_suggested():
     """A misspelt choice brings the right one to mind."""
     (problem,) = problems_of(change("insertion: right", "insertion: Rihgt", CALIBRATION))
-    assert problem.message == 'insertion is "Rihgt", expected one of right, left, up, down'
+    assert problem.message == "insertion is \"Rihgt\", expected 'right', 'left', 'up' or 'down'"
     assert problem.hint == "did you mean right?"
 
 
@@ -325,18 +272,18 @@ def bench_problem(text: str) -> Problem:
             "camera: {kind: slow, exposure_s: 20}",
             "1:34 camera.exposure_s",
             "is 20",
-            "in ms, write exposure_s: 0.02",
+            "Exposure [s].",
         ),
         (
             "camera: {kind: slow, exposure_s: 1}\nlight: yes",
             "2:8 light",
             'is "yes", expected true or',
-            "write true",
+            "",
         ),
         (
             "camera: {kind: slow, exposure_s: 1}\ngain: high",
             "2:7 gain",
-            "expected a number or auto",
+            "expected a number or 'auto'",
             "Gain [dB]",
         ),
         ("camera: {kind: slow, exposure_s: 1}\nnodes: {x: one}", "2:12 nodes.x", 'x is "one"', ""),

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE, Tube
 from labrig.protocol.model import Line, Model, PositiveMm
 from labrig.protocol.sections import Criterion, ExperimentProtocol
 
@@ -37,7 +37,7 @@ class DesignProtocol(ExperimentProtocol):
     """Which experiment this file describes."""
     title: Line = "Design of the hinges"
     """Heading of the report."""
-    tube: Tube = Tube()
+    tube: Tube = PAPER_TUBE
     """The tube that the needle's tip is cut from."""
     radius_mm: PositiveMm
     """Steering radius wanted [mm]."""

@@ -7,7 +7,7 @@ from labrig.experiments.hinge_design.result import DesignStudy, Searched
 from labrig.experiments.hinge_design.study import encode_design_file, encode_hinge_table
 from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3, RadiusTolerance
-from labrig.protocol.design_file import Tube
+from labrig.protocol.design_file import PAPER_TUBE
 
 CELLS = tuple(
     GridPoint(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
@@ -35,7 +35,7 @@ def test_hinges_that_might_not_turn_make_no_design_file() -> None:
         beta_rot_deg=11.46,
         radius_mm=30.0,
         clearance_mm=0.025,
-        tube=Tube(),
+        tube=PAPER_TUBE,
         tolerance=RadiusTolerance(-1.0, -1.0, 20.0, None),
         links=None,
         measured=None,

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
+# A sine of a roll below counts as that of half turns.
+_HALF_TURNS = 1e-12
 _UNIT = np.eye(3)
 
 
@@ -27,6 +29,10 @@ class ArcFrames:
 
     positions_mm: FloatArray
     rotations: FloatArray
+
+    def take(self, which: NDArray[np.intp]) -> "ArcFrames":
+        """Return the frames of a selection of paths."""
+        return ArcFrames(self.positions_mm[which], self.rotations[which])
 
 
 def rotation_x(angle_rad: ArrayLike) -> FloatArray:
@@ -75,6 +81,8 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
         Radius of every arc.
     """
     arcs = psi.shape[-2]
+    if is_planar(psi):
+        return _planar_frames(psi, radius_mm)
     steps, turns = arc_pose(psi[..., 0], psi[..., 1], radius_mm)
     positions = np.zeros((*psi.shape[:-2], arcs + 1, 3))
     rotations = np.zeros((*psi.shape[:-2], arcs + 1, 3, 3))
@@ -83,6 +91,32 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
         base = rotations[..., i, :, :]
         positions[..., i + 1, :] = positions[..., i, :] + _apply(base, steps[..., i, :])
         rotations[..., i + 1, :, :] = base @ turns[..., i, :, :]
+    return ArcFrames(positions, rotations)
+
+
+def is_planar(psi: FloatArray) -> bool:
+    """Return whether every roll of paths (..., n, 2) is a whole number of half turns, so that they stay in a plane."""
+    return bool(np.all(np.abs(np.sin(psi[..., 1])) < _HALF_TURNS))
+
+
+def _planar_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
+    """Return the frames along paths of half turns: by headings in the y-z plane, for all arcs at once.
+
+    A frame is exp(phi e_1^) diag(s, s, 1) with s = +-1, and an arc bends the heading phi by s theta.
+    """
+    sides = np.cumprod(np.rint(np.cos(psi[..., 1])), axis=-1)
+    headings = np.zeros((*psi.shape[:-2], psi.shape[-2] + 1))
+    np.cumsum(sides * psi[..., 0], axis=-1, out=headings[..., 1:])
+    cosine, sine = np.cos(headings), np.sin(headings)
+    positions = np.zeros((*headings.shape, 3))
+    arms = radius_mm * sides
+    np.cumsum(arms * np.diff(cosine, axis=-1), axis=-1, out=positions[..., 1:, 1])
+    np.cumsum(arms * np.diff(sine, axis=-1), axis=-1, out=positions[..., 1:, 2])
+    side = np.concatenate((np.ones((*sides.shape[:-1], 1)), sides), axis=-1)
+    rotations = np.zeros((*headings.shape, 3, 3))
+    rotations[..., 0, 0] = side
+    rotations[..., 1, 1], rotations[..., 1, 2] = side * cosine, -sine
+    rotations[..., 2, 1], rotations[..., 2, 2] = side * sine, cosine
     return ArcFrames(positions, rotations)
 
 

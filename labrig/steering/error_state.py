@@ -1,6 +1,6 @@
 """The default filter: an error state of position, orientation and curvature about a pose on SE(3).
 
-The pose itself is propagated exactly by (16) and (17). filterpy's ExtendedKalmanFilter holds the error of the pose
+The pose itself is propagated exactly by (16) and (17). filterpy's Kalman filter holds the error of the pose
 in the tip's own frame: the truth is p + R rho, R exp(phi^), kappa + dkappa and, where the slip is estimated too,
 s + ds: the tip advances by 1 - s of what is inserted. So a flip is only a rotation, no angle locks, an observed
 position is exactly rho, and its noise counts once (errata of (20), (22) and of the Euler angles). After each
@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
+from filterpy.kalman import predict, update
 
 from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_x, rotation_z
 from labrig.steering.motion import rotation_from_vector, step_position_mm, step_position_slope
@@ -54,24 +54,23 @@ class _Prediction:
 def step_error_state(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
     """Return the tip after a roll, an advance and, if the tip was seen, an observation."""
     prediction = _predict(state, observation, settings)
-    kalman = ExtendedKalmanFilter(dim_x=settings.size, dim_z=len(settings.observed))
-    kalman.x = np.zeros(settings.size)
-    kalman.P, kalman.F, kalman.Q = state.covariance, prediction.transition, prediction.process
-    kalman.predict()
+    known, covariance = predict(
+        np.zeros(settings.size), state.covariance, F=prediction.transition, Q=prediction.process
+    )
     if observation.position_mm is None:
-        return _apply_error(prediction, kalman, state, None)
+        return _apply_error(prediction, (known, covariance), state, None)
     offset = prediction.rotation.T @ (observation.position_mm - prediction.position_mm)
-    innovation = settings.observed[:, POSITION] @ offset
-    nis = _update(kalman, innovation, settings)
-    log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * kalman.S)))
-    if nis <= _limit_nis(state, settings):
-        return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
-    kalman.x, kalman.P = kalman.x_prior, kalman.P_prior
-    if state.misses < _PATIENCE:
-        return _apply_error(prediction, kalman, state, nis, log_likelihood)
-    kalman.P = _reopen(kalman.P, innovation, settings)
-    _update(kalman, innovation, settings)
-    return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
+    innovation, view = offset[settings.seen], settings.observed
+    noise = settings.observation_sd_mm**2 * np.eye(len(innovation))
+    spread = covariance[settings.seen, settings.seen] + noise
+    nis = float(innovation @ np.linalg.solve(spread, innovation))
+    log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
+    if nis > _limit_nis(state, settings):
+        if state.misses < _PATIENCE:
+            return _apply_error(prediction, (known, covariance), state, nis, log_likelihood)
+        covariance = _reopen(covariance, innovation, settings)
+    error, covariance = update(known, covariance, innovation, noise, view)
+    return _apply_error(prediction, (error, covariance), state, nis, log_likelihood, accepted=True)
 
 
 def _limit_nis(state: TipState, settings: EstimatorSettings) -> float:
@@ -122,28 +121,22 @@ def _predict(state: TipState, observation: TipObservation, settings: EstimatorSe
     return _Prediction(rolled @ bend, state.position_mm + rolled @ advance, transition, process)
 
 
-def _update(kalman: ExtendedKalmanFilter, innovation: FloatArray, settings: EstimatorSettings) -> float:
-    """Update the filter with an innovation, and return its NIS."""
-    kalman.R = settings.observation_sd_mm**2 * np.eye(len(innovation))
-    kalman.update(innovation, lambda _: settings.observed, lambda x: settings.observed @ x)
-    return float(kalman.y @ kalman.SI @ kalman.y)
-
-
 def _apply_error(
     prediction: _Prediction,
-    kalman: ExtendedKalmanFilter,
+    found: tuple[FloatArray, FloatArray],
     before: TipState,
     nis: float | None,
     log_likelihood: float = 0.0,
     *,
     accepted: bool = False,
 ) -> TipState:
-    """Return the state with the error moved into the pose."""
+    """Return the state with the error that was found, with its covariance, moved into the pose."""
+    error, covariance = found
     pose = np.eye(4)
-    pose[:3, 3] = prediction.position_mm + prediction.rotation @ kalman.x[POSITION]
-    pose[:3, :3] = prediction.rotation @ rotation_from_vector(kalman.x[ORIENTATION])
-    curvature = before.curvature + float(kalman.x[CURVATURE])
-    slip = before.slip + float(kalman.x[SLIP]) if len(kalman.x) > SLIP else 0.0
-    covariance = freeze(0.5 * (kalman.P + kalman.P.T))
+    pose[:3, 3] = prediction.position_mm + prediction.rotation @ error[POSITION]
+    pose[:3, :3] = prediction.rotation @ rotation_from_vector(error[ORIENTATION])
+    curvature = before.curvature + float(error[CURVATURE])
+    slip = before.slip + float(error[SLIP]) if len(error) > SLIP else 0.0
+    covariance = freeze(0.5 * (covariance + covariance.T))
     misses = 0 if accepted else before.misses + 1
     return TipState(freeze(pose), curvature, covariance, nis, accepted, misses, log_likelihood, slip)

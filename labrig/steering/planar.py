@@ -42,10 +42,6 @@ class Field:
         discs, radii_mm = centres[cut, 2] + 1j * centres[cut, 1], np.sqrt(left[cut])
         return cls(problem.radius_mm, discs, radii_mm, cut, problem.max_length_mm, problem.max_heading_rad)
 
-    def without_limits(self) -> "Field":
-        """Return the same plane without obstacles and without a limit on length."""
-        return replace(self, discs=self.discs[:0], disc_radii_mm=self.disc_radii_mm[:0], max_length_mm=np.inf)
-
     def with_smaller_discs(self, by_mm: float) -> "Field":
         """Return the same plane with discs smaller by this length; those that vanish stay as points."""
         return replace(self, disc_radii_mm=np.maximum(self.disc_radii_mm - by_mm, 0.0))

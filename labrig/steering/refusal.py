@@ -5,13 +5,8 @@ import math
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.clearance import path_distances
-from labrig.steering.planar import Field, close_paths, grow_tips, join_paths, start_tree, target_in_plane
 from labrig.steering.problem import Surroundings
 from labrig.text import format_count
-
-_SAMPLES = (40, 16)
-_MEASURED_ARCS, _MEASURED = 4, 300
 
 
 def find_refusal(around: Surroundings) -> str | None:
@@ -76,40 +71,8 @@ def _describe_gap(around: Surroundings, k: int, apart: FloatArray) -> str:
 def explain_failure(around: Surroundings) -> str:
     """Return what is known after a search that found no path: it proves nothing, as it tries some paths only."""
     problem = around.problem
-    asked = (
-        f"no path found with up to {format_count(problem.max_arcs, 'arc')} and {problem.max_length_mm:g} mm"
-    )
-    if not problem.planar:
-        return f"{asked}{_name_suspect(around)}"
-    field = Field.from_surroundings(around)
-    shares, shortest_mm = _measure_free_paths(field, around)
-    arcs = format_count(min(problem.max_arcs, _MEASURED_ARCS), "arc")
-    if math.isinf(shortest_mm):
-        return f"{asked}, obstacles or not"
-    if shortest_mm > problem.max_length_mm:
-        return f"{asked}: too long, the shortest found with up to {arcs} and without obstacles has {shortest_mm:.1f} mm"
-    if not shares.any():
-        return f"{asked} without pointing too far aside"
-    worst = int(np.argmax(shares))
-    return f"{asked}: obstacle {worst + 1} cuts {100 * shares[worst]:.0f} % of those tried without obstacles"
-
-
-def _measure_free_paths(field: Field, around: Surroundings) -> tuple[FloatArray, float]:
-    """Return the share of paths of up to four arcs that each obstacle cuts, and the length of the shortest found."""
-    empty, target, radius_mm = field.without_limits(), target_in_plane(around), field.radius_mm
-    tips, cut, total, shortest = start_tree(), np.zeros(len(around.centres_mm)), 0, math.inf
-    for level in range(min(around.problem.max_arcs, _MEASURED_ARCS) - 1):
-        if level:
-            tips = grow_tips(tips, empty, _SAMPLES[level - 1])
-        closures = close_paths(tips, empty, target)
-        if not len(closures.parent):
-            continue
-        psi = join_paths(tips, closures, np.arange(len(closures.parent)))
-        shortest = min(shortest, radius_mm * float(psi[..., 0].sum(axis=1).min()))
-        some = psi[:: len(psi) // _MEASURED + 1]
-        cut += (path_distances(some, radius_mm, around.centres_mm) < around.keep_off_mm).sum(axis=0)
-        total += len(some)
-    return cut / max(total, 1), shortest
+    arcs = format_count(problem.max_arcs, "arc")
+    return f"no path found with up to {arcs} and {problem.max_length_mm:g} mm{_name_suspect(around)}"
 
 
 def _name_suspect(around: Surroundings) -> str:

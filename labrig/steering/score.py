@@ -12,6 +12,8 @@ _RADIUS_ERROR = 0.01
 ROUNDING = 1e-9
 """Costs, lengths [mm] and angles [rad] that differ by less differ by rounding."""
 _PIECES = 3
+# So many paths are scored first; no other is that costs more before its room, cavities and radius are looked at.
+_LIKELY = 8
 # Cost of each millimetre by which the tip would miss after a cavity, averaged over its place on the path.
 _CAVITY_PER_MM = 20.0
 
@@ -24,17 +26,20 @@ def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | No
     """
     frames = path_frames(psi, around.problem.radius_mm)
     kept = _find_within_caps(psi, frames, around)
-    psi, frames = psi[kept], ArcFrames(frames.positions_mm[kept], frames.rotations[kept])
+    psi, frames = psi[kept], frames.take(kept)
     gaps = np.full(len(psi), np.inf)
     if len(around.centres_mm):
         apart = arc_distances(psi, around.problem.radius_mm, around.centres_mm, frames).min(axis=1)
         gaps = (apart - around.needle_and_obstacle_mm).min(axis=1)
         clear = np.flatnonzero(np.all(apart >= around.keep_off_mm - ROUNDING, axis=1))
-        psi, gaps = psi[clear], gaps[clear]
-        frames = ArcFrames(frames.positions_mm[clear], frames.rotations[clear])
+        psi, gaps, frames = psi[clear], gaps[clear], frames.take(clear)
     if not len(psi):
         return None
-    cheapest = psi[find_cheapest(_path_costs(psi, frames, gaps, around))]
+    least = _cost_lengths(psi, frames, gaps, around)
+    likely = np.argsort(least, kind="stable")[:_LIKELY]
+    bound = _path_costs(psi[likely], frames.take(likely), gaps[likely], around).min()
+    kept = np.flatnonzero(least <= bound + ROUNDING)
+    cheapest = psi[kept[find_cheapest(_path_costs(psi[kept], frames.take(kept), gaps[kept], around))]]
     return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > ROUNDING).max(initial=-1) + 1])
 
 
@@ -72,6 +77,20 @@ def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) 
     return np.flatnonzero(good)
 
 
+def _cost_lengths(
+    psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around: Surroundings
+) -> FloatArray:
+    """Return the part of the costs (M,) that is quick to know; the others only add to it."""
+    weights, radius_mm = around.problem.weights, around.problem.radius_mm
+    cost = weights.length_per_mm * radius_mm * psi[..., 0].sum(axis=-1)
+    cost += weights.turn * (psi[..., 0] > ROUNDING).sum(axis=-1)
+    cost += weights.target_error_per_mm * np.linalg.norm(
+        frames.positions_mm[:, -1] - around.target_mm, axis=-1
+    )
+    cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
+    return np.asarray(cost)
+
+
 def _path_costs(psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
     weights, radius_mm = around.problem.weights, around.problem.radius_mm
     tips = frames.positions_mm[:, -1]
@@ -80,11 +99,8 @@ def _path_costs(psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around:
         path_frames(*_scale_to_radius(psi, radius_mm, other_mm)).positions_mm[:, -1] - tips
         for other_mm in others_mm
     ]
-    cost = weights.length_per_mm * radius_mm * psi[..., 0].sum(axis=-1)
-    cost += weights.turn * (psi[..., 0] > ROUNDING).sum(axis=-1)
-    cost += weights.target_error_per_mm * np.linalg.norm(tips - around.target_mm, axis=-1)
+    cost = _cost_lengths(psi, frames, gaps_mm, around)
     cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1).max(axis=0)
-    cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
     if around.problem.cavity_mm > 0.0:
         cost += _CAVITY_PER_MM * _miss_after_cavity(psi, around)
     if around.problem.planar and weights.room_per_mm > 0.0 and len(around.centres_mm):

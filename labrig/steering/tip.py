@@ -56,6 +56,11 @@ class EstimatorSettings(Estimator):
         return freeze(np.eye(self.size)[1:3] if self.planar else np.eye(self.size)[:3])
 
     @cached_property
+    def seen(self) -> slice:
+        """The errors that an observation sees, as places in a vector of errors."""
+        return slice(1, 3) if self.planar else slice(0, 3)
+
+    @cached_property
     def gate_nis(self) -> float:
         """The NIS beyond which an observation is rejected, from the chi-square distribution."""
         return float(chdtri(len(self.observed), 1.0 - _GATE_PROBABILITY))

@@ -147,7 +147,7 @@ def test_a_needle_that_does_not_advance_is_stuck() -> None:
     ("change", "stop", "word"),
     [
         ({"target_mm": (0.0, 20.0, 10.0)}, "target_missed", "turning circles"),
-        ({"obstacles": (Obstacle((0.0, 0.0, 10.0), 5.0),)}, "blocked", "obstacle 1 cuts"),
+        ({"obstacles": (Obstacle((0.0, 0.0, 10.0), 5.0),)}, "blocked", "obstacle 1"),
         ({"max_length_mm": 50.0, "obstacles": ()}, "target_missed", "too long"),
     ],
 )

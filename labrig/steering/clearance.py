@@ -54,7 +54,7 @@ def _find_bending(psi: FloatArray, frames: ArcFrames) -> FloatArray:
     before = frames.rotations[..., :-1, :, :]
     if is_planar(psi):
         side = np.rint(np.cos(psi[..., 1]))
-        return before * np.stack((side, side, np.ones_like(side)), axis=-1)[..., None, :]
+        return np.asarray(before * np.stack((side, side, np.ones_like(side)), axis=-1)[..., None, :])
     return np.asarray(before @ rotation_z(psi[..., 1]))
 
 

@@ -38,6 +38,8 @@ _LEAST_LINES = 4
 _FOLLOWED_PX = 10.0
 # Slow changes of light are removed over this many lines, and at least so many pixels.
 _SLOW, _LEAST_SLOW_PX = 0.6, 8.0
+# The optical density of each grey level.
+_DENSITIES = -np.log(np.maximum(np.arange(256, dtype=np.float32), 1.0))
 # What is darker than lines is clipped at this quantile.
 _CLIP_QUANTILE, _CLIP_STRIDE = 0.97, 4
 # Half a grey level of 200.
@@ -68,7 +70,7 @@ _LEAST_WINDOWS = 12
 # More windows than this are averaged in blocks.
 _MANY_WINDOWS = 1200
 # Windows that measure the spectrum of the sheet; how much its own lines, or finer ones, exceed the multiples beside.
-_SPECTRUM_WINDOWS, _STANDS_OUT, _LEAST_FINER = 500, 1.4, 0.1
+_SPECTRUM_WINDOWS, _STANDS_OUT, _LEAST_FINER = 250, 1.4, 0.1
 # Steps between lines of common papers.
 _MULTIPLES = (2, 5, 10)
 # Fractions of the lines' frequency that no heavier lines have, or hardly, and their largest share of it: they are those
@@ -345,8 +347,9 @@ class _Windows:
         return np.unravel_index(np.argmin(away), away.shape)
 
     def covers(self, grid: _Grid, seed: _Seed) -> bool:
-        """Return whether the lines around a seed were followed."""
-        return bool(grid.known[self._find_window(seed)])
+        """Return whether the lines around a seed, or beside, were followed."""
+        row, column = self._find_window(seed)
+        return bool(grid.known[row - 1 : row + 2, column - 1 : column + 2].any())
 
     def require_same_sheet(self, sheet: _Grid, other: _Grid) -> None:
         """Refuse a second sheet, whose lines do not go on as the first's do."""
@@ -553,7 +556,7 @@ def _measure_darkness(image: Picture, spacing_px: float) -> Density:
 
 def _remove_slow_light(channel: Picture, sigma_px: float) -> Density:
     """Return the optical density of a channel without its slowly varying part."""
-    density = -np.log(np.maximum(channel.astype(np.float32), 1.0))
+    density = cv2.LUT(channel, _DENSITIES)
     height, width = density.shape
     factor = max(int(sigma_px / 4.5), 1)
     small = cv2.resize(density, (-(-width // factor), -(-height // factor)), interpolation=cv2.INTER_AREA)

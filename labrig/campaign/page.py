@@ -1,6 +1,5 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
-import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from labrig.record.json_lines import encode_document
 from labrig.report.figure_files import write_figure
 from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import (
+    count_decimals,
     format_time,
     label_quantity,
     name_settings,
@@ -39,10 +39,7 @@ from labrig.text import format_count
 
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
-_SIGNIFICANT = 2
 _MOST_NAMED = 3
-_SHARE = 0.01
-"""Of the largest mean, that is shown where no mean has an interval."""
 
 
 @dataclass(frozen=True)
@@ -188,10 +185,7 @@ def _state_mean(arm: ArmResult, name: str, unit: str | None) -> str:
 
 def _make_filters(result: CampaignResult) -> Mapping[str, object]:
     """Return filters that write numbers with as many decimals as the narrowest interval of a mean deserves."""
-    widths = [arm.ci95[1] - arm.ci95[0] for arm in result.arms if arm.ci95 is not None]
-    sizes = [abs(arm.mean) for arm in result.arms if arm.mean is not None]
-    least = min((width for width in widths if width > 0), default=_SHARE * max(sizes, default=1.0))
-    decimals = min(max(_SIGNIFICANT - 1 - math.floor(math.log10(least or 1.0)), 0), 6)
+    decimals = count_decimals((arm.ci95 for arm in result.arms), (arm.mean for arm in result.arms), 6)
     return {
         "digits": lambda value: number(value, decimals),
         "plus": lambda value: signed(value, decimals),

@@ -1,6 +1,5 @@
 """The page and the tables of a comparison, in a folder of their own."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -16,6 +15,7 @@ from labrig.report.comparison_figure import draw_groups, mark_groups
 from labrig.report.figure_files import write_figure
 from labrig.report.formatting import (
     UNKNOWN,
+    count_decimals,
     format_time,
     join_words,
     number,
@@ -36,7 +36,6 @@ _SHARED_BY = {
     "lighting": "by its run",
 }
 _FIELD_NAMES = {"needle_id": "needle", "gelatin_percent": "gel"}
-_SIGNIFICANT = 4
 _LEVEL = 0.05
 _MOST_NAMED = 3
 
@@ -154,13 +153,7 @@ def _relate_p(p: float) -> str:
 
 
 def _count_decimals(content: Comparison) -> int:
-    """Return as many decimals as the smallest interval of a mean deserves."""
-    widths = [group.ci95[1] - group.ci95[0] for group in content.groups if group.ci95 is not None]
-    sizes = [abs(group.mean) for group in content.groups if group.mean is not None]
-    least = min(
-        (width for width in widths if width > 0), default=max(sizes, default=1.0) * 10 ** (1 - _SIGNIFICANT)
-    )
-    return min(max(1 - math.floor(math.log10(least or 1.0)), 0), 9)
+    return count_decimals((group.ci95 for group in content.groups), (group.mean for group in content.groups))
 
 
 def _make_filters(content: Comparison) -> dict[str, object]:

@@ -18,7 +18,7 @@ _HELD_PICTURES = 20
 _WIDEST_PX = 960
 """Wider pictures take VP9 seconds each, and megabytes."""
 _STRIP_PX = 40
-_TEXT_SCALE, _TEXT_PX = 0.6, 12
+_FONT, _TEXT_SCALE, _TEXT_PX = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 12
 _WHITE: Colour = (255, 255, 255)
 # Lines are drawn at a sixteenth of a pixel.
 _SHIFT = 4
@@ -95,24 +95,9 @@ def draw_film_picture(image: Picture, picture: FilmPicture) -> NDArray[np.uint8]
 
 
 def _write_strip(drawn: NDArray[np.uint8], picture: FilmPicture) -> None:
-    """Write caption and key; the key is left out where it does not fit beside the caption."""
-    height, width = drawn.shape[:2]
-    baseline = height - _STRIP_PX + 2 * _TEXT_PX + 2
+    """Write the caption, and behind it what each line is, in its colour; what has no room is cut off."""
     names = {stroke.name: stroke.colour for stroke in picture.strokes if stroke.name}
-    caption_end = _TEXT_PX + _width_of(picture.caption)
-    _write(drawn, picture.caption, (_TEXT_PX, baseline), _WHITE)
-    left = width - sum(_width_of(name) + 2 * _TEXT_PX for name in names)
-    if left < caption_end + 2 * _TEXT_PX:
-        return
-    for name, colour in names.items():
-        _write(drawn, name, (left, baseline), colour)
-        left += _width_of(name) + 2 * _TEXT_PX
-
-
-def _width_of(text: str) -> int:
-    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _TEXT_SCALE, 1)
-    return int(width)
-
-
-def _write(drawn: NDArray[np.uint8], text: str, place: tuple[int, int], colour: Colour) -> None:
-    cv2.putText(drawn, text, place, cv2.FONT_HERSHEY_SIMPLEX, _TEXT_SCALE, colour[::-1], 1, cv2.LINE_AA)
+    place = [_TEXT_PX, drawn.shape[0] - _STRIP_PX + 2 * _TEXT_PX + 2]
+    for text, colour in {picture.caption: _WHITE, **names}.items():
+        cv2.putText(drawn, text, place, _FONT, _TEXT_SCALE, colour[::-1], 1, cv2.LINE_AA)
+        place[0] += cv2.getTextSize(text, _FONT, _TEXT_SCALE, 1)[0][0] + 2 * _TEXT_PX

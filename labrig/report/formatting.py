@@ -1,5 +1,6 @@
 """Text of numbers, times and lists on the pages."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from markupsafe import Markup, escape
@@ -29,6 +30,16 @@ def format_time(value: object) -> str:
 def interval(value: Sequence[float] | None, digits: int = 2) -> str:
     """Return an interval as `low to high`."""
     return UNKNOWN if value is None else f"{number(value[0], digits)} to {number(value[1], digits)}"
+
+
+def count_decimals(
+    intervals: Iterable[tuple[float, float] | None], values: Iterable[float | None], most: int = 9
+) -> int:
+    """Return as many decimals as the narrowest interval deserves; without any, as a thousandth of the largest value."""
+    widths = [limits[1] - limits[0] for limits in intervals if limits is not None]
+    largest = max((abs(value) for value in values if value is not None), default=1.0)
+    least = min((width for width in widths if width > 0), default=largest / 1000)
+    return min(max(1 - math.floor(math.log10(least or 1.0)), 0), most)
 
 
 def join_words(words: Iterable[str]) -> str:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from importlib.metadata import Distribution, EntryPoint, entry_points
-from typing import TypeVar
 
 from labrig.errors import InputError, MachineError, PluginError
 
@@ -19,8 +18,6 @@ CAMERAS = "labrig.cameras"
 
 INTERFACE = 1
 """Version of the interfaces that plugins are written for; each states its own as `interface`."""
-
-Kind = TypeVar("Kind")
 
 _NOUNS = {EXPERIMENTS: "experiment", DRIVES: "drive", CAMERAS: "camera"}
 
@@ -67,16 +64,6 @@ class Plugin:
             raise PluginError(
                 f"{self} is written for interface {interface}, this labrig has interface {INTERFACE}",
                 f"install a version of {self.package} that fits this labrig",
-            )
-        return found
-
-    def load_as(self, expected: type[Kind]) -> Kind:
-        """Import the plugin and return its object, an instance of `expected`. Raises `PluginError` as `load` does."""
-        found = self.load()
-        if not isinstance(found, expected):
-            raise PluginError(
-                f"{self} is a {type(found).__name__}, expected a {expected.__name__}",
-                f"install another version of {self.package}; see {expected.__module__}",
             )
         return found
 

@@ -3,23 +3,14 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import IO, Any, Protocol, TypeAlias, cast
+from typing import IO, Any, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
 from labrig.devices.clocks import SystemClock
 from labrig.text import duration
 
-
-class Reporter(Protocol):
-    """Takes how much of the total is done, and what is being done."""
-
-    def __call__(self, done: float, doing: str) -> None:
-        """Take `done`, in the unit of the total, and a short sentence."""
-        ...
-
-
-ShareReporter: TypeAlias = Callable[[float], None]
-"""Takes the share that is done, 0 to 1."""
+Reporter: TypeAlias = Callable[[float, str], None]
+"""Takes how much of the total is done, in its unit, and what is being done."""
 
 _shown: list[Any] = []
 """The rich bar on the terminal, if one is shown."""

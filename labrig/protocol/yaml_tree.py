@@ -26,11 +26,6 @@ def load_yaml_values(path: Path | str) -> dict[str, Plain]:
     return _require_faultless(load_tree(Path(path)))
 
 
-def parse_yaml_values(text: str, source: str) -> dict[str, Plain]:
-    """Return the values of a YAML text; `source` names it in messages. Raises as `load_yaml_values`."""
-    return _require_faultless(read_tree(text, source))
-
-
 def _require_faultless(tree: Tree) -> dict[str, Plain]:
     if tree.faults:
         raise file_format_error(list(tree.faults))

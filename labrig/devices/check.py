@@ -14,7 +14,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, require_calibrated_camera
 from labrig.devices.can_description import ONLY_SIMULATED
-from labrig.devices.check_result import CheckResult, CheckStatus, failed
+from labrig.devices.check_result import CheckResult, CheckStatus, failed, passed, warned
 from labrig.devices.clocks import SystemClock
 from labrig.devices.commands import CommandFormatter
 from labrig.devices.exclusive import acquire_rig
@@ -71,7 +71,7 @@ def _check_devices(rig: RigDescription) -> list[CheckResult]:
             hardware = make_hardware(rig, seed=0)
         except LockedError as error:
             value = f"{error.message}: bus, drives and camera are not looked at"
-            return [CheckResult("rig", CheckStatus.WARN, value, error.hint)]
+            return [warned("rig", value, error.hint)]
         except LabrigError as error:
             return [failed("rig", error)]
         stack.callback(hardware.close)
@@ -102,8 +102,8 @@ def _listen(rig: RigDescription, link: CanLink, clock: Clock, bus: str) -> Check
     try:
         BusWatch(link, nodes, rig.can.heartbeat, CommandFormatter(rig)).listen(clock)
     except SecondMasterError as error:
-        return CheckResult("bus", CheckStatus.WARN, f"{bus}; {error.message}", error.hint)
-    return CheckResult("bus", CheckStatus.PASS, bus)
+        return warned("bus", f"{bus}; {error.message}", error.hint)
+    return passed("bus", bus)
 
 
 def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
@@ -111,11 +111,8 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
         source = hardware.open_source()
         stack.callback(source.close)
         camera = Camera(source, rig.camera, hardware.clock)
-        yield CheckResult(
-            "camera settings",
-            CheckStatus.PASS,
-            ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items()),
-        )
+        settings = ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items())
+        yield passed("camera settings", settings)
         yield from rig.camera.check(camera)
         for path in rig.calibration_paths().values():
             require_calibrated_camera(rig.camera, path, camera.settings.reported)
@@ -175,15 +172,10 @@ def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckRe
     check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"
     made = read_creation_time(path)
     if made is None:
-        return CheckResult(check, CheckStatus.WARN, "when it was made is not known", again)
+        return warned(check, "when it was made is not known", again)
     days = (now - made).days
-    old = moves and days > _OLD_DAYS
-    return CheckResult(
-        check,
-        CheckStatus.WARN if old else CheckStatus.PASS,
-        f"{format_count(days, 'day')}, made {made:%Y-%m-%d}",
-        again if old else "",
-    )
+    value = f"{format_count(days, 'day')}, made {made:%Y-%m-%d}"
+    return warned(check, value, again) if moves and days > _OLD_DAYS else passed(check, value)
 
 
 def _check_calibration_file(
@@ -194,7 +186,7 @@ def _check_calibration_file(
         value = "none named in the rig file" if path is None else f"{path} does not exist"
         return CheckResult(check, CheckStatus.FAIL, value, solution)
     try:
-        return CheckResult(check, CheckStatus.PASS, describe(path))
+        return passed(check, describe(path))
     except LabrigError as error:
         return CheckResult(check, CheckStatus.FAIL, error.message, error.hint or solution)
 
@@ -216,16 +208,9 @@ def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap, path: Pat
 
 def _check_disk() -> CheckResult:
     free = shutil.disk_usage(Path.cwd()).free
-    status = (
-        CheckStatus.FAIL
-        if free < _NO_DISK_BYTES
-        else CheckStatus.WARN
-        if free < _LOW_DISK_BYTES
-        else CheckStatus.PASS
-    )
-    return CheckResult(
-        "disk", status, f"{free / 1e9:.1f} GB free here", "" if status is CheckStatus.PASS else "make room"
-    )
+    bad = CheckStatus.FAIL if free < _NO_DISK_BYTES else CheckStatus.WARN
+    value = f"{free / 1e9:.1f} GB free here"
+    return passed("disk", value) if free >= _LOW_DISK_BYTES else CheckResult("disk", bad, value, "make room")
 
 
 def _check_state(rig: RigDescription) -> CheckResult:
@@ -236,7 +221,7 @@ def _check_state(rig: RigDescription) -> CheckResult:
             return failed("rig state", error)
     state = NeedleState(rig.state_path).state
     if state.needle_in_tissue is False:
-        return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")
+        return passed("rig state", "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN
     return CheckResult("rig state", status, state.doubt, state.find_way_out(rig.option))
 
@@ -251,6 +236,4 @@ def _check_last_motion(rig: RigDescription) -> Iterator[CheckResult]:
     value = (
         f"axis {last['axis']} {stood}, {last['what']}, {last.get('outcome', 'never ended')}, {last['utc']}"
     )
-    yield CheckResult(
-        "last motion by hand", CheckStatus.PASS, f"{value}; see {motion_log_path(rig.state_path).name}"
-    )
+    yield passed("last motion by hand", f"{value}; see {motion_log_path(rig.state_path).name}")

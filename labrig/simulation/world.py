@@ -234,13 +234,14 @@ class World:
                 f"the simulated operator sees {len(marks)} marked obstacles, and was asked for one more",
                 "give each obstacle with ask: true its place in world.obstacle_marks_mm",
             )
-        u, v = plane_to_pixels(np.array([marks[asked][:2]]), self.description.lens)[0].tolist()
-        return u, v
+        return self._see_mark_px(marks[asked][:2])
 
     def target_mark_px(self) -> tuple[float, float]:
         """Return the pixel (u, v) at which the simulated operator sees the target."""
-        mark = np.array([self.description.target_mark_mm])
-        u, v = plane_to_pixels(mark, self.description.lens)[0].tolist()
+        return self._see_mark_px(self.description.target_mark_mm)
+
+    def _see_mark_px(self, mark_mm: tuple[float, float]) -> tuple[float, float]:
+        u, v = plane_to_pixels(np.array([mark_mm]), self.description.lens)[0].tolist()
         return u, v
 
     def _put_before_sheath(self, specimen: GelBlock) -> None:

@@ -20,7 +20,7 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.devices.simulated.kinds import simulate_epos2
+from labrig.devices.simulated.kinds import be_epos2
 from labrig.devices.simulated.shaft import Mechanics
 from tests.small_camera import CALIBRATED_SMALL_CAMERA
 
@@ -76,7 +76,10 @@ def epos2_node(
 ) -> SimulatedCia402Drive:
     """Put a simulated EPOS2 on a wire."""
     section = DRIVE.example(node_id).model_copy(update={"encoder_pulses_per_turn": encoder_pulses})
-    return simulate_epos2(section, wire, clock, mechanics, boot_time_s, hardware=hardware, software=software)
+    behaviour, fixed = be_epos2(section, hardware, software)
+    return SimulatedCia402Drive(
+        section, wire, clock, mechanics, boot_time_s, behaviour=behaviour, fixed=fixed
+    )
 
 
 @dataclass

@@ -19,7 +19,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from labrig.clock import Clock
 from labrig.devices.axis_description import HomingDescription
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Identity
@@ -29,10 +28,7 @@ from labrig.devices.drives.model import Asked, Model, Stated
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.kinds import simulate_epos2
-from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.simulated.simulated_node import SimulatedNode
+from labrig.devices.simulated.kinds import Nature, be_epos2
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
 from labrig.protocol.model import Conflict
@@ -139,11 +135,9 @@ class Epos2Axis(ProductSection):
         """Names of the analog inputs of the drive."""
         return tuple(ANALOG_INPUTS)
 
-    def simulate(
-        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
-    ) -> SimulatedNode:
-        """Return a simulated EPOS2 24/5 on a wire."""
-        return simulate_epos2(self, wire, clock, mechanics, boot_time_s)
+    def find_nature(self) -> Nature:
+        """Return how an EPOS2 24/5 behaves."""
+        return be_epos2(self)
 
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
         """Return the conversion to quadcounts (quarters of an encoder line) and rpm."""

@@ -19,7 +19,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
-from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
@@ -30,10 +29,6 @@ from labrig.devices.drives.model import STOP_OPTIONS, Asked, Model, Stated
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.kinds import simulate_cia402
-from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError, InputError
 from labrig.protocol.model import Conflict
@@ -182,12 +177,6 @@ class Cia402Axis(ProductSection):
     def files(self) -> dict[str, Path]:
         """The EDS file, if it is not labrig's own."""
         return {} if self.eds is None else {"eds": self._folder / self.eds}
-
-    def simulate(
-        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
-    ) -> SimulatedNode:
-        """Return a simulated drive on a wire, with the objects of the EDS file."""
-        return simulate_cia402(self, wire, clock, mechanics, boot_time_s)
 
     @property
     def analog(self) -> dict[str, Place]:

@@ -1,4 +1,4 @@
-"""The section of an axis with a CiA 402 drive, which has the one driver and its check."""
+"""The section of an axis with a CiA 402 drive, which has the one driver, its check and its simulation."""
 
 from collections.abc import Iterator
 
@@ -12,6 +12,10 @@ from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.kinds import Nature, be_cia402
+from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import InputError
 
 
@@ -34,3 +38,16 @@ class ProductSection(Cia402Section):
             return self.model().eds.objects.get(Place(index, subindex))
         except InputError:
             return None
+
+    def simulate(
+        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
+    ) -> SimulatedCia402Drive:
+        """Return a simulated drive on a wire, of the nature of the product."""
+        behaviour, fixed = self.find_nature()
+        return SimulatedCia402Drive(
+            self, wire, clock, mechanics, boot_time_s, behaviour=behaviour, fixed=fixed
+        )
+
+    def find_nature(self) -> Nature:
+        """Return how the product behaves; by default as any CiA 402 drive with its EDS file."""
+        return be_cia402(self)

@@ -2,13 +2,10 @@
 
 from dataclasses import replace
 
-from labrig.clock import Clock
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.cia402 import Behaviour, SimulatedCia402Drive
-from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.cia402 import Behaviour
 
 _SOFTWARE, _HARDWARE = Place(0x2003, 1), Place(0x2003, 2)
 _ENCODER_PULSES, _SENSOR_TYPE, _SENSOR_POLARITY = (Place(0x2210, n) for n in (1, 2, 4))
@@ -47,54 +44,39 @@ _MODES = 0x21
 """0x6502: profile position, homing."""
 
 
-def simulate_epos2(
-    section: Cia402Section,
-    wire: InProcessWire,
-    clock: Clock,
-    mechanics: Mechanics,
-    boot_time_s: float = 0.0,
-    *,
-    hardware: int = _EPOS2_24_5,
-    software: int = _SOFTWARE_TRIED,
-) -> SimulatedCia402Drive:
-    """Return an EPOS2 of this hardware and software version on a wire."""
-    node_id, scale = section.node_id, section.scale()
+Nature = tuple[Behaviour, dict[Place, int]]
+"""How a product behaves, and what one of its drives has instead of the defaults of the EDS file."""
+
+
+def be_epos2(section: Cia402Section, hardware: int = _EPOS2_24_5, software: int = _SOFTWARE_TRIED) -> Nature:
+    """Return the nature of an EPOS2 of this hardware and software version."""
     fixed = {
-        _ENCODER_PULSES: round(scale.counts_per_turn) // EPOS2.counts_per_pulse,
+        _ENCODER_PULSES: round(section.scale().counts_per_turn) // EPOS2.counts_per_pulse,
         _HARDWARE: hardware,
         _SOFTWARE: software,
         co.VENDOR_ID: 0xFB,
         co.PRODUCT_CODE: hardware << 16,
         co.REVISION: software << 16,
-        co.SERIAL_NUMBER: 1000 + node_id,
+        co.SERIAL_NUMBER: 1000 + section.node_id,
     }
     if hardware == _EPOS2_24_5:
         fixed |= {_CONTINUOUS_CURRENT: 5000, _MAX_CURRENT: 10_000}
-    return SimulatedCia402Drive(section, wire, clock, mechanics, boot_time_s, behaviour=EPOS2, fixed=fixed)
+    return EPOS2, fixed
 
 
-def simulate_cia402(
-    section: Cia402Section,
-    wire: InProcessWire,
-    clock: Clock,
-    mechanics: Mechanics,
-    boot_time_s: float = 0.0,
-) -> SimulatedCia402Drive:
-    """Return a CiA 402 drive on a wire, with the units and the encoder that its section states."""
-    node_id, model = section.node_id, section.model()
+def be_cia402(section: Cia402Section) -> Nature:
+    """Return the nature of a CiA 402 drive with the units and the encoder that its section states."""
+    model = section.model()
     encoder = next((stated.place for stated in model.stated if stated.key == "counts_per_turn"), None)
-    behaviour = replace(CIA402, encoder=encoder)
     fixed = {
         co.DEVICE_TYPE: 0x00020192,
         co.VENDOR_ID: model.eds.vendor,
         co.PRODUCT_CODE: model.eds.product,
         co.REVISION: model.eds.revision or 0,
-        co.SERIAL_NUMBER: 1000 + node_id,
+        co.SERIAL_NUMBER: 1000 + section.node_id,
         co.SUPPORTED_MODES: _MODES,
         **{stated.place: stated.raw for stated in model.stated if stated.raw is not None},
     }
     if not model.has(co.MAX_FOLLOWING_ERROR):
         fixed[co.MAX_FOLLOWING_ERROR] = 0xFFFFFFFF
-    return SimulatedCia402Drive(
-        section, wire, clock, mechanics, boot_time_s, behaviour=behaviour, fixed=fixed
-    )
+    return replace(CIA402, encoder=encoder), fixed

@@ -13,7 +13,6 @@ from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.generic import DRIVE, Cia402Axis
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
-from labrig.devices.simulated.kinds import simulate_cia402
 from labrig.devices.simulated.shaft import Mechanics
 from tests.devices.cia402.eds_text import HOME, RATED_CURRENT, WINDOW, eds_text
 
@@ -76,9 +75,7 @@ def drive_on_a_bus(
     """Put a simulated drive on a bus, whose own section may be another than the driver's."""
     clock, wire = SimulatedClock(), InProcessWire()
     link = attach(wire, clock, 0.12)
-    node = simulate_cia402(
-        node_section or section, wire, clock, Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
-    )
+    node = (node_section or section).simulate(wire, clock, Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0))
     clock.on_advance(node.tick)
     yield ProfileDriveOnABus(Cia402Drive(link, section, "rotation", clock), node, clock, link)
     link.close()

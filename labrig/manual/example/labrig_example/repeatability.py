@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -38,7 +37,6 @@ class Protocol(ExperimentProtocol):
     analysis: Analysis = Field(default_factory=Analysis, description="How pictures are measured.")
 
 
-@dataclass(frozen=True)
 class AttachMarker(OperatorRequest):
     """Attach the marker; there is no gel, so that an axis that moves in is not taken to be in tissue."""
 

@@ -4,7 +4,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labrig.clock import Clock
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Identity
 from labrig.devices.drives.eds import read_own_eds
@@ -12,10 +11,7 @@ from labrig.devices.drives.model import Asked, Model
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
-from labrig.devices.simulated.kinds import CIA402
-from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.kinds import CIA402, Nature
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
 
@@ -38,12 +34,9 @@ class StepperAxis(ProductSection):
         """Return the conversion to microsteps and rpm."""
         return AxisScale(self.microsteps_per_turn, gear_ratio, travel_per_turn, self.reversed)
 
-    def simulate(
-        self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
-    ) -> SimulatedCia402Drive:
-        """Return a node with the state machine, faults and motion of CiA 402."""
-        fixed = {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + self.node_id}
-        return SimulatedCia402Drive(self, wire, clock, mechanics, boot_time_s, behaviour=CIA402, fixed=fixed)
+    def find_nature(self) -> Nature:
+        """Return how a simulated one behaves: as CiA 402 says."""
+        return CIA402, {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + self.node_id}
 
     def model(self) -> Model:
         """Return what is known of the stepper; a drive of your own has an EDS file of its own (`read_eds`)."""

@@ -6,10 +6,11 @@ orthogonal distances: the same, with the scale of the biweight infinite.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
 
 from labrig.errors import InputError, MeasurementRefusedError
 
@@ -22,8 +23,8 @@ _LEAST_FLATNESS = 1e-8
 # Largest radius, in units of the points' rms distance from their centroid. So flat an arc has a sagitta of a
 # millionth of its length, which no picture can show.
 _LARGEST_RADIUS = 1e6
-_STEP_TOLERANCE = 1e-11
-_MAX_ITERATIONS = 200
+# Relative change at which the search ends.
+_SETTLED = 1e-15
 # Reweighted steps in which the scale follows the residuals.
 _SCALE_STEPS = 10
 _TRIPLES = 128
@@ -48,11 +49,6 @@ class Circle:
         In the order of the points' columns.
     radius : float
         Positive.
-    covariance : ndarray (3, 3) or None
-        Of (centre, radius), to first order, for independent residuals of equal variance, which is estimated
-        from them; None for three points, which leave no residual. **Residuals along an edge in a picture are
-        correlated, and the true covariance is then larger**, by a factor of two or more in the deviations.
-        `labrig.vision.curvature` works with means of blocks instead; no interval is printed from this matrix.
     residual_rms : float
         Root mean square of the orthogonal distances of the inliers.
     inliers : ndarray of bool (N,)
@@ -64,7 +60,6 @@ class Circle:
 
     centre: tuple[float, float]
     radius: float
-    covariance: _FloatArray | None
     residual_rms: float
     inliers: NDArray[np.bool_]
     influences: _FloatArray
@@ -75,25 +70,16 @@ class Circle:
         return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) - self.radius)
 
 
-class _Model(NamedTuple):
-    """A circle in the normalised coordinates in which the fits work."""
+def _find_residuals(model: _FloatArray, points: _FloatArray) -> _FloatArray:
+    """Return the signed distances (N,) of points from the circle (a, b, r), positive outside."""
+    return np.asarray(np.hypot(points[:, 0] - model[0], points[:, 1] - model[1]) - model[2])
 
-    a: float
-    b: float
-    r: float
 
-    def residuals(self, points: _FloatArray) -> _FloatArray:
-        return np.asarray(np.hypot(points[:, 0] - self.a, points[:, 1] - self.b) - self.r)
-
-    def linearise(self, points: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
-        """Return the residuals (N,) and their Jacobian (N, 3) with respect to (a, b, r)."""
-        offsets = points - (self.a, self.b)
-        distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        jacobian = np.empty((len(points), 3))
-        # A point on the centre has no direction; its row is then zero in (a, b).
-        jacobian[:, :2] = -offsets / np.maximum(distances, np.finfo(float).tiny)[:, None]
-        jacobian[:, 2] = -1.0
-        return distances - self.r, jacobian
+def _find_slopes(model: _FloatArray, points: _FloatArray) -> _FloatArray:
+    """Return the Jacobian (N, 3) of the residuals; a point on the centre has no direction, and zeros in (a, b)."""
+    offsets = points - model[:2]
+    distances = np.maximum(np.hypot(offsets[:, 0], offsets[:, 1]), np.finfo(float).tiny)
+    return np.column_stack((-offsets / distances[:, None], -np.ones(len(points))))
 
 
 def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
@@ -123,12 +109,9 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
     centroid = array.mean(axis=0)
     scale = float(np.sqrt(np.mean(np.sum((array - centroid) ** 2, axis=1))))
     normal = (array - centroid) / scale
-    try:
-        start = _find_least_median(normal)
-        model, weights = _fit_tukey(normal, start, None if method == "robust" else np.inf)
-    except np.linalg.LinAlgError:
-        raise _collinear_error(len(array)) from None
-    if not model.r < _LARGEST_RADIUS:
+    start = _find_least_median(normal)
+    model, weights = _fit_robustly(normal, start) if method == "robust" else _fit_squares(normal, start)
+    if not model[2] < _LARGEST_RADIUS:
         raise _collinear_error(len(array))
     return _restore_units(model, normal, weights, centroid, scale)
 
@@ -157,11 +140,7 @@ def _collinear_error(count: int) -> MeasurementRefusedError:
     )
 
 
-def _move(model: _Model, step: NDArray[np.floating]) -> _Model:
-    return _Model(model.a + float(step[0]), model.b + float(step[1]), model.r + float(step[2]))
-
-
-def _find_least_median(points: _FloatArray) -> _Model:
+def _find_least_median(points: _FloatArray) -> _FloatArray:
     """Return the circle through three of the points with the least median absolute residual."""
     generator = np.random.default_rng(_TRIPLE_SEED)
     triples = points[generator.integers(0, len(points), size=(_TRIPLES, 3))]
@@ -173,7 +152,7 @@ def _find_least_median(points: _FloatArray) -> _Model:
     if not len(medians) or not np.isfinite(medians).any():
         raise _collinear_error(len(points))
     best = int(np.nanargmin(medians))
-    return _Model(float(centres[best, 0]), float(centres[best, 1]), float(radii[best]))
+    return np.append(centres[best], radii[best])
 
 
 def _find_circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
@@ -190,49 +169,66 @@ def _find_circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]
     return origin + offset, np.hypot(offset[:, 0], offset[:, 1])
 
 
-def _fit_tukey(points: _FloatArray, start: _Model, known_scale: float | None) -> tuple[_Model, _FloatArray]:
-    """Minimise Tukey's biweight from `start`; return the model and the weights (N,).
+def _fit_squares(points: _FloatArray, start: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+    """Return the circle of least squares, and weights (N,) of one.
 
-    A scale that is not known follows the residuals for the first, reweighted steps and is then held, so that a minimum
-    exists.
+    A search ends where the sum of squares changes no more, which leaves half of the digits; two steps find the others.
+    """
+    weights = np.ones(len(points))
+    model = _search(points, start, "linear", 1.0)
+    for _ in range(2):
+        model = _step(points, model, weights)
+    return model, weights
+
+
+def _fit_robustly(points: _FloatArray, start: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+    """Return the circle that minimises Tukey's biweight, and the weights (N,).
+
+    The scale follows the residuals for the first, reweighted steps and is then held, so that a minimum exists.
     Reweighting alone converges slowly if many points are close to being outliers.
     """
-    model, scale = start, known_scale or _robust_scale(start.residuals(points))
-    for iteration in range(_MAX_ITERATIONS):
-        residuals, jacobian = model.linearise(points)
-        if known_scale is None and iteration < _SCALE_STEPS:
-            scale = _robust_scale(residuals)
-        weights = _biweight(residuals, scale)
-        weighted = jacobian * weights[:, None]
-        normal = weighted.T @ jacobian
-        if np.linalg.cond(normal) > _LARGEST_RADIUS**2:
-            raise _collinear_error(len(points))
-        step = np.asarray(np.linalg.solve(normal, -weighted.T @ residuals), dtype=np.float64)
-        if iteration >= _SCALE_STEPS:
-            step = _choose_step(points, model, scale, step)
-        model = _move(model, step)
-        if iteration >= _SCALE_STEPS and np.abs(step).max() <= _STEP_TOLERANCE * max(1.0, model.r):
-            return model, _biweight(model.residuals(points), scale)
-    raise MeasurementRefusedError(
-        f"the robust circle through {len(points)} points does not settle: they lie on no single circle",
-        "leave out what is not on the arc",
+    model, scale = start, 0.0
+    for _ in range(_SCALE_STEPS):
+        residuals = _find_residuals(model, points)
+        scale = _robust_scale(residuals)
+        model = _step(points, model, _biweight(residuals, scale))
+    model = _search(points, model, _lose_by_tukey, _TUKEY_CONSTANT * scale)
+    return model, _biweight(_find_residuals(model, points), scale)
+
+
+def _step(points: _FloatArray, model: _FloatArray, weights: _FloatArray) -> _FloatArray:
+    """Return the circle after a weighted Gauss-Newton step."""
+    root = np.sqrt(weights)
+    slopes, residuals = _find_slopes(model, points), _find_residuals(model, points)
+    return np.asarray(model - np.linalg.lstsq(root[:, None] * slopes, root * residuals, rcond=None)[0])
+
+
+def _search(points: _FloatArray, start: _FloatArray, loss: Any, scale: float) -> _FloatArray:
+    """Return the circle of least loss near a start; raises MeasurementRefusedError if the search does not settle."""
+    found = least_squares(
+        _find_residuals,
+        start,
+        _find_slopes,
+        args=(points,),
+        loss=loss,
+        f_scale=scale,
+        x_scale="jac",
+        ftol=_SETTLED,
+        xtol=_SETTLED,
+        gtol=_SETTLED,
     )
+    if not found.success:
+        raise MeasurementRefusedError(
+            f"the robust circle through {len(points)} points does not settle: they lie on no single circle",
+            "leave out what is not on the arc",
+        )
+    return np.asarray(found.x)
 
 
-def _choose_step(points: _FloatArray, model: _Model, scale: float, step: _FloatArray) -> _FloatArray:
-    """Return Newton's step if it lowers the cost at least as far as the reweighted `step`, else `step`."""
-    residuals, jacobian = model.linearise(points)
-    weights = _biweight(residuals, scale)
-    normal = (jacobian * _slopes(weights)[:, None]).T @ jacobian
-    if np.linalg.eigvalsh(normal)[0] <= 0.0:
-        return step
-    newton = np.linalg.solve(normal, -jacobian.T @ (weights * residuals))
-    reweighted, sharp = (_tukey_cost(points, _move(model, trial), scale) for trial in (step, newton))
-    return np.asarray(newton if sharp <= reweighted else step)
-
-
-def _tukey_cost(points: _FloatArray, model: _Model, scale: float) -> float:
-    return -float(np.sum(_biweight(model.residuals(points), scale) ** 1.5))
+def _lose_by_tukey(squares: _FloatArray) -> _FloatArray:
+    """Return Tukey's loss of squared residuals over the squared constant, with its first two derivatives, (3, N)."""
+    left = np.maximum(1.0 - squares, 0.0)
+    return np.array(((1.0 - left**3) / 3.0, left**2, -2.0 * left))
 
 
 def _robust_scale(residuals: _FloatArray) -> float:
@@ -247,15 +243,13 @@ def _biweight(residuals: _FloatArray, scale: float) -> _FloatArray:
 
 
 def _restore_units(
-    model: _Model, normal: _FloatArray, weights: _FloatArray, centroid: _FloatArray, scale: float
+    model: _FloatArray, normal: _FloatArray, weights: _FloatArray, centroid: _FloatArray, scale: float
 ) -> Circle:
     inliers = weights > 0.0
-    residuals = model.residuals(normal)
-    covariance = _covariance(model, normal, weights)
+    residuals = _find_residuals(model, normal)
     return Circle(
-        centre=(float(centroid[0] + scale * model.a), float(centroid[1] + scale * model.b)),
-        radius=scale * model.r,
-        covariance=None if covariance is None else covariance * scale**2,
+        centre=(float(centroid[0] + scale * model[0]), float(centroid[1] + scale * model[1])),
+        radius=float(scale * model[2]),
         residual_rms=scale * float(np.sqrt(np.mean(residuals[inliers] ** 2))),
         inliers=inliers,
         influences=scale * weights * residuals / max(float(np.mean(_slopes(weights))), _LEAST_SLOPE),
@@ -266,20 +260,3 @@ def _slopes(weights: _FloatArray) -> _FloatArray:
     """Return psi' (N,): psi = r (1 - q)^2 with q = (r / c)^2, so psi' = (1 - q)(1 - 5 q); unit weights have 1."""
     root = np.sqrt(weights)
     return np.asarray(root * (5.0 * root - 4.0))
-
-
-def _covariance(model: _Model, points: _FloatArray, weights: _FloatArray) -> _FloatArray | None:
-    """Return the first-order covariance of (a, b, r) for independent residuals.
-
-    With weights it is Huber's for an M-estimate (Robust Statistics 1981, section 7.6), with sum(psi^2) and
-    sum(psi') from the residuals; with unit weights it is the usual s^2 (J^T J)^-1.
-    """
-    count = len(points)
-    if count <= 3:
-        return None
-    residuals, jacobian = model.linearise(points)
-    spread = float(np.sum((weights * residuals) ** 2)) / (count - 3)
-    slope = float(np.mean(_slopes(weights)))
-    if slope <= 0.0:
-        return None
-    return np.asarray(np.linalg.inv(jacobian.T @ jacobian) * spread / slope**2)

@@ -153,6 +153,11 @@ MOST_SATURATED, MOST_BLACK, MOST_FLICKER = 0.01, 0.01, 0.02
 MEDIAN_GREY = (50.0, 220.0)
 """Conventional limits: room for noise and uneven light above, grey levels enough to place an edge below."""
 
+_DARKEN = "shorten the exposure, or dim the light"
+_BRIGHTEN = "lengthen the exposure, or add light"
+_SHARPEN = "turn the lens, or change camera.focus in the rig file; then calibrate again"
+_STEADY = "set camera.mains_hz, expose for a multiple of half a mains period, or use a steady lamp"
+
 
 @dataclass(frozen=True)
 class Score:
@@ -185,68 +190,50 @@ class Score:
 
 def judge_quality(quality: PictureQuality, flicker: Flicker | None) -> tuple[Score, ...]:
     """Return the scores of the newest picture, and of the flicker in those before it."""
-    return (
-        _judge_focus(quality.edge_width_px),
-        _judge_share(
-            "saturation",
-            "saturated",
-            quality.saturated,
-            MOST_SATURATED,
-            "shorten the exposure, or dim the light",
-        ),
-        _judge_share("black", "black", quality.black, MOST_BLACK, "lengthen the exposure, or add light"),
-        _judge_exposure(quality),
-        _judge_flicker(flicker),
-    )
-
-
-def _judge_focus(width_px: float | None) -> Score:
-    limit = f"at most {MOST_EDGE_WIDTH_PX:g} px"
+    width_px = quality.edge_width_px
     if width_px is None:
-        return Score(
-            "focus",
-            None,
-            "px",
-            limit,
-            None,
-            "no sharp edges in the picture",
-            "show the camera graph paper or the needle",
-        )
-    good = width_px <= MOST_EDGE_WIDTH_PX
-    hint = "" if good else "turn the lens, or change camera.focus in the rig file; then calibrate again"
-    return Score("focus", width_px, "px", limit, good, f"edges are {width_px:.1f} px wide", hint)
-
-
-def _judge_share(name: str, kind: str, share: float, most: float, remedy: str) -> Score:
-    good = share <= most
-    text = f"{100 * share:.1f} % of the pixels are {kind}"
-    return Score(name, 100 * share, "%", f"at most {100 * most:g} %", good, text, "" if good else remedy)
-
-
-def _judge_exposure(quality: PictureQuality) -> Score:
+        focus_text, focus_hint = "no sharp edges in the picture", "show the camera graph paper or the needle"
+    else:
+        focus_text, focus_hint = f"edges are {width_px:.1f} px wide", _SHARPEN
+    variation = None if flicker is None else flicker.variation
+    flicker_text = f"known from {FEWEST_FOR_FLICKER} pictures on"
+    if flicker is not None:
+        period = "" if flicker.period_s is None else f", with a period of {flicker.period_s:.2g} s"
+        beyond = flicker.variation > MOST_FLICKER
+        flicker_text = f"brightness varies by {100 * flicker.variation:.1f} %{period if beyond else ''}"
     least, most = MEDIAN_GREY
     median = quality.median_grey
-    text = f"median grey level {median:.0f}, 98 % from {quality.low_grey:.0f} to {quality.high_grey:.0f}"
-    hint = (
-        "lengthen the exposure, or add light"
-        if median < least
-        else "shorten the exposure, or dim the light"
-        if median > most
-        else ""
+    exposure_text = (
+        f"median grey level {median:.0f}, 98 % from {quality.low_grey:.0f} to {quality.high_grey:.0f}"
     )
-    return Score("exposure", median, "grey level", f"{least:g} to {most:g}", not hint, text, hint)
+    saturated, black = (
+        _tell_share(*share) for share in ((quality.saturated, "saturated"), (quality.black, "black"))
+    )
+    return (
+        _score("focus", width_px, (MOST_EDGE_WIDTH_PX, "px"), focus_text, focus_hint),
+        _score("saturation", quality.saturated, (MOST_SATURATED, "%"), saturated, _DARKEN),
+        _score("black", quality.black, (MOST_BLACK, "%"), black, _BRIGHTEN),
+        Score(
+            "exposure",
+            median,
+            "grey level",
+            f"{least:g} to {most:g}",
+            least <= median <= most,
+            exposure_text,
+            _BRIGHTEN if median < least else _DARKEN if median > most else "",
+        ),
+        _score("flicker", variation, (MOST_FLICKER, "%"), flicker_text, "" if variation is None else _STEADY),
+    )
 
 
-def _judge_flicker(flicker: Flicker | None) -> Score:
-    limit = f"at most {100 * MOST_FLICKER:g} %"
-    if flicker is None:
-        return Score("flicker", None, "%", limit, None, f"known from {FEWEST_FOR_FLICKER} pictures on")
-    good = flicker.variation <= MOST_FLICKER
-    period = "" if good or flicker.period_s is None else f", with a period of {flicker.period_s:.2g} s"
-    text = f"brightness varies by {100 * flicker.variation:.1f} %{period}"
-    hint = (
-        ""
-        if good
-        else "set camera.mains_hz, expose for a multiple of half a mains period, or use a steady lamp"
-    )
-    return Score("flicker", 100 * flicker.variation, "%", limit, good, text, hint)
+def _tell_share(share: float, kind: str) -> str:
+    return f"{100 * share:.1f} % of the pixels are {kind}"
+
+
+def _score(name: str, value: float | None, most: tuple[float, str], text: str, hint: str) -> Score:
+    """Return the score of a quantity that has an upper limit; shares are told in percent."""
+    limit, unit = most
+    times = 100.0 if unit == "%" else 1.0
+    good = None if value is None else value <= limit
+    told = None if value is None else times * value
+    return Score(name, told, unit, f"at most {times * limit:g} {unit}", good, text, "" if good else hint)

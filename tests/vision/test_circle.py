@@ -41,19 +41,6 @@ def test_answers_the_certified_circles(name):
     assert parameters(fit_circle(points, method="geometric")) == pytest.approx(known, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.processors
-@pytest.mark.parametrize("name", CERTIFIED)
-def test_states_the_certified_standard_errors(name):
-    """The covariance of the geometric fit is the usual s^2 (J^T J)^-1."""
-    if not CIRCLES.is_dir():
-        pytest.skip(f"the certified point sets are not at {CIRCLES}")
-    points = np.loadtxt(CIRCLES / f"{name}.csv", delimiter=",", skiprows=1)
-    certified = json.loads((CIRCLES / "certified.json").read_text())[name]
-    covariance = fit_circle(points, method="geometric").covariance
-    errors = np.array(certified["geometric_se_s2=SSE/(n-3)"], dtype=float)
-    assert np.sqrt(np.diag(covariance)) == pytest.approx(errors, rel=1e-6)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_finds_an_exact_circle(method):
     """Points without noise give the circle they were taken from, and no residual."""
@@ -148,21 +135,10 @@ def test_robust_fit_is_deterministic():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_claimed_spread_is_the_observed_one(method):
-    """With independent noise the stated standard deviation of the radius matches repeated fits."""
-    fits = [fit_circle(arc(150, noise=0.05, seed=seed), method=method) for seed in range(200)]
-    radii = np.array([circle.radius for circle in fits])
-    claimed = np.mean([np.sqrt(circle.covariance[2, 2]) for circle in fits])
-    assert radii.std() == pytest.approx(claimed, rel=0.2)
-    assert abs(radii.mean() - 28.0) < 4.0 * claimed / np.sqrt(200)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_three_points_leave_no_uncertainty_to_state(method):
-    """Three points determine a circle, but not its uncertainty."""
+def test_three_points_determine_a_circle(method):
+    """The circle goes through them."""
     circle = fit_circle([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)], method=method)
     assert parameters(circle) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
-    assert circle.covariance is None
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -13,7 +13,6 @@ from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
 from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign, plan_campaign
-from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 
 
@@ -75,7 +74,6 @@ def compute_campaign(
     pool: Pool,
     *,
     progress: Progress = lambda _done, _of: None,
-    clock: Clock | None = None,
 ) -> None:
     """Compute what is left of a campaign.
 
@@ -84,12 +82,10 @@ def compute_campaign(
     InputError, DiskError, MachineError
         When it cannot go on; what is done stays done.
     """
-    clock = SystemClock() if clock is None else clock
     by_rule = conduct_campaign(
         CampaignTasks(loaded),
         store,
-        lambda orders: run_in_order(pool, compute_task, orders, clock=clock),
-        clock,
+        lambda orders: run_in_order(pool, compute_task, orders, clock=SystemClock()),
         progress,
     )
     if by_rule:

@@ -8,7 +8,7 @@ the table, and the next start goes on behind it. `table.parquet` is made of the 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -120,7 +120,9 @@ class CampaignStore:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let other processes write there."""
+        """Force the rows to disk, and let other processes write there."""
+        with suppress(OSError):  # a power cut may cost the last of them then, and they are computed again
+            self._file.sync()
         self._file.close()
         self._lock.release()
 
@@ -143,11 +145,10 @@ class CampaignStore:
         try:
             with disk_errors(self._file.path):
                 self._file.append(b"".join(map(encode_line, rows)))
-                self.done += len(rows)  # before the sync, at which a signal may end this
-                self._file.sync()
         except DiskError as error:
             hint = f"{error.hint}; {self.done} tasks are done, and the same command goes on behind them"
             raise error.reword(error.message, hint) from error
+        self.done += len(rows)
 
     @property
     def table_file(self) -> Path:

@@ -10,7 +10,6 @@ from labrig.analysis.measurements import open_measured_runs
 from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.run import open_store
 from labrig.campaign.tasks import CampaignTasks
-from labrig.devices.clocks import SimulatedClock
 from tests.campaign.campaigns import computing, load, write_campaign
 from tests.campaign.test_conduct import Told, by_seed
 
@@ -24,7 +23,7 @@ def make(folder: Path, name: str, stop_at: int | None = None, **keys: object) ->
         open_store(loaded, folder / name) as store,
         suppress(KeyboardInterrupt),
     ):
-        conduct_campaign(CampaignTasks(loaded), store, computing(by_seed), SimulatedClock(), Told(stop_at))
+        conduct_campaign(CampaignTasks(loaded), store, computing(by_seed), Told(stop_at))
     return folder / name
 
 

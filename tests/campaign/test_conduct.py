@@ -11,7 +11,6 @@ from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.run import open_store
 from labrig.campaign.tasks import CampaignTasks, TaskOrder
-from labrig.devices.clocks import SimulatedClock
 from labrig.errors import InputError, LabrigError
 from tests.campaign.campaigns import Law, computing, load, write_campaign
 
@@ -34,9 +33,7 @@ class Told:
 def conduct(loaded: LoadedCampaign, place: Path, law: Law, told: Told | None = None) -> tuple[int, bool]:
     """Conduct a campaign whose tasks follow a law; return how many are done, and whether a rule ended it."""
     with open_store(loaded, place) as store:
-        by_rule = conduct_campaign(
-            CampaignTasks(loaded), store, computing(law), SimulatedClock(), told or Told()
-        )
+        by_rule = conduct_campaign(CampaignTasks(loaded), store, computing(law), told or Told())
         return store.done, by_rule
 
 
@@ -106,7 +103,7 @@ def test_a_rule_ends_it_at_the_same_task_however_often_it_was_interrupted(tmp_pa
         raise AssertionError("nothing is left to compute")
 
     with open_store(loaded, tmp_path / "broken") as store:
-        assert conduct_campaign(CampaignTasks(loaded), store, never, SimulatedClock(), Told())
+        assert conduct_campaign(CampaignTasks(loaded), store, never, Told())
 
 
 def test_it_goes_on_with_more_repetitions_but_not_with_other_values(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import math
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -82,7 +81,9 @@ def plane(
     if described is not None and rig is not None:
         camera = described.camera
         require_size(picture, (camera.width_px, camera.height_px), f"the camera of the rig {described.name}")
-    scale = _Scale(px_per_mm, distance_mm).find(image, described, lens, asks=not as_json)
+    scale = _find_scale(px_per_mm, distance_mm, described, lens)
+    if scale is None:
+        scale = _ask_scale(image, asks=not as_json)
     try:
         with show_working("finding the lines of the paper", shown=not as_json):
             found = calibrate_plane(
@@ -104,64 +105,49 @@ def plane(
     return 0 if found.accepted else 1
 
 
-@dataclass(frozen=True)
-class _Scale:
-    """What was typed of the picture's scale; None where an option was left out."""
+def _find_scale(
+    px_per_mm: float | None,
+    distance_mm: float | None,
+    rig: "RigDescription | None",
+    lens: "Intrinsics | None",
+) -> float | None:
+    """Return the scale [px/mm]: as typed, by a distance, or of the rig's last plane map; None if none tells it.
 
-    px_per_mm: float | None
-    distance_mm: float | None
-
-    def find(
-        self, image: Path, rig: "RigDescription | None", lens: "Intrinsics | None", *, asks: bool
-    ) -> float:
-        """Return the scale [px/mm]: as typed, by a distance, of the rig's last plane map, or by two marks.
-
-        Raises
-        ------
-        InputError
-            If nothing tells the scale, or two options say it.
-        """
-        from labrig.vision.calibrate_plane import find_px_per_mm
-
-        if self.px_per_mm is not None and self.distance_mm is not None:
-            raise InputError("--px-per-mm and --distance-mm both tell the scale", "give one of them")
-        if self.px_per_mm is not None:
-            return self.px_per_mm
-        if self.distance_mm is not None and lens is None:
-            raise InputError(
-                "a distance tells the scale by the lens, and --intrinsics is missing",
-                "give --intrinsics FILE, or --px-per-mm in place of --distance-mm",
-            )
-        distance_mm = self.distance_mm
-        if distance_mm is None and rig is not None:
-            distance_mm = rig.camera.distance_mm
-        if distance_mm is not None and lens is not None:
-            return find_px_per_mm(lens, distance_mm)
-        last = _read_last_scale(rig)
-        if last is not None:
-            return last
-        if asks and sys.stdin.isatty():
-            return _ask_scale(image)
-        raise InputError(
-            "nothing tells the scale of the picture, roughly",
-            "give --px-per-mm, to 20 %: the pixels between two marks of a ruler over their millimetres; or "
-            "--distance-mm with --intrinsics",
-        )
-
-
-def _read_last_scale(rig: "RigDescription | None") -> float | None:
-    """Return the scale of the rig's last plane map [px/mm]; None if it has none."""
+    Raises
+    ------
+    InputError
+        If two options say it, or a distance has no lens.
+    """
+    from labrig.vision.calibrate_plane import find_px_per_mm
     from labrig.vision.calibration_file import load_px_per_mm
 
+    if px_per_mm is not None and distance_mm is not None:
+        raise InputError("--px-per-mm and --distance-mm both tell the scale", "give one of them")
+    if distance_mm is not None and lens is None:
+        raise InputError(
+            "a distance tells the scale by the lens, and --intrinsics is missing",
+            "give --intrinsics FILE, or --px-per-mm in place of --distance-mm",
+        )
+    if distance_mm is None and rig is not None:
+        distance_mm = rig.camera.distance_mm
+    if px_per_mm is None and distance_mm is not None and lens is not None:
+        return find_px_per_mm(lens, distance_mm)
     last = None if rig is None else rig.calibration_paths().get("plane.json")
-    return load_px_per_mm(last) if last is not None and last.is_file() else None
+    return load_px_per_mm(last) if px_per_mm is None and last is not None and last.is_file() else px_per_mm
 
 
-def _ask_scale(image: Path) -> float:
+def _ask_scale(image: Path, *, asks: bool) -> float:
+    """Return the scale by two marks [px/mm]. Raises `InputError` if nobody is there to click them."""
     from labrig.cli.signals import SignalNote
     from labrig.cli.terminal_operator import TerminalOperator
 
-    return read_scale_from(TerminalOperator(SignalNote(), sys.stdin), image)
+    if asks and sys.stdin.isatty():
+        return read_scale_from(TerminalOperator(SignalNote(), sys.stdin), image)
+    raise InputError(
+        "nothing tells the scale of the picture, roughly",
+        "give --px-per-mm, to 20 %: the pixels between two marks of a ruler over their millimetres; or "
+        "--distance-mm with --intrinsics",
+    )
 
 
 def read_scale_from(person: "TerminalOperator", image: Path) -> float:

@@ -1,4 +1,4 @@
-"""Masks on the command line: which commands accept them, and how the record keeps them."""
+"""The mask of a rig: pixels that are not the needle."""
 
 import json
 import shutil
@@ -9,11 +9,9 @@ import numpy as np
 
 from tests.cli.conftest import RIG, SWEEP, Labrig
 
-TEMPLATE = RIG.parent / "simulated-tip.png"
 ONE_INSERTION = (
     "--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]",
 )  # fmt: skip
-BELOW = [[0, 400], [1279, 640], [1279, 719], [0, 719]]
 
 
 def test_a_rig_has_a_mask_that_every_run_keeps_and_uses(labrig: Labrig, tmp_path: Path) -> None:

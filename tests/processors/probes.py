@@ -109,28 +109,17 @@ def _read_curvature(name: str, result: Document) -> Case:
 def _read_insertion(name: str, result: Document) -> Case:
     (insertion,) = result["insertions"]
     seen = [step for step in insertion["steps"] if step["tip_mm"] and step["estimate_mm"]]
-    sd_mm = seen[-1]["position_sd_mm"]
-    commands = insertion["commands"]
     error = (insertion["target_error_mm"], insertion["sigma_target_error_mm"])
     numbers = {
         "target error [mm]": [error, *((value, error[1]) for value in insertion["tip_mm"])],
         "sighting [mm]": [(value, step["position_sd_mm"]) for step in seen for value in step["tip_mm"]],
         "estimate [mm]": [(value, step["position_sd_mm"]) for step in seen for value in step["estimate_mm"]],
         "heading [rad]": [(step["heading_rad"], step["heading_sd_rad"]) for step in seen],
-        "command [mm]": [(command["run_to_mm"], sd_mm) for command in commands if command["run_to_mm"]],
-        "plan [mm]": [
-            (value, sd_mm)
-            for plan in insertion["plans"]
-            if plan["found"]
-            for value in (plan["length_mm"], plan["clearance_mm"])
-        ],
     }
     decided = [
         insertion["outcome"],
         insertion["stop"],
         [(step["believed"], step["reason"]) for step in insertion["steps"]],
-        [(plan["because"], plan["found"], plan["arcs"]) for plan in insertion["plans"]],
-        [(round(command["roll_rad"], 6), command["sought"], command["stop"]) for command in commands],
     ]
     return Case(name, str(decided), numbers)
 

@@ -1,16 +1,15 @@
 """Measure how close to their targets the insertions of a run ended, and estimate the tip along the way again.
 
-Errors are measured in the final pictures, at the end of the shaft. The steering step then runs again over the recorded
-pictures: it finds the tip, estimates its pose with the recorded turns, and its commands are stored. With the settings
-of the protocol the commands are those of the run, to the last digit. With other settings
-(`labrig reanalyze --set planner.radius_mm=32`) they are the commands that the step would have given at each picture.
-The needle still followed the commands of the run: this compares commands picture by picture and predicts no other path.
+Errors are measured in the final pictures, at the end of the shaft. The estimator then runs again over the recorded
+pictures: the tip is found in each, and its pose estimated with the recorded turns. With the settings of the protocol
+the estimates are those of the run; other settings (`labrig reanalyze --set estimator.observation_sd_mm=0.1`) say what
+would have been estimated of the path that the needle took.
 """
 
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,17 +39,13 @@ from labrig.experiments.insertion.events import (
     InsertionStart,
     InsertionStop,
     MarkersSought,
-    PathSought,
     TipObserved,
     TrueInsertion,
 )
 from labrig.experiments.insertion.marker_history import MarkerHistory, seek_markers
 from labrig.experiments.insertion.marker_view import find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.recorded_plan import sample_plan
 from labrig.experiments.insertion.result import (
-    InsertionCommand,
-    InsertionPlan,
     InsertionResult,
     InsertionStep,
     InsertionTrial,
@@ -68,10 +63,9 @@ from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
-from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
-from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.shaft_tip import ShaftTip
@@ -107,7 +101,6 @@ class _Events:
     start: InsertionStart
     stop: InsertionStop | None
     sheath: TrialOrigin | None
-    plans: tuple[PathSought, ...]
     way: tuple[InsertionEvent, ...]
     true: TrueInsertion | None
     markers: tuple[MarkersSought, ...] = ()
@@ -214,7 +207,6 @@ def _read_trials(run: Run) -> list[_Events]:
     """Return the recorded events of each insertion that was neither made again nor left out by a person."""
     trials = run.read_trials(InsertionStart, InsertionStop)
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
-    plans = run.read_events(PathSought)
     way = run.read_events(BevelTurn, TipObserved)
     markers = run.read_events(MarkersSought)
     true = run.read_truth(TrueInsertion)
@@ -223,7 +215,6 @@ def _read_trials(run: Run) -> list[_Events]:
             trial.start,
             trial.stop,
             sheaths.get(trial.start.trial),
-            tuple(event for event in plans if event.trial == trial.start.trial),
             tuple(event for event in way if event.trial == trial.start.trial),
             true.get(trial.start.trial),
             tuple(event for event in markers if event.trial == trial.start.trial),
@@ -239,7 +230,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     tolerance_mm = settings.problem.tolerance_mm
     true = _read_true_path(truth)
     markers = seek_markers(source.run, source.protocol, source.view.plane, events.start, events.markers)
-    steps, commands = _retrace(events, settings, source, true, markers)
+    steps = _retrace(events, settings, source, true, markers)
     settings = markers.place_at_end(settings)
     target_mm = settings.problem.target_mm[1:]
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
@@ -267,9 +258,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         missed_sightings=sum(not step.believed for step in steps),
         mean_nis=_average([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
-        plans=tuple(_describe_plan(event) for event in events.plans),
         as_recorded=_agree(steps, events.estimates_mm),
-        commands=tuple(commands),
         **markers.describe(),
     )
 
@@ -371,39 +360,23 @@ def _decide_ending(
 
 
 def _retrace(
-    events: _Events,
-    settings: SteeringSettings,
-    source: _Source,
-    true: _TruePath,
-    markers: MarkerHistory,
-) -> tuple[list[InsertionStep], list[InsertionCommand]]:
-    """Run the steering step again at each picture, with the recorded turns instead of the turns that it commands.
-
-    A commanded turn that was also made counts as the step's own, so that the same settings give the same digits.
-    """
+    events: _Events, settings: SteeringSettings, source: _Source, true: _TruePath, markers: MarkerHistory
+) -> list[InsertionStep]:
+    """Find the tip again in each picture, and estimate its pose with the recorded turns."""
     settings = markers.place_before(events.way, settings)
-    state, command = start_steering(settings)
-    steps, commands = list[InsertionStep](), [_describe_command(None, state, command)]
+    state, steps = begin_steering(settings), list[InsertionStep]()
     for event in events.way:
         if isinstance(event, BevelTurn):
-            if command.roll_rad == 0.0:
-                state = turn_bevel(state, event.to_rad - event.from_rad, settings)
-            command = replace(command, roll_rad=0.0)
+            state = turn_bevel(state, event.to_rad - event.from_rad, settings)
         elif isinstance(event, TipObserved):
-            if command.roll_rad != 0.0:
-                state = replace(state, turns=state.turns[:-1])
             predicted = state.predict(event.depth_mm, settings)
             fix, position_mm = _find_tip_again(event, predicted, state, source)
-            sighting = TipSighting(event.depth_mm, position_mm)
-            settings, halt = markers.place_at(event.frame, settings)
-            if command.stop is None:
-                state, command = step_steering(state, sighting, settings, halt)
-                commands.append(_describe_command(event.frame, state, command))
-            else:
-                state = take_in_sighting(state, sighting, settings)
-            places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
-            steps.append(_describe_step(event, fix, state, places))
-    return steps, commands
+            settings, _ = markers.place_at(event.frame, settings)
+            state = take_in_sighting(state, TipSighting(event.depth_mm, position_mm), settings)
+            steps.append(
+                _describe_step(event, fix, state, _Places(predicted[:3, 3], position_mm, settings, true))
+            )
+    return steps
 
 
 def _measure_noise(
@@ -451,19 +424,6 @@ def _list_sightings(
     return SeenInsertion(begin_steering(_restore_settings(events, protocol)), tuple(way))
 
 
-def _describe_command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
-    return InsertionCommand(
-        frame=frame,
-        depth_mm=state.insertion_mm,
-        roll_rad=command.roll_rad,
-        observe_at_mm=command.observe_at_mm,
-        run_to_mm=command.run_to_mm,
-        sought=state.why,
-        replans=max(state.replans, 0),
-        stop=command.stop,
-    )
-
-
 def _find_tip_again(
     event: TipObserved, predicted: FloatArray, state: SteeringState, source: _Source
 ) -> tuple[TipFix, FloatArray | None]:
@@ -509,21 +469,6 @@ def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> f
         math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
     ]
     return min(apart) - problem.diameter_mm / 2 if apart else None
-
-
-def _describe_plan(event: PathSought) -> InsertionPlan:
-    return InsertionPlan(
-        depth_mm=event.depth_mm,
-        t_s=event.t_s,
-        frame=event.frame,
-        because=event.because,
-        found=event.found,
-        reason=event.reason or event.refusal or None,
-        arcs=len(event.arcs) if event.found else 0,
-        length_mm=event.length_mm,
-        clearance_mm=event.clearance_mm,
-        path_mm=_thin_path(sample_plan(event)[:, 1:]),
-    )
 
 
 def _measure_end(

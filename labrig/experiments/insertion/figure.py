@@ -1,6 +1,7 @@
 """Figures of an insertion over its length: error of the tip, clearance, NIS and heading, and what its markers moved."""
 
 import math
+from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri
 
+from labrig.experiments.insertion.events import PathSought
 from labrig.experiments.insertion.result import InsertionTrial
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.palette import DESIGN, mark
@@ -18,7 +20,7 @@ _SEEN, _TRUE = mark(0).colour, "#000000"
 _NIS_95 = float(chdtri(2, 0.05))
 
 
-def draw_insertion_figure(trial: InsertionTrial, name: str) -> Markup:
+def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], name: str) -> Markup:
     """Draw the curves of an insertion over the inserted length, with the places where the path was replanned."""
     draws = [_draw_error, _draw_clearance, _draw_nis, _draw_heading]
     if trial.marker_steps:
@@ -29,7 +31,7 @@ def draw_insertion_figure(trial: InsertionTrial, name: str) -> Markup:
         for axes, draw in zip(curves, draws, strict=True):
             draw(axes, trial)
             axes.grid(visible=True)
-            for plan in trial.plans:
+            for plan in plans:
                 axes.axvline(plan.depth_mm, color="#c9cdd2", linewidth=0.8, zorder=0)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)

@@ -7,7 +7,10 @@ import numpy as np
 
 from labrig.analysis.result import Point
 from labrig.experiments.insertion.colours import OBSTACLE, PLAN, TAKEN, TARGET
+from labrig.experiments.insertion.events import PathSought
+from labrig.experiments.insertion.recorded_plan import read_plans, sample_plan
 from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial
+from labrig.record.reader import Run
 from labrig.report.film_pictures import Colour, Film, FilmPicture, Stroke
 from labrig.report.pictures import circle
 from labrig.vision.plane import PlaneMap
@@ -16,22 +19,25 @@ _TIP_RADIUS_MM = 1.0
 _SEEN: Colour = (255, 255, 255)
 
 
-def make_films(content: InsertionResult, plane: PlaneMap) -> tuple[Film, ...]:
+def make_films(run: Run, content: InsertionResult, plane: PlaneMap) -> tuple[Film, ...]:
     """Return a film of each insertion that was steered by pictures."""
+    plans = read_plans(run)
     return tuple(
-        Film(f"insertion-{trial.trial + 1}", tuple(_list_pictures(trial, plane)))
+        Film(f"insertion-{trial.trial + 1}", tuple(_list_pictures(trial, plans.get(trial.trial, ()), plane)))
         for trial in content.insertions
         if trial.steps
     )
 
 
-def _list_pictures(trial: InsertionTrial, plane: PlaneMap) -> Iterator[FilmPicture]:
+def _list_pictures(
+    trial: InsertionTrial, plans: Sequence[PathSought], plane: PlaneMap
+) -> Iterator[FilmPicture]:
     taken: list[Point] = []
     for step in trial.steps:
         taken.append(step.estimate_mm)
         strokes = (
             *_draw_scene(trial, step.frame, plane),
-            *_draw_line(_find_plan(trial, step.t_s), PLAN, "plan", plane),
+            *_draw_line(_find_plan(plans, step.t_s), PLAN, "plan", plane),
             *_draw_line(taken, TAKEN, "estimate", plane),
             *_draw_tip(step, plane),
         )
@@ -44,9 +50,10 @@ def _list_pictures(trial: InsertionTrial, plane: PlaneMap) -> Iterator[FilmPictu
         yield FilmPicture(trial.final_frame, end, _write_end(trial))
 
 
-def _find_plan(trial: InsertionTrial, t_s: float) -> Sequence[Point]:
+def _find_plan(plans: Sequence[PathSought], t_s: float) -> Sequence[Point]:
     """Return the path that was followed at a rig time [s]; empty before the first."""
-    return next((plan.path_mm for plan in reversed(trial.plans) if plan.found and plan.t_s <= t_s), ())
+    followed = next((plan for plan in reversed(plans) if plan.found and plan.t_s <= t_s), None)
+    return () if followed is None else [(y, z) for _, y, z in sample_plan(followed).tolist()]
 
 
 def _draw_scene(trial: InsertionTrial, frame: int, plane: PlaneMap) -> Iterator[Stroke]:

@@ -12,13 +12,13 @@ from markupsafe import Markup
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.errors import RecordError
-from labrig.experiments.insertion.events import InsertionRole
+from labrig.experiments.insertion.events import InsertionRole, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.film import make_films
 from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.recorded_plan import read_plans, sample_plan
 from labrig.experiments.insertion.result import (
     EndDepth,
-    InsertionPlan,
     InsertionResult,
     InsertionTrial,
     MarkerMotion,
@@ -108,7 +108,7 @@ class _Moment:
     t_s: float
     depth_mm: float
     occasion: str
-    plans: tuple[InsertionPlan, ...]
+    plans: Sequence[PathSought]
 
 
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult] | None) -> Page:
@@ -123,7 +123,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         _write_verdict(content),
         describe_calibration(run),
         _collect_content(run, protocol, result, content),
-        partial(make_films, content, load_plane_map(run)),
+        partial(make_films, run, content, load_plane_map(run)),
     )
 
 
@@ -142,7 +142,7 @@ def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
 def _collect_content(
     run: Run, protocol: InsertionProtocol, result: AnyResult, content: InsertionResult
 ) -> dict[str, Any]:
-    plane = load_plane_map(run)
+    plane, plans = load_plane_map(run), read_plans(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
         "content": content,
@@ -157,7 +157,8 @@ def _collect_content(
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
-            _draw_insertion(run, trial, plane) for trial in sorted(shown, key=lambda trial: trial.trial)
+            _draw_insertion(run, trial, plans.get(trial.trial, ()), plane)
+            for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "noise_told": describe_sighting_noise(
@@ -228,23 +229,23 @@ def _format_uncertainty(content: InsertionResult) -> str:
     return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
 
 
-def _draw_insertion(run: Run, trial: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
-    drawn = (_draw_panel(run, moment, trial, plane) for moment in _list_moments(run, trial))
+def _draw_insertion(
+    run: Run, trial: InsertionTrial, plans: Sequence[PathSought], plane: PlaneMap
+) -> ShownInsertion:
+    drawn = (_draw_panel(run, moment, trial, plane) for moment in _list_moments(run, trial, plans))
     panels = tuple(panel for panel in drawn if panel is not None)
-    figure = draw_insertion_figure(trial, f"trial{trial.trial}") if trial.steps else None
+    figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
     return ShownInsertion(trial, panels, figure)
 
 
-def _list_moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
+def _list_moments(run: Run, trial: InsertionTrial, plans: Sequence[PathSought]) -> Iterator[_Moment]:
     """Yield the pictures of figure 9: one at each replan, but only the first near the target, and one at the end."""
-    for index in _select_plans(trial.plans):
-        plan = trial.plans[index]
+    for index in _select_plans(plans):
+        plan = plans[index]
         frame = _find_scene(run, trial.trial) if plan.frame is None else plan.frame
         if frame is not None:
             occasion = _OCCASIONS.get(plan.because, plan.because)
-            yield _Moment(
-                frame, plan.t_s - trial.start_t_s, plan.depth_mm, occasion, trial.plans[: index + 1]
-            )
+            yield _Moment(frame, plan.t_s - trial.start_t_s, plan.depth_mm, occasion, plans[: index + 1])
     if trial.final_frame is not None:
         t_s = run.frame_line(trial.final_frame).t_s
         yield _Moment(
@@ -252,11 +253,11 @@ def _list_moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
             t_s - trial.start_t_s,
             trial.length_mm or 0.0,
             f"stopped, {trial.cause}",
-            trial.plans,
+            plans,
         )
 
 
-def _select_plans(plans: Sequence[InsertionPlan]) -> list[int]:
+def _select_plans(plans: Sequence[PathSought]) -> list[int]:
     anew = any(plan.because == "origin" for plan in plans)
     found = [
         index for index, plan in enumerate(plans) if plan.found and not (anew and plan.because == "start")
@@ -293,8 +294,8 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         width=width,
         height=height,
         text_px=width / 40,
-        plan="" if last or not moment.plans else _draw_path(moment.plans[-1].path_mm, plane),
-        former=tuple(_draw_path(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
+        plan="" if last or not moment.plans else _draw_path(_sample(moment.plans[-1]), plane),
+        former=tuple(_draw_path(_sample(plan), plane) for plan in moment.plans[:-1] if plan.found),
         taken=_draw_path(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
         truth=_draw_path(trial.true_path_mm, plane) if last else "",
         obstacles=tuple(polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in obstacles),
@@ -303,6 +304,10 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         scale_mm=scale_mm,
         scale=scale,
     )
+
+
+def _sample(plan: PathSought) -> Sequence[tuple[float, float]]:
+    return [(y, z) for _, y, z in sample_plan(plan).tolist()]
 
 
 def _draw_path(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:

@@ -1,9 +1,12 @@
-"""The points of a plan from its line in a record."""
+"""The plans of an insertion from its record."""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.experiments.insertion.events import PathSought
+from labrig.record.reader import Run
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.problem import PlanProblem
 
@@ -19,3 +22,11 @@ def sample_plan(event: PathSought) -> NDArray[np.float64]:
     # Where the arcs lie depends on their start and radius alone.
     problem = PlanProblem(target_mm=event.start.position_mm, start=start, radius_mm=radius_mm)
     return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))
+
+
+def read_plans(run: Run) -> Mapping[int, Sequence[PathSought]]:
+    """Return the plans of each trial, in the order of time."""
+    plans: dict[int, list[PathSought]] = {}
+    for event in run.read_events(PathSought):
+        plans.setdefault(event.trial, []).append(event)
+    return plans

@@ -49,39 +49,6 @@ class InsertionStep(Model):
     true_heading_rad: float | None
 
 
-class InsertionCommand(Model):
-    """What the step that steers says at a picture, by the settings of the result and knowing the turns that were made.
-
-    `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
-    turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
-    first, and why to stop; after the first stop there are no more.
-    """
-
-    frame: int | None
-    depth_mm: float
-    roll_rad: float
-    observe_at_mm: float
-    run_to_mm: float
-    sought: str | None
-    replans: int
-    stop: str | None
-
-
-class InsertionPlan(Model):
-    """A run of the planner: when, why, and the points (y, z) of the path; empty if it found none."""
-
-    depth_mm: float
-    t_s: float
-    frame: int | None
-    because: str
-    found: bool
-    reason: str | None
-    arcs: int
-    length_mm: float | None
-    clearance_mm: float | None
-    path_mm: tuple[Point, ...]
-
-
 class TargetErrorSources(Model):
     """Standard deviations of the distance of a needle's end from its target [mm], by source.
 
@@ -208,12 +175,10 @@ class InsertionTrial(Model):
     missed_sightings: int
     mean_nis: float | None
     steps: tuple[InsertionStep, ...]
-    plans: tuple[InsertionPlan, ...]
     as_recorded: bool | None = None
     marker_ids: tuple[int | None, ...] = ()
     markers: tuple[MarkerMotion, ...] = ()
     marker_steps: tuple[MarkerStep, ...] = ()
-    commands: tuple[InsertionCommand, ...] = ()
 
     def locate_places(self, frame: int) -> tuple[Point3, tuple[Obstacle, ...]]:
         """Return where the target (x, y, z) and the obstacles were in a picture."""

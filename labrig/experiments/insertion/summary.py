@@ -128,17 +128,13 @@ def _format_depth(depth: Mapping[str, Any] | None) -> str:
 
 def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:
     name = f"insertion {trial['trial'] + 1}"
-    values = {
+    return {
         f"{name}: error mm": trial["target_error_mm"],
         f"{name}: error in space mm": interval(trial.get("target_error_interval_mm")),
         f"{name}: error in space by": trial.get("target_error_interval_by"),
         f"{name}: error by the estimate mm": trial["template_error_mm"],
         f"{name}: mean NIS": trial["mean_nis"],
         f"{name}: sightings not believed": trial["missed_sightings"],
+        f"{name}: paths found anew": trial["replans"],
+        f"{name}: stop": trial["stop"],
     }
-    commands = trial["commands"]
-    if commands:
-        values[f"{name}: turns asked for"] = sum(command["roll_rad"] != 0.0 for command in commands)
-        values[f"{name}: paths found anew"] = commands[-1]["replans"]
-        values[f"{name}: stop"] = commands[-1]["stop"]
-    return values

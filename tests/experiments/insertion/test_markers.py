@@ -28,7 +28,6 @@ from labrig.runner.replay import replay_run
 from labrig.steering.marker_tracking import TrackedMarker
 from labrig.steering.problem import Obstacle
 from labrig.vision.plane import PlaneMap
-from tests.analysis.insertions import analyse
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
 from tests.experiments.insertion.test_procedure import (
@@ -107,7 +106,7 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
     page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
     assert "<h2>What the markers moved</h2>" in page
     assert "Markers: displacement since the start" in page
-    (film,) = make_films(result.content, load_plane_map(run))
+    (film,) = make_films(run, result.content, load_plane_map(run))
     first, last = (
         next(stroke.px for stroke in picture.strokes if stroke.name == "target").mean(axis=0)
         for picture in (film.pictures[0], film.pictures[-1])
@@ -115,8 +114,6 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
     assert first[1] - last[1] > 20.0
     followed = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
     assert followed["/depth/to the target"][-1] < 1.0
-    (wary,) = analyse(run, "markers.jump_mm=0.1", "markers.lost_sd_mm_per_mm=0").insertions
-    assert wary.commands[-1].stop == "marker_jumped"
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ FloatArray = NDArray[np.float64]
 
 # A sine of a roll below counts as that of half turns.
 _HALF_TURNS = 1e-12
+# For fewer paths the way by the plane takes longer than that in space.
+_MANY = 16
 _UNIT = np.eye(3)
 
 
@@ -81,7 +83,7 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
         Radius of every arc.
     """
     arcs = psi.shape[-2]
-    if is_planar(psi):
+    if are_planar(psi):
         return _planar_frames(psi, radius_mm)
     steps, turns = arc_pose(psi[..., 0], psi[..., 1], radius_mm)
     positions = np.zeros((*psi.shape[:-2], arcs + 1, 3))
@@ -94,9 +96,9 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
     return ArcFrames(positions, rotations)
 
 
-def is_planar(psi: FloatArray) -> bool:
-    """Return whether every roll of paths (..., n, 2) is a whole number of half turns, so that they stay in a plane."""
-    return bool(np.all(np.abs(np.sin(psi[..., 1])) < _HALF_TURNS))
+def are_planar(psi: FloatArray) -> bool:
+    """Return whether these are many paths (M, n, 2) whose rolls are whole half turns, so that they stay in a plane."""
+    return len(psi) > _MANY and bool(np.all(np.abs(np.sin(psi[..., 1])) < _HALF_TURNS))
 
 
 def _planar_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:

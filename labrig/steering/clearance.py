@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle.kinematics import ArcFrames, FloatArray, is_planar, path_frames, rotation_z
+from labrig.needle.kinematics import ArcFrames, FloatArray, are_planar, path_frames, rotation_z
 
 _ROUNDING_MM = 1e-9
 
@@ -52,7 +52,7 @@ def arc_distances(
 def _find_bending(psi: FloatArray, frames: ArcFrames) -> FloatArray:
     """Return the rotation at the start of each arc with its roll, (..., n, 3, 3): each bends in its y-z plane."""
     before = frames.rotations[..., :-1, :, :]
-    if is_planar(psi):
+    if are_planar(psi):
         side = np.rint(np.cos(psi[..., 1]))
         return np.asarray(before * np.stack((side, side, np.ones_like(side)), axis=-1)[..., None, :])
     return np.asarray(before @ rotation_z(psi[..., 1]))

@@ -25,8 +25,8 @@ What is decided here:
 - **A design** is studied by equation (3) and by our own search, with the same function as `labrig design`; the design
   run adds the record. Its folder also holds the grid of figure 3 and a design file.
 - **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it; its
-  standard deviation covers the reading of that end, lens, plane map, drift, light and roll zero. Estimates and commands
-  on the way are computed again from the recorded pictures and the turns that were made.
+  standard deviation covers the reading of that end, lens, plane map, drift, light and roll zero. Estimates on the
+  way are computed again from the recorded pictures and the turns that were made.
 - **The parent of a result is the newest one with the run's own settings**, so that each what-if is compared with the
   run as it was, and not with the what-if before it.
 - **Truth** of a simulated world is compared at the very end and used for nothing else.

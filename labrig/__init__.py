@@ -49,6 +49,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from labrig.library.campaigns import run_campaign as run_campaign
     from labrig.library.door import annotate_run as annotate_run
     from labrig.library.door import check as check
     from labrig.library.door import compare as compare
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
     from labrig.library.door import replay as replay
     from labrig.library.door import resume as resume
     from labrig.library.door import run as run
-    from labrig.library.door import run_campaign as run_campaign
     from labrig.library.door import view as view
     from labrig.library.door import write_report as write_report
     from labrig.vision import calibrate_intrinsics as calibrate_intrinsics
@@ -73,10 +73,11 @@ _HANDED_OUT = {
     **dict.fromkeys(
         (
             "annotate_run", "check", "compare", "differences", "load_runs", "open_run", "reanalyze", "replay",
-            "resume", "run", "run_campaign", "view", "write_report",
+            "resume", "run", "view", "write_report",
         ),
         "labrig.library.door",
     ),
+    "run_campaign": "labrig.library.campaigns",
 }  # fmt: skip
 
 

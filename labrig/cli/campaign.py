@@ -33,7 +33,7 @@ def campaign(
 ) -> int:
     """Exit with 0 when the campaign is done. Started again, it goes on; Ctrl+C ends it with what is done."""
     from labrig.cli.attendant import TerminalAttendant
-    from labrig.library.door import run_campaign
+    from labrig.library.campaigns import run_campaign
 
     done = run_campaign(
         file,

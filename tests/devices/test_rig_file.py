@@ -195,3 +195,10 @@ def test_a_needle_wider_than_the_simulated_sheath_is_refused() -> None:
     """The error has both diameters."""
     with pytest.raises(FileFormatError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
         large_rig().with_needle(_designed_needle(2.2))
+
+
+@pytest.mark.parametrize("echoing", ["can.interface=udp_multicast", "can.options.receive_own_messages=true"])
+def test_a_bus_that_echoes_is_refused(echoing: str) -> None:
+    """What labrig sends would come back to it as another master's."""
+    with pytest.raises(FileFormatError, match="take itself for another master"):
+        load_rig(CALIBRATION / "rig-bench.yaml", [echoing])

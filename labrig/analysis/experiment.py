@@ -42,7 +42,7 @@ Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings]
 class MeasuredExperiment(ABC):
     """What the engine needs to know of an experiment; its parts are imported on first use.
 
-    `name` is the value of `experiment:` in a protocol file, and `reanalysis_keys` are the sections of the protocol that
+    `name` is the value of `experiment:` in a protocol file, and `reanalysis_keys` are the sections, or keys, of it that
     a reanalysis may change.
     """
 

@@ -114,19 +114,20 @@ def _resolve_protocol(
     run: Run, experiment: MeasuredExperiment, overrides: Sequence[str]
 ) -> ExperimentProtocol:
     """Return the run's protocol with the overrides; only how the run is measured can be changed."""
-    sections = experiment.reanalysis_keys
+    known = experiment.reanalysis_keys
     for override in overrides:
-        section = override.partition("=")[0].partition(".")[0]
-        if section not in sections or not override.startswith(f"{section}."):
+        key = override.partition("=")[0]
+        if not any(key.startswith(f"{each}.") or ("." in each and key == each) for each in known):
             raise InputError(
-                f"{override!r} cannot be changed after the run: {_name_changeable(sections)}",
-                _suggest_key(section, experiment) if sections else "run its protocol again",
+                f"{override!r} cannot be changed after the run: {_name_changeable(known)}",
+                _suggest_key(key.partition(".")[0], experiment) if known else "run its protocol again",
             )
     return load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
 
 
-def _name_changeable(sections: Sequence[str]) -> str:
-    return f"only {', '.join(f'{section}.*' for section in sections)} can" if sections else "nothing can"
+def _name_changeable(known: Sequence[str]) -> str:
+    named = ", ".join(key if "." in key else f"{key}.*" for key in known)
+    return f"only {named} can" if known else "nothing can"
 
 
 def _suggest_key(section: str, experiment: MeasuredExperiment) -> str:

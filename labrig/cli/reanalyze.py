@@ -31,7 +31,7 @@ def reanalyze(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Override analysis.*, or for an insertion estimator.*, planner.*, policy.*; repeatable.",
+            help="Override analysis.*, or for an insertion estimator.*, planner.radius_mm; repeatable.",
         ),
     ] = None,
     workers: WorkersOption = None,

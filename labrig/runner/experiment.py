@@ -106,7 +106,7 @@ class Experiment(MeasuredExperiment):
     title : str
         Its name in a report.
     reanalysis_keys : tuple of str
-        Sections of the protocol that a reanalysis may change.
+        Sections of the protocol, or single keys of one, that a reanalysis may change.
     counts : str
         What the progress of its analysis counts: pictures, hinges.
     interface : int

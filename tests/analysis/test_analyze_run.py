@@ -326,6 +326,14 @@ def test_only_the_analysis_section_can_be_overridden(measured: MeasuredRun) -> N
     assert "window_begin_mm" in str(refusal.value)
 
 
+def test_of_an_insertion_only_what_its_measurement_reads_can_be_overridden() -> None:
+    """Another planner would have steered another way: that is a campaign's question."""
+    run = open_run(Path(__file__).parents[1] / "records" / "insertion")
+    for override in ("planner.method=paper", "policy.near_mm=0", "estimator=1", "planner.radius_mm_=30"):
+        with pytest.raises(InputError, match=r"only estimator\.\*, planner\.radius_mm"):
+            measure(run, override)
+
+
 def test_an_analysis_that_cannot_begin_leaves_nothing(folder: Path) -> None:
     """Without a plane map there is no scale, and no empty result is left behind."""
     run = record_sweep(folder, SyntheticSweep(plane=False))

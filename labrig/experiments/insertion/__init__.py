@@ -6,6 +6,6 @@ EXPERIMENT = Experiment(
     "insertion",
     __name__,
     "Insertion to a target",
-    reanalysis_keys=("estimator", "planner", "policy", "out_of_plane", "markers"),
+    reanalysis_keys=("estimator", "planner.radius_mm", "policy.backlash_mm", "out_of_plane", "markers"),
     counts="insertions",
 )

@@ -60,7 +60,7 @@ max_length_mm: 80
 _STATE = b"""{"kind": "labrig-rig-state", "schema_version": 1, "needle_in_tissue": false, "since_run": null,
 "referenced": ["rotation"], "note": "", "roll_zero": {"needle_id": "N1", "zero_rad": 0.1, "sd_rad": 0.01, "run": "r"}}
 """
-_MASK = b'{"*": [[[0, 0], [30, 0], [30, 20]]], "000012.png": [[[5, 5], [9, 5], [9, 9]]]}'
+_MASK = b"[[[0, 0], [30, 0], [30, 20]], [[5, 5], [9, 5], [9, 9]]]"
 _MOTIONS = b'{"kind":"start","axis":"linear","position":1.5}\n{"kind":"end","axis":"linear","position":1.5}\n'
 
 
@@ -108,7 +108,7 @@ def _list_kinds() -> list[Kind]:
             "plane.json", _content(CALIBRATION / "simulated-plane.json"),
             lambda path: load_plane(path, load_intrinsics(lens)),
         ),
-        _kind("mask.json", _MASK, lambda path: load_mask(path).find_masked("000012.png", _GREY)),
+        _kind("mask.json", _MASK, lambda path: load_mask(path).find_masked(_GREY)),
         Kind(tip.name, _content(tip), load_template, {"simulated-tip.png": _content(tip.with_suffix(".png"))}),
         _kind(
             "centre_lines.npz", _content(RECORDS / "import/analysis/001/centre_lines.npz"),

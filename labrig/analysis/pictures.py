@@ -105,7 +105,7 @@ def measure_picture(
 ) -> Measured:
     """Return the measurement of a recorded picture, or why there is none."""
     try:
-        return measure_image(picture.read(), Path(picture.file).name, plane, settings, mask)
+        return measure_image(picture.read(), plane, settings, mask)
     except (PictureError, RecordError) as error:
         # The folder on this computer is no part of a result.
         reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)
@@ -113,14 +113,14 @@ def measure_picture(
 
 
 def measure_image(
-    image: Picture, name: str, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
+    image: Picture, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
 ) -> CurvatureMeasurement:
-    """Return the measurement of a picture; `name` is that of its file, by which a mask may know it.
+    """Return the measurement of a picture.
 
     Raises
     ------
     PictureError
         When the mask is of another size.
     """
-    masked = None if mask is None else mask.find_masked(name, image)
+    masked = None if mask is None else mask.find_masked(image)
     return measure_curvature(image, plane, settings, masked=masked)

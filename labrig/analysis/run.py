@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.calibration import load_mask_of_run
+from labrig.analysis.calibration import MASK_FILE, load_mask_of_run
 from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import Progress
@@ -143,5 +143,8 @@ def _suggest_key(section: str, experiment: MeasuredExperiment) -> str:
 def _hash_inputs(run: Run) -> dict[str, str]:
     """Return the SHA-256 of each file behind the result; frames.jsonl holds those of the pictures."""
     names = ["protocol.yaml", "frames.jsonl", "events.jsonl", "truth.jsonl"]
-    names += [f"calibration/{name}" for name in run.calibration_files if name.endswith(".json")]
+    kept = [
+        name for name in run.calibration_files if name.endswith(".json") or name.startswith(f"{MASK_FILE}.")
+    ]
+    names += [f"calibration/{name}" for name in kept]
     return {name: hash_file(run.own(name)) for name in names if run.own(name).is_file()}

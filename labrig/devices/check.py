@@ -153,8 +153,8 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 def _describe_mask(rig: RigDescription, path: Path) -> str:
     """Return the share of the camera's picture that a mask excludes."""
     size = (rig.camera.height_px, rig.camera.width_px)
-    masked = load_mask(path).find_masked("", np.zeros(size, np.uint8))
-    share = 0.0 if masked is None else 100.0 * float(masked.mean())
+    masked = load_mask(path).find_masked(np.zeros(size, np.uint8))
+    share = 100.0 * float(masked.mean())
     return f"{path.name}: {share:.1f} % of the picture is not the needle"
 
 

@@ -122,15 +122,6 @@ def _planar_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
     return ArcFrames(positions, rotations)
 
 
-def cut_path(psi: FloatArray, angle_rad: float) -> FloatArray:
-    """Return the first arcs (k, 2) of a path (n, 2), whose angles add up to this angle; all if they have less."""
-    ends = np.cumsum(psi[:, 0])
-    kept = psi[: int(np.searchsorted(ends, angle_rad)) + 1].copy()
-    if len(kept):
-        kept[-1, 0] -= max(0.0, ends[len(kept) - 1] - angle_rad)
-    return kept
-
-
 def arc_jacobian(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> FloatArray:
     """Return J_vi, (..., 3, 2), the derivative of the arc's tip in {ib} by theta and delta, equation (9)."""
     theta, delta = np.asarray(angle_rad, float), np.asarray(roll_rad, float)

@@ -148,14 +148,14 @@ class PictureSight:
         self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
     ) -> ShaftTip:
         """Measure the shaft."""
-        masked = None if self._mask is None else self._mask.find_masked("", taken.image)
+        masked = None if self._mask is None else self._mask.find_masked(taken.image)
         return measure_shaft_tip(
             taken.image, self.plane, diameter_mm, sheath_diameter_mm, masked=masked, roll_sd_rad=roll_sd_rad
         )
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
         """Measure the curvature as the analysis does."""
-        masked = None if self._mask is None else self._mask.find_masked("", taken.image)
+        masked = None if self._mask is None else self._mask.find_masked(taken.image)
         found = measure_curvature(taken.image, self.plane, settings, masked=masked)
         if not found.accepted:
             return SeenRadius(None, None, found.reason or "")

@@ -31,11 +31,6 @@ class TipView:
     template: TipTemplate
     mask: Mask | None = None
 
-    def compute_pixel(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
-        """Return the pixel (u, v) at which a point (x, y, z) of the steering plane is seen."""
-        u, v = self.plane.to_px(np.array([place_mm[1:]]))[0].tolist()
-        return u, v
-
 
 @dataclass(frozen=True, eq=False)
 class TipSearched:
@@ -57,8 +52,6 @@ def find_tip(
     expected: FloatArray,
     tip: TipState,
     roll_rad: float,
-    *,
-    file_name: str = "",
 ) -> TipSearched:
     """Find the tip near where it is expected; the more pictures have shown none, the wider, and then at any heading.
 
@@ -70,8 +63,6 @@ def find_tip(
         The last estimate, whose uncertainty and misses set how far is searched.
     roll_rad : float
         Of the bevel.
-    file_name : str
-        Of a recorded picture, where a mask has a picture of its own for each.
     """
     u, v = view.plane.to_px(expected[None, 1:3, 3])[0].tolist()
     heading_rad = math.atan2(expected[1, 2], expected[2, 2])
@@ -84,7 +75,7 @@ def find_tip(
         heading_rad=heading_rad if tip.misses < _MISSES_WITH_HEADING else None,
         roll_rad=roll_rad,
         region_px=region_px,
-        mask=None if view.mask is None else view.mask.find_masked(file_name, image),
+        mask=None if view.mask is None else view.mask.find_masked(image),
     )
     position = None
     if fix.tip_px is not None:

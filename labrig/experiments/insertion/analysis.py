@@ -10,7 +10,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -430,8 +429,8 @@ def _find_tip_again(
     """Find the tip in a recorded picture, as a live insertion does."""
     picture = source.run.pictures.places[event.frame]
     try:
-        image, name = picture.read(), Path(picture.file).name
-        found = find_tip(source.view, image, predicted, state.tip, event.bevel_rad, file_name=name)
+        image = picture.read()
+        found = find_tip(source.view, image, predicted, state.tip, event.bevel_rad)
     except (PictureError, RecordError) as error:
         return TipFix(accepted=False, reason=error.message.replace(f"{source.run.path}/", "")), None
     return found.fix, found.position_mm
@@ -481,8 +480,7 @@ def _measure_end(
         return None, source.sentinel.reason
     picture = source.run.pictures.places[stop.final_frame]
     try:
-        name = Path(picture.file).name
-        return measure_end(picture.read(), source.view, source.protocol, roll_sd_rad, name), None
+        return measure_end(picture.read(), source.view, source.protocol, roll_sd_rad), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{source.run.path}/", "")
 

@@ -336,7 +336,7 @@ def decide_ending(
 
 
 def measure_end(
-    image: Picture, view: TipView, protocol: InsertionProtocol, roll_zero_sd_rad: float, file_name: str = ""
+    image: Picture, view: TipView, protocol: InsertionProtocol, roll_zero_sd_rad: float
 ) -> ShaftTip:
     """Measure where the needle ends in the last picture.
 
@@ -350,7 +350,7 @@ def measure_end(
         view.plane,
         protocol.needle.diameter_mm,
         protocol.sheath.diameter_mm,
-        masked=None if view.mask is None else view.mask.find_masked(file_name, image),
+        masked=None if view.mask is None else view.mask.find_masked(image),
         roll_sd_rad=roll_zero_sd_rad,
     )
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
@@ -132,10 +131,8 @@ def _measure_hole(
     try:
         shafts = []
         for frame in (hole.turn_frame, hole.end_frame):
-            picture = run.pictures.places[frame]
-            image = picture.read()
-            name = Path(picture.file).name
-            masked = None if request.mask is None else request.mask.find_masked(name, image)
+            image = run.pictures.places[frame].read()
+            masked = None if request.mask is None else request.mask.find_masked(image)
             shafts.append(
                 measure_shaft_tip(image, plane, needle.diameter_mm, sheath.diameter_mm, masked=masked)
             )

@@ -12,7 +12,6 @@ from labrig.analysis.origin import ReadFrame, find_origins
 from labrig.analysis.pictures import Measured, Unreadable, measure_pictures
 from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import check_sentinel
-from labrig.durable import write_atomically
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import average_means, find_final_pictures, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
@@ -22,7 +21,6 @@ from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPictu
 from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
 from labrig.record.reader import Pictures, Run
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
-from labrig.vision.mask import Mask
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
@@ -106,9 +104,8 @@ def measure_curvature(
         partial(_find_origins, order.sheath, read, sheaths, plane),
         partial(check_sentinel, order.sentinel, read, lines, plane),
     )
-    named = None if mask is None else mask.with_names(_list_sources(pictures))
     measured, (origins, sentinel) = measure_pictures(
-        places, plane, settings, named, workers=request.workers, progress=request.progress, meanwhile=others
+        places, plane, settings, mask, workers=request.workers, progress=request.progress, meanwhile=others
     )
     bare = [
         describe_picture(picture.line, picture.trial, measurement)
@@ -118,9 +115,7 @@ def measure_curvature(
     finals = find_final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
-        **request.stamp.fields(
-            {**_describe_settings(settings), "roll_sd_deg": roll_sd_deg, **_describe_mask(mask)}
-        ),
+        **request.stamp.fields({**_describe_settings(settings), "roll_sd_deg": roll_sd_deg}),
         specimens=specimens,
         mean_radius_mm=average_means(specimens),
         measurements=results,
@@ -129,13 +124,7 @@ def measure_curvature(
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
         truth=compare_with_truth(trials, finals, specimens, _read_drawn_radii(run)),
     )
-    return content, partial(_save, _collect_centre_lines(results, measured), mask)
-
-
-def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:
-    save_centre_lines(lines, folder)
-    if mask is not None:
-        write_atomically(folder / mask.kept_name, mask.content)
+    return content, partial(save_centre_lines, _collect_centre_lines(results, measured))
 
 
 def _get_picture(frames: Pictures, frame: int) -> Picture:
@@ -149,18 +138,9 @@ def _find_origins(
     return () if sheath is None else find_origins(read, lines, plane, sheath)
 
 
-def _list_sources(pictures: Sequence[_Picture]) -> dict[str, str]:
-    """Return the original name of each imported picture, by its file name in the record."""
-    return {Path(picture.line.file).name: picture.line.source for picture in pictures if picture.line.source}
-
-
 def _describe_settings(settings: CurvatureSettings) -> dict[str, float | None]:
     """Return the settings as a result keeps them; the roll stands there in degrees, as in the protocol."""
     return {name: value for name, value in asdict(settings).items() if name != "roll_sd_rad"}
-
-
-def _describe_mask(mask: Mask | None) -> dict[str, str]:
-    return {} if mask is None else {"mask": mask.kept_name, "mask_sha256": mask.sha256}
 
 
 def _list_trials(run: Run) -> list[SpecimenTrialStart]:

@@ -126,7 +126,8 @@ def test_a_picture_with_a_flipped_bit_is_told_by_its_hash(folder: Path) -> None:
     measured = measure(open_run(run.path))
     reason = f"{file.name} is damaged: its SHA-256 does not fit frames.jsonl"
     assert reason in [measurement.reason for measurement in measured.content.measurements]
-    assert measured.result.document["damage"] == [f"frames/{file.name}: {reason}"]
+    (told,) = measured.result.document["damage"]
+    assert told.startswith(f"frames/{file.name}: it does not fit SHA256SUMS")
 
 
 def test_damage_of_the_record_is_in_the_result(folder: Path) -> None:

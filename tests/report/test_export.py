@@ -116,15 +116,12 @@ def _insertion_tables() -> dict[str, pd.DataFrame]:
 
 
 def test_the_lists_of_an_insertion_are_tables_of_their_own() -> None:
-    """Tip and estimate at each picture, plans and their paths, commands and obstacles, each with its trial."""
+    """Tip and estimate at each picture, and obstacles, each with its trial; plans and turns are events."""
     tables = _insertion_tables()
     steps = tables["insertion_steps"]
     assert {"trial", "frame", "tip_y_mm", "estimate_z_mm", "true_y_mm", "nis"} <= set(steps.columns)
     assert len(steps) == len(observations(record_insertion()))
-    path = tables["insertion_plan_path"]
-    assert set(path["plan"]) <= set(range(len(tables["insertion_plans"])))
-    assert list(path.columns) == ["trial", "plan", "path_y_mm", "path_z_mm"]
-    assert {"roll_rad", "observe_at_mm", "stop"} <= set(tables["insertion_commands"].columns)
+    assert {"plan", "flip"} <= set(tables["events"]["kind"])
     assert tables["insertion_obstacles"]["position_z_mm"].tolist() == [18.0]
     assert {"path_x_mm", "path_y_mm", "path_z_mm"} <= set(tables["truth_path"].columns)
     assert not [name for name, table in tables.items() if name != "events" and _holds_json(table)]

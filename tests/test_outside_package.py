@@ -146,7 +146,8 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
         name: (installed.folder / "lab" / f"{name}.schema.json").read_text()
         for name in ("protocols/protocol", "calibration/rig")
     }
-    assert "Protocol" in json.loads(schemas["protocols/protocol"])["$defs"]
+    experiments = json.loads(schemas["protocols/protocol"])["discriminator"]["mapping"]
+    assert {"bevel-turns", "repeatability", "steerability"} <= set(experiments)
     rig = json.loads(schemas["calibration/rig"])["$defs"]
     assert {"StepperAxis", "Epos2Axis", "MarkerDescription"} <= set(rig)
 

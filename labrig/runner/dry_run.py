@@ -275,8 +275,14 @@ def _list_refused(protocol: ExperimentProtocol, rig: Any) -> Iterator[Problem]:
     for axis, position, speed, error in rig.refused:
         if error.message not in told:
             told.add(error.message)
-            place = next((key for key, value in keys.items() if value in {position, speed}), f"axes.{axis}")
-            yield Problem(place, error.message, error.hint)
+            low, high = getattr(rig.description.axes, axis).limits
+            too_fast = low <= position <= high
+            places = (
+                key
+                for key, value in keys.items()
+                if value == (speed if too_fast else position) and ("speed" in key) == too_fast
+            )
+            yield Problem(next(places, f"axes.{axis}"), error.message, error.hint)
 
 
 def _list_numbers(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, float]]:

@@ -77,7 +77,8 @@ class _Axis:
         return self._round(self.motion.at(now_s)[0]) - self._zero
 
     def start(self, now_s: float, position: float, speed: float) -> Setpoint:
-        """Start a move; an axis in motion goes on to the new position."""
+        """Start a move, which ends at the limits; an axis in motion goes on to the new position."""
+        position = min(max(position, self.description.limits[0]), self.description.limits[1])
         sent_speed = self._scale.to_speed(self._scale.to_speed_units(speed))
         target = self._round(position)
         here, velocity = self.motion.at(now_s)

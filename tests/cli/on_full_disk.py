@@ -31,15 +31,6 @@ def contents(runs: Path) -> dict[str, bytes]:
     }
 
 
-def is_kept(before: dict[str, bytes], after: dict[str, bytes]) -> bool:
-    """Return whether all files are as they were; a chain may have a link more, which fits into its last block."""
-    chains = [name for name in before if name.endswith("/chain.jsonl")]
-    return all(after.get(name, b"").startswith(before[name]) for name in chains) and before == {
-        **after,
-        **{name: before[name] for name in chains},
-    }
-
-
 def call_command(words: list[str]) -> dict[str, object]:
     """Carry out a command in this process, and return what it said."""
     out, err = io.StringIO(), io.StringIO()
@@ -57,14 +48,14 @@ def main(runs: Path) -> None:
         call_command(words)
         for words in (
             ["runs", "--runs-dir", str(runs), "--where", "exit_status=success"],
-            ["resume", interrupted, "--rig", "calibration/rig-simulated.yaml"],
+            ["runs", "annotate", interrupted, "--tag", "pilot"],
             ["runs", "annotate", closed, "--note", "cloudy"],
             ["reanalyze", closed],
             ["report", closed],
             ["export", closed, "--format", "csv", "--out", str(runs / "tables")],
         )
     ]
-    print(json.dumps({"answers": answers, "unchanged": is_kept(before, contents(runs))}))  # noqa: T201 - the test reads it
+    print(json.dumps({"answers": answers, "unchanged": before.items() <= contents(runs).items()}))  # noqa: T201 - the test reads it
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ def test_the_axes_stop_and_the_record_says_why(
 
 
 def test_a_quota_on_files_ends_the_run_intact(tmp_path: Path) -> None:
-    """It fails with the reason, and every acknowledged picture is readable."""
+    """It fails with the reason when can.log meets the limit, and every acknowledged picture is readable."""
     command: list[object] = [
         sys.executable,
         "-m",
@@ -86,8 +86,8 @@ def test_a_quota_on_files_ends_the_run_intact(tmp_path: Path) -> None:
         "--runs-dir",
         tmp_path,
     ]
-    command += ["--run-name", "run", "--json", *SHORT_SWEEP, "--set", "rig.camera.store=pgm"]
-    script = ["bash", "-c", 'ulimit -f 60; exec "$@"', "bash"]
+    command += ["--run-name", "run", "--json", *SHORT_SWEEP, "--set", "insertions_per_specimen=18"]
+    script = ["bash", "-c", 'ulimit -f 1100; exec "$@"', "bash"]
     done = subprocess.run(
         [*script, *map(str, command)], cwd=ROOT, capture_output=True, text=True, check=False
     )

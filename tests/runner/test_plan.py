@@ -17,6 +17,15 @@ def test_the_example_protocol_suits_the_simulated_rig() -> None:
     assert find_problems(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS), large_rig()) == ()
 
 
+@pytest.mark.parametrize(
+    "setting", ["insertion.length_mm=500", "insertion.speed_mm_s=50", "sheath.speed_mm_s=60"]
+)
+def test_a_move_beyond_a_limit_is_a_problem_of_its_key(setting: str) -> None:
+    """Whatever else has the same number; a move beyond a limit does not end the dry run."""
+    key = setting.partition("=")[0]
+    assert [problem.where for problem in find_problems(sweep(setting), large_rig())] == [key]
+
+
 def test_a_move_beyond_a_limit_is_named_with_both_numbers() -> None:
     """A sheath depth beyond the linear axis is a problem at its key, with value and limit."""
     problems = find_problems(sweep("sheath.depth_mm=400"), large_rig())

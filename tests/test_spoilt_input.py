@@ -5,7 +5,7 @@ import random
 import shutil
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -71,15 +71,7 @@ class Kind:
     name: str
     content: bytes
     read: Callable[[Path], object]
-    beside: Mapping[str, bytes]
-
-
-def _kind(name: str, content: bytes, read: Callable[[Path], object], **beside: bytes) -> Kind:
-    return Kind(name, content, read, beside)
-
-
-def _content(path: Path) -> bytes:
-    return path.read_bytes()
+    beside: Mapping[str, bytes] = field(default_factory=dict)
 
 
 def _list_kinds() -> list[Kind]:
@@ -90,36 +82,37 @@ def _list_kinds() -> list[Kind]:
     }
     return [
         *(
-            _kind(path.name, path.read_bytes(), load_campaign_file)
+            Kind(path.name, path.read_bytes(), load_campaign_file)
             if path.stem.startswith("campaign-")
-            else _kind(path.name, path.read_bytes(), lambda file: load_protocol(file, PROTOCOL_MODELS))
+            else Kind(path.name, path.read_bytes(), lambda file: load_protocol(file, PROTOCOL_MODELS))
             for path in protocols
         ),
         *(
-            _kind(f"picture{suffix}", cv2.imencode(suffix, _GREY)[1].tobytes(), read_picture)
+            Kind(f"picture{suffix}", cv2.imencode(suffix, _GREY)[1].tobytes(), read_picture)
             for suffix in (".png", ".jpg", ".bmp", ".tif")
         ),
-        Kind(RIG.name, _content(RIG), load_rig, beside),
-        _kind("design.json", _content(RECORDS / "design/analysis/001/design.json"), load_design),
-        _kind("A1.yaml", _SPECIMEN, lambda path: load_specimen("A1", [path.parent])),
-        _kind("scenario.yaml", _SCENARIO, lambda path: make_problem(load_scenario(path))),
-        _kind("intrinsics.json", _content(lens), load_intrinsics),
-        _kind(
-            "plane.json", _content(CALIBRATION / "simulated-plane.json"),
+        Kind(RIG.name, RIG.read_bytes(), load_rig, beside),
+        Kind("design.json", (RECORDS / "design/analysis/001/design.json").read_bytes(), load_design),
+        Kind("A1.yaml", _SPECIMEN, lambda path: load_specimen("A1", [path.parent])),
+        Kind("scenario.yaml", _SCENARIO, lambda path: make_problem(load_scenario(path))),
+        Kind("intrinsics.json", lens.read_bytes(), load_intrinsics),
+        Kind(
+            "plane.json", (CALIBRATION / "simulated-plane.json").read_bytes(),
             lambda path: load_plane(path, load_intrinsics(lens)),
         ),
-        _kind("mask.json", _MASK, lambda path: load_mask(path).find_masked(_GREY)),
-        Kind(tip.name, _content(tip), load_template, {"simulated-tip.png": _content(tip.with_suffix(".png"))}),
-        _kind(
-            "centre_lines.npz", _content(RECORDS / "import/analysis/001/centre_lines.npz"),
+        Kind("mask.json", _MASK, lambda path: load_mask(path).find_masked(_GREY)),
+        Kind(tip.name, tip.read_bytes(), load_template, {"simulated-tip.png": tip.with_suffix(".png").read_bytes()}),
+        Kind(
+            "centre_lines.npz", (RECORDS / "import/analysis/001/centre_lines.npz").read_bytes(),
             lambda path: load_centre_lines(path.parent),
         ),
-        _kind("state.json", _STATE, lambda path: NeedleState(path).state),
-        _kind("s.json.motions.jsonl", _MOTIONS, lambda path: read_last_motion(path.with_name("s.json"))),
-        _kind(
-            "drive.eds", _content(ROOT / "labrig/devices/drives/epos2.eds"), lambda path: read_eds(path, path.parent)
+        Kind("state.json", _STATE, lambda path: NeedleState(path).state),
+        Kind("s.json.motions.jsonl", _MOTIONS, lambda path: read_last_motion(path.with_name("s.json"))),
+        Kind(
+            "drive.eds", (ROOT / "labrig/devices/drives/epos2.eds").read_bytes(),
+            lambda path: read_eds(path, path.parent),
         ),
-        _kind(".lock", b'{"doing": "labrig run", "pid": 1, "host": "x"}', read_lock_owner),
+        Kind(".lock", b'{"doing": "labrig run", "pid": 1, "host": "x"}', read_lock_owner),
     ]  # fmt: skip
 
 
@@ -247,4 +240,4 @@ def test_hostile_options_are_refused(line: str, seed: int, labrig: Labrig, tmp_p
 def _require_proper(done: Done, told: object) -> None:
     assert done.exit_code in {0, 1, 2, 3, 4}, (told, done)
     assert "Traceback" not in done.err, told
-    assert not list(Path.cwd().glob("labrig-bug-*.txt")), told
+    assert "labrig itself failed" not in done.err, told

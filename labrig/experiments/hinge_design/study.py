@@ -100,11 +100,8 @@ def study_design(
         When processes that search die of the same hinge again.
     """
     tube, measured = protocol.tube, _describe_measured_needle(protocol)
-    designed, tolerance, links = (
-        _design(protocol),
-        _find_tolerance(protocol, EQUATION_3),
-        _count_links(protocol),
-    )
+    designed, tolerance = _design(protocol), _find_tolerance(protocol, EQUATION_3)
+    links = _count_links(protocol)
     hinges = make_hinge_grid(tube, protocol.clearance_mm, protocol.grid_points)
     if progress is not None:
         progress(0, len(hinges))

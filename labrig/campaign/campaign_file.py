@@ -37,8 +37,6 @@ _OF_PICTURES = (
     "rig.recording.least_free_mb",
     "rig.world.needle.bevel_deg",
     "rig.world.needle.link_mm",
-    "rig.world.resistance",
-    "rig.world.force_sensor_mv_per_n",
     "rig.world.light",
     "rig.world.blur_px",
     "rig.world.noise_sd",

@@ -102,17 +102,6 @@ class SheathDescription(Model):
     """Standard deviation, from hole to hole, of the angle of entry out of the plane [deg]."""
 
 
-class ResistanceDescription(Model):
-    """Forces of the gel on needle and sheath, along the insertion: a simple model, of the size of measured ones."""
-
-    cutting_n: Annotated[float, Field(ge=0, le=100)] = 0.5
-    """Force at the tip of a needle that cuts on [N]."""
-    needle_n_per_mm: Annotated[float, Field(ge=0, le=10)] = 0.02
-    """Friction of the needle for each millimetre in the gel [N/mm]."""
-    sheath_n_per_mm: Annotated[float, Field(ge=0, le=10)] = 0.05
-    """Friction of the sheath for each millimetre in the gel [N/mm]."""
-
-
 class LensDescription(Model):
     """The camera: pinhole, Brown-Conrady distortion, and how it stands over the steering plane."""
 
@@ -220,15 +209,6 @@ class PrintedMarkerDescription(Model):
             yield Conflict("covered_mm", f"[{begins:g}, {ends:g}] mm; the first must be the smaller one")
 
 
-class SlideDescription(Model):
-    """The gel slides: target and markers are displaced all at once."""
-
-    at_mm: NonNegativeMm
-    """Length of the needle's path at which it slides [mm]."""
-    by_mm: tuple[float, float]
-    """How far, along y and z [mm]."""
-
-
 def _paper_gels() -> tuple[GelDescription, ...]:
     """Return the radii of the paper's section V-B."""
     rows = ((10, 28.34, 0.247), (13, 27.71, 0.237), (16, 27.36, 0.459), (19, 27.13, 0.473))
@@ -254,17 +234,8 @@ class WorldDescription(Model):
     target_moves_mm: NonNegativeMm = 0.0
     """How far the target moves in the steering plane while the needle covers the distance to it, in a
     direction that is drawn for each phantom [mm]."""
-    target_pushed_mm_per_mm: tuple[float, float] = (0.0, 0.0)
-    """How far the needle pushes the target along y and z with each millimetre of its path [mm/mm]."""
-    target_slides: SlideDescription | None = None
-    """How the target is displaced all at once; null: it is not."""
     markers: tuple[PrintedMarkerDescription, ...] = Field((), max_length=20)
     """Printed markers that move with the target, in every phantom."""
-    resistance: ResistanceDescription = Field(default_factory=ResistanceDescription)
-    """Forces of the gel on needle and sheath."""
-    force_sensor_mv_per_n: Annotated[float, Field(gt=0, le=1e5)] = 100.0
-    """Scale of the simulated load cell at the needle, which is wired to analog-1 of the drive of the
-    insertion axis; it reads positive while the needle is pushed [mV/N]."""
     lens: LensDescription = Field(default_factory=LensDescription)
     """The camera's lens and stand."""
     light: LightDescription = Field(default_factory=LightDescription)

@@ -27,10 +27,7 @@ from labrig.simulation.lens import (
     camera_place_mm,
     pixel_plane,
     plane_to_pixels,
-    see_path,
     see_points,
-    steering_plane_pose,
-    unproject,
 )
 from labrig.simulation.track import NODE_MM
 
@@ -124,21 +121,23 @@ class Band:
     heading_rad: Field32
 
 
-def find_band(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band | None:
+def find_band(path: Floats, lens: LensDescription, margin_px: int = 0) -> Band | None:
     """Return the pixels within `HALO_MM` of a path, or None if the path is out of view.
 
     Parameters
     ----------
-    table : (N, 8) array
-        Columns arc, y, z, heading, curvature, x, lean, bend, spaced `NODE_MM` in arc, as from `Track.table`.
+    path : (N, 4) array
+        Columns arc, x, y, z, spaced `NODE_MM` in arc, as from `Track.points_mm`.
     lens : LensDescription
         The camera.
     margin_px : int
         Rim of the region beyond the band.
     """
+    if len(path) < 2:
+        return None
     plane = pixel_plane(lens)
-    seen = see_path(table, lens)
-    pixels = plane_to_pixels(seen.table[:, 1:3], lens)
+    seen, scale = see_points(path[:, 1:], lens)
+    pixels = plane_to_pixels(seen, lens)
     halo_px = HALO_MM / plane.mm_per_px
     region = find_region(pixels, halo_px + margin_px, lens)
     if region.is_empty:
@@ -147,9 +146,10 @@ def find_band(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band 
     if nearest.size == 0:
         return None
     y, z = plane.y_mm[region.slices][inside], plane.z_mm[region.slices][inside]
-    lateral, arc, heading = _find_feet(seen.table.astype(np.float32), nearest, y, z)
-    scale = np.asarray(seen.scale[nearest], np.float32)
-    return Band(region, inside, np.divide(lateral, scale, dtype=np.float32), arc, heading)
+    nearest, lateral, along = _find_feet(seen, nearest, y, z)
+    headings = np.arctan2(*np.gradient(seen, axis=0).T)
+    found = (lateral / scale[nearest], path[nearest, 0] + along, headings[nearest])
+    return Band(region, inside, *(np.asarray(values, np.float32) for values in found))
 
 
 def _find_nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Indexes, Pixels]:
@@ -169,27 +169,21 @@ def _find_nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple
     return node_of_label[labels[core][rows, columns]], (rows, columns)
 
 
-def _find_feet(table: Field32, nearest: Indexes, y: Field32, z: Field32) -> tuple[Field32, Field32, Field32]:
-    """Return lateral distance, arc length and heading at each point's foot.
+def _find_feet(seen: Floats, nearest: Indexes, y: Field32, z: Field32) -> tuple[Indexes, Field32, Field32]:
+    """Return each point's nearest node, and how far it is from that across the path and along it.
 
-    The foot is on the osculating circle of the nearest node; a first round finds that node.
+    Between two nodes the path is straight but for 0.00001 mm; a first round finds the nearest node.
     """
-    arcs, ys, zs, headings, curvatures = table.T
-    sines, cosines = np.sin(headings), np.cos(headings)
-    for _ in range(2):
-        dy, dz = y - ys[nearest], z - zs[nearest]
+    places = seen.astype(np.float32)
+    steps = np.gradient(places, axis=0)
+    sines, cosines = (steps / np.linalg.norm(steps, axis=1, keepdims=True)).T
+    for moves_on in (True, False):
+        dy, dz = y - places[nearest, 0], z - places[nearest, 1]
         along = dy * sines[nearest] + dz * cosines[nearest]
-        across = dy * cosines[nearest] - dz * sines[nearest]
-        curvature = curvatures[nearest]
-        bent = 1 - curvature * across
-        foot_arc = arcs[nearest] + along / bent
-        foot_heading = headings[nearest] + curvature * along / bent
-        lateral = (2 * across - curvature * (along**2 + across**2)) / (
-            1 + np.sqrt(bent**2 + (curvature * along) ** 2)
-        )
-        steps = np.rint(along / bent / np.float32(NODE_MM)).astype(np.intp)
-        nearest = np.clip(nearest + steps, 0, len(table) - 1)
-    return lateral, foot_arc, foot_heading
+        if moves_on:
+            moved = np.rint(along / np.float32(NODE_MM)).astype(np.intp)
+            nearest = np.clip(nearest + moved, 0, len(seen) - 1)
+    return nearest, dy * cosines[nearest] - dz * sines[nearest], along
 
 
 _SHEATH_SEEN_MM = 60.0  # more of the sheath than any picture shows
@@ -293,13 +287,12 @@ def _bevel_cut_mm(across: Field32, roll_rad: float, needle: NeedleDescription) -
 def draw_sheath(picture: Field32, hole: Hole, beyond_origin_mm: float, world: WorldDescription) -> None:
     """Draw the sheath from the picture's edge to its tip: brushed steel, lighter than the needle."""
     plane = pixel_plane(world.lens)
-    x_mm, y_mm, z_mm = hole.sheath_point_mm(beyond_origin_mm)
-    end = np.array([(0.0, y_mm, z_mm, hole.heading_rad, 0.0, x_mm, hole.lean_rad, 0.0)])
-    seen = see_path(end, world.lens)
-    _, *tip, heading_rad, _ = seen.table[0].tolist()
+    ends = [hole.sheath_point_mm(beyond_origin_mm - before_mm) for before_mm in (0.0, _SHEATH_SEEN_MM)]
+    (tip, back), scale = see_points(np.array(ends), world.lens)
+    heading_rad = math.atan2(*(tip - back))
     along_axis = (math.sin(heading_rad), math.cos(heading_rad))
-    axis = np.array(tip) - np.linspace(0, _SHEATH_SEEN_MM, 13)[:, None] * along_axis
-    diameter_mm = world.sheath.diameter_mm * float(seen.scale[0])
+    axis = np.linspace(tip, back, 13)
+    diameter_mm = world.sheath.diameter_mm * float(scale[0])
     margin_px = (diameter_mm + HALO_MM) / plane.mm_per_px
     region = find_region(plane_to_pixels(axis, world.lens), margin_px, world.lens)
     if region.is_empty:
@@ -381,7 +374,7 @@ def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: 
     for hole in specimen.holes.values():
         if hole is not present:
             draw_channel(sharp, hole, shift_mm - hole.position_mm, world)
-            _draw_old_cut(sharp, hole, shift_mm - hole.position_mm, world)
+            _draw_path_of(sharp, hole, shift_mm - hole.position_mm, world)
     return sharp
 
 
@@ -396,41 +389,29 @@ def _draw_clear_gel(world: WorldDescription, specimen: GelBlock, shift_mm: float
     return np.asarray(sharp, np.float32)
 
 
-def _draw_old_cut(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
+def _draw_path_of(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
     """Draw the slit that the needle has left at another hole."""
-    if hole.track is None:
-        return
-    table = hole.track.table()
-    table[:, 1] += shift_mm
-    band = find_band(table, world.lens)
-    if band is not None:
-        span = PathSpan(0.0, hole.track.length_mm)
-        draw_cut(sharp[band.region.slices], band, span, _CUT_WIDTH_MM, hole.patchiness)
+    if hole.track is not None:
+        path = np.add(hole.track.points_mm(), (0, 0, shift_mm, 0))
+        _draw_slit(sharp, path, _CUT_WIDTH_MM, hole.patchiness, world.lens)
 
 
 def draw_channel(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
     """Draw the channel that the sheath has left: as wide as the sheath, and fainter than the needle's slit."""
-    if hole.sheath_reach_mm <= 0:
-        return
-    entry = hole.sheath_point_mm(-world.sheath_tip_at_origin_linear_mm)
-    table = _make_straight_table(entry, hole, hole.sheath_reach_mm)
-    table[:, 1] += shift_mm
-    band = find_band(table, world.lens)
+    entry_mm = -world.sheath_tip_at_origin_linear_mm
+    start, next_mm = (np.array(hole.sheath_point_mm(entry_mm + along_mm)) for along_mm in (0.0, 1.0))
+    arc = np.arange(0.0, hole.sheath_reach_mm, NODE_MM)
+    path = np.column_stack((arc, start + (0, shift_mm, 0) + arc[:, None] * (next_mm - start)))
+    _draw_slit(sharp, path, world.sheath.diameter_mm, 0.5 * hole.patchiness, world.lens)
+
+
+def _draw_slit(
+    sharp: Field32, path: Floats, width_mm: float, patchiness: Field32, lens: LensDescription
+) -> None:
+    """Draw a cut along a whole path."""
+    band = find_band(path, lens)
     if band is not None:
-        span = PathSpan(0.0, hole.sheath_reach_mm)
-        draw_cut(sharp[band.region.slices], band, span, world.sheath.diameter_mm, 0.5 * hole.patchiness)
-
-
-def _make_straight_table(start_mm: tuple[float, float, float], hole: Hole, length_mm: float) -> Floats:
-    """Return a straight path along the sheath of a hole as a table of nodes."""
-    arc = np.arange(0.0, length_mm, NODE_MM)
-    in_plane = arc * math.cos(hole.lean_rad)
-    y = start_mm[1] + in_plane * math.sin(hole.heading_rad)
-    z = start_mm[2] + in_plane * math.cos(hole.heading_rad)
-    x = start_mm[0] + arc * math.sin(hole.lean_rad)
-    straight = np.zeros_like(arc)
-    heading, lean = np.full_like(arc, hole.heading_rad), np.full_like(arc, hole.lean_rad)
-    return np.stack([arc, y, z, heading, straight, x, lean, straight], axis=1)
+        draw_cut(sharp[band.region.slices], band, PathSpan(0.0, path[-1, 0]), width_mm, patchiness)
 
 
 def draw_backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm: float) -> Backdrop:
@@ -449,7 +430,7 @@ def draw_with_needle(world: WorldDescription, behind: Backdrop, hole: Hole, span
     light = behind.soft.copy()
     if hole.track is None:
         return light
-    band = find_band(hole.track.table(span.from_mm), world.lens, margin_px=2 * BLUR_REACH_PX + 2)
+    band = find_band(hole.track.points_mm(span.from_mm), world.lens, margin_px=2 * BLUR_REACH_PX + 2)
     if band is None:
         return light
     patch = behind.sharp[band.region.slices].copy()
@@ -475,7 +456,7 @@ def _paste(light: Field32, patch: Field32, region: Region) -> None:
 
 
 _INK, _CARD = 0.12, 1.05  # brightness over that of clear gel
-_SAMPLES = 4  # along each side of a pixel
+_SAMPLES = 5  # along each side of a pixel; odd
 _RIM_PX = 6  # of the part of the picture around a card, for the lens's blur
 
 
@@ -491,6 +472,20 @@ class PrintedMarker:
     def half_mm(self) -> float:
         """Half the side of the card."""
         return len(self.cells) * self.cell_mm / 2
+
+    def sample(self, along_mm: Field32, up_mm: Field32, mm_per_px: float) -> tuple[Field32, Field32]:
+        """Return the brightness that pixels see at places from its middle, and the share of each that it covers."""
+        fine = math.ceil(self.cell_mm / mm_per_px) * _SAMPLES
+        columns, rows = (
+            np.asarray((self.half_mm + place) * fine / self.cell_mm + _SAMPLES - 0.5, np.float32)
+            for place in (along_mm, -up_mm)
+        )
+        seen = []
+        for sheet in (self.cells, np.ones_like(self.cells)):
+            large = np.pad(np.kron(sheet, np.ones((fine, fine), np.float32)), _SAMPLES)
+            pixels = cv2.blur(large, (_SAMPLES, _SAMPLES), borderType=cv2.BORDER_CONSTANT)
+            seen.append(np.asarray(cv2.remap(pixels, columns, rows, cv2.INTER_LINEAR), np.float32))
+        return seen[0], seen[1]
 
 
 def print_marker(marker: PrintedMarkerDescription) -> PrintedMarker:
@@ -522,55 +517,22 @@ def draw_marker(
     white: Field32,
 ) -> None:
     """Draw a marker that has moved by (y, z) over a blurred picture; `white` is the brightness of clear gel (H, W)."""
-    window = _frame(printed, moved_mm, world.lens)
-    if window is None:
-        return
-    along, up = _unwarp(window, printed.marker, moved_mm, world.lens)
-    count = len(printed.cells)
-    column = np.floor((along + printed.half_mm) / printed.cell_mm).astype(int)
-    row = np.floor((printed.half_mm - up) / printed.cell_mm).astype(int)
-    inside = (column >= 0) & (column < count) & (row >= 0) & (row < count)
-    value = printed.cells[np.clip(row, 0, count - 1), np.clip(column, 0, count - 1)]
-    total = np.where(inside, value, 0.0).mean(axis=(1, 3), dtype=np.float32)
-    cover = inside.mean(axis=(1, 3), dtype=np.float32)
-    shown = blur(white[window] * total, world.blur_px)
-    light[window] = light[window] * (1 - blur(cover, world.blur_px)) + shown
-
-
-def _frame(
-    printed: PrintedMarker, moved_mm: tuple[float, float], lens: LensDescription
-) -> tuple[slice, slice] | None:
-    """Return the rows and columns of the picture around the card; None if it is out of view."""
-    marker = printed.marker
-    y, z = (place + moved for place, moved in zip(marker.position_mm, moved_mm, strict=True))
+    marker, lens, plane = printed.marker, world.lens, pixel_plane(world.lens)
+    middle_y, middle_z = (place + moved for place, moved in zip(marker.position_mm, moved_mm, strict=True))
     reach_mm = math.sqrt(2) * printed.half_mm
-    corners = np.array([(marker.x_mm, y + a * reach_mm, z + b * reach_mm) for a in (-1, 1) for b in (-1, 1)])
-    px = plane_to_pixels(see_points(corners, lens)[0], lens)
-    left, top = (max(0, math.floor(edge) - _RIM_PX) for edge in px.min(axis=0))
-    right = min(lens.width_px, math.ceil(px[:, 0].max()) + _RIM_PX + 1)
-    bottom = min(lens.height_px, math.ceil(px[:, 1].max()) + _RIM_PX + 1)
-    return (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None
-
-
-def _unwarp(
-    window: tuple[slice, slice],
-    marker: PrintedMarkerDescription,
-    moved_mm: tuple[float, float],
-    lens: LensDescription,
-) -> tuple[Floats, Floats]:
-    """Return where on the card the samples of each pixel lie, along and up from its middle, (H, S, W, S) [mm]."""
-    offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-    v = (np.arange(window[0].start, window[0].stop)[:, None] + offsets).ravel()
-    u = (np.arange(window[1].start, window[1].stop)[:, None] + offsets).ravel()
-    grid_u, grid_v = np.meshgrid(u, v)
-    rays = unproject(np.column_stack((grid_u.ravel(), grid_v.ravel())), lens)
-    seen_y, seen_z = steering_plane_pose(lens).intersect(rays)
+    corners = [
+        (marker.x_mm, middle_y + a * reach_mm, middle_z + b * reach_mm) for a in (-1, 1) for b in (-1, 1)
+    ]
+    region = find_region(plane_to_pixels(see_points(np.array(corners), lens)[0], lens), _RIM_PX, lens)
+    if region.is_empty:
+        return
     camera_x, foot_y, foot_z = camera_place_mm(lens)
-    scale = (camera_x - marker.x_mm) / camera_x
-    y = foot_y + (seen_y - foot_y) * scale - marker.position_mm[0] - moved_mm[0]
-    z = foot_z + (seen_z - foot_z) * scale - marker.position_mm[1] - moved_mm[1]
-    turn = math.radians(marker.turn_deg)
-    shape = (len(v) // _SAMPLES, _SAMPLES, len(u) // _SAMPLES, _SAMPLES)
-    along = z * math.cos(turn) + y * math.sin(turn)
-    up = y * math.cos(turn) - z * math.sin(turn)
-    return along.reshape(shape), up.reshape(shape)
+    depth, turn = (camera_x - marker.x_mm) / camera_x, math.radians(marker.turn_deg)
+    y = foot_y + (plane.y_mm[region.slices] - foot_y) * depth - middle_y
+    z = foot_z + (plane.z_mm[region.slices] - foot_z) * depth - middle_z
+    ink, cover = printed.sample(
+        z * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - z * math.sin(turn), plane.mm_per_px
+    )
+    window = light[region.slices]
+    window *= 1 - blur(cover, world.blur_px)
+    window += blur(white[region.slices] * ink, world.blur_px)

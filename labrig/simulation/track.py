@@ -14,6 +14,7 @@ friction along the needle holds it until the base has wound it up, however long 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import accumulate
@@ -25,6 +26,7 @@ from labrig.simulation.description import DisturbancesDescription, LayerDescript
 from labrig.simulation.lens import Floats
 
 NODE_MM = 0.05  # arc length between nodes
+_SHORTEST_STRETCH_MM = 1e-6  # a shorter one at the end has no direction
 LONGEST_PATH_MM = 500.0
 _STRETCHES = round(LONGEST_PATH_MM / NODE_MM)
 _CAVITIES_BETWEEN = (12.0, 90.0)  # along the path, before the end of an insertion [mm]
@@ -298,29 +300,22 @@ class Track:
             self._wander(index, arc_mm - before.arc_mm),
         )
 
-    def table(self, from_arc_mm: float = 0.0) -> Floats:
-        """Return the nodes from an arc length, straight before 0, to the end.
+    def points_mm(self, from_arc_mm: float = 0.0) -> Floats:
+        """Return the path in space from an arc length, straight before 0, to the end.
 
-        (N, 8), columns arc, y, z, heading, curvature, x, lean, bend; spaced `NODE_MM` in arc except for the last.
+        (N, 4), columns arc, x, y, z; spaced `NODE_MM` in arc except for the last.
         """
         before = [self.node_at(-count * NODE_MM) for count in range(math.ceil(-from_arc_mm / NODE_MM), 0, -1)]
-        end = [] if self._end.arc_mm == self._nodes[-1].arc_mm else [self._end]
-        nodes = [*before, *self._nodes, *end]
-        return np.array(
-            [
-                (n.arc_mm, n.y_mm, n.z_mm, n.heading_rad, n.curvature_1_mm, n.x_mm, n.lean_rad, n.bend_1_mm)
-                for n in nodes
-            ]
-        )
-
-    def points_mm(self, every_mm: float = NODE_MM) -> Floats:
-        """Return the path in space from the sheath's tip to the end, (N, 3) as (x, y, z)."""
-        taken = self._nodes[:: max(1, round(every_mm / NODE_MM))]
-        return np.array([(n.x_mm, n.y_mm, n.z_mm) for n in [*taken, self._end]])
+        is_on_grid = self._end.arc_mm - self._nodes[-1].arc_mm < _SHORTEST_STRETCH_MM
+        return _list_points([*before, *self._nodes, *([] if is_on_grid else [self._end])])
 
     def left_points_mm(self) -> Floats:
-        """Return the cuts that the needle has left for another, (N, 3) as (x, y, z)."""
-        return np.array([(n.x_mm, n.y_mm, n.z_mm) for n in self._left]).reshape(-1, 3)
+        """Return the cuts that the needle has left for another, (N, 4) as `points_mm`."""
+        return _list_points(self._left)
+
+
+def _list_points(nodes: Sequence[PathNode]) -> Floats:
+    return np.array([(n.arc_mm, n.x_mm, n.y_mm, n.z_mm) for n in nodes]).reshape(-1, 4)
 
 
 def _approach(value: float, sought: float, limit: float) -> float:

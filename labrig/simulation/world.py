@@ -38,10 +38,16 @@ from labrig.simulation.targets import (
     draw_graph_paper,
     draw_light,
 )
-from labrig.simulation.track import Bending, PathNode, Track, follow_with_play
+from labrig.simulation.track import NODE_MM, Bending, PathNode, Track, follow_with_play
 
 SHEATH_MM = 5.0
 """Length of the sheath's end whose direction is seen."""
+
+_CUTTING_N, _NEEDLE_N_PER_MM, _SHEATH_N_PER_MM = 0.5, 0.02, 0.05
+"""Force at the tip of a needle that cuts on, and friction along needle and sheath in the gel; as measured ones."""
+
+_SENSOR_MV_PER_N = 100.0
+"""Scale of the load cell at the needle."""
 
 _PATH_EVERY_MM = 0.5
 _STUCK_MM = 0.5  # a deeper instrument would tear the gel when a hand moves it
@@ -204,15 +210,8 @@ class World:
         way_mm = math.dist(self._target_mm, _xyz(track.node_at(0.0)))
         moved_mm = self.description.target_moves_mm * min(1.0, track.length_mm / way_mm)
         angle_rad = stream(self._seed, "target", self._specimen.name).uniform(0.0, math.tau)
-        along_y, along_z = (rate * track.length_mm for rate in self.description.target_pushed_mm_per_mm)
-        slides = self.description.target_slides
-        slid_y, slid_z = (0.0, 0.0) if slides is None or track.length_mm < slides.at_mm else slides.by_mm
         x, y, z = self._target_mm
-        return (
-            x,
-            y + moved_mm * math.sin(angle_rad) + along_y + slid_y,
-            z + moved_mm * math.cos(angle_rad) + along_z + slid_z,
-        )
+        return x, y + moved_mm * math.sin(angle_rad), z + moved_mm * math.cos(angle_rad)
 
     def point_at_pixel_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
         """Return the point (x, y, z) of the steering plane that the camera sees at a pixel (u, v)."""
@@ -330,21 +329,21 @@ class World:
 
     def insertion_force_n(self) -> float:
         """Return the force that resists the insertion axis [N]: at the needle's tip as it cuts on, and along it."""
-        needle_mm, resistance = self._needle_in_gel_mm(), self.description.resistance
-        cutting_n = resistance.cutting_n if needle_mm and self._pushes else 0.0
-        return cutting_n + resistance.needle_n_per_mm * needle_mm
+        needle_mm = self._needle_in_gel_mm()
+        cutting_n = _CUTTING_N if needle_mm and self._pushes else 0.0
+        return cutting_n + _NEEDLE_N_PER_MM * needle_mm
 
     def linear_force_n(self) -> float:
         """Return the force that resists the linear axis [N]: along the sheath, and on the needle that it carries."""
         if self._specimen is None:
             return 0.0
         sheath_mm = max(0.0, self._axes.linear_mm)
-        return self.description.resistance.sheath_n_per_mm * sheath_mm + self.insertion_force_n()
+        return _SHEATH_N_PER_MM * sheath_mm + self.insertion_force_n()
 
     def force_sensor_mv(self) -> float:
         """Return the voltage of the load cell at the needle [mV]: positive while it is pushed, negative in tension."""
         sign = 1.0 if self._pushes else -1.0
-        return sign * self.description.force_sensor_mv_per_n * self.insertion_force_n()
+        return sign * _SENSOR_MV_PER_N * self.insertion_force_n()
 
     def _needle_in_gel_mm(self) -> float:
         if self._specimen is None or self._needle_id is None:
@@ -401,31 +400,20 @@ class World:
         if self._specimen is None or not self._specimen.is_phantom:
             return {}
         track, balls, target = self._hole.track, self._specimen.obstacles, self.locate_target_mm()
-        path = np.array([self._sheath_tip_mm()]) if track is None else track.points_mm()
+        path = np.array([self._sheath_tip_mm()]) if track is None else track.points_mm()[:, 1:]
         radius_mm = 0.5 * self.description.needle.diameter_mm
-        cut = path if track is None else np.vstack((path, track.left_points_mm()))
+        cut = path if track is None else np.vstack((path, track.left_points_mm()[:, 1:]))
         clearances = [
             float(np.linalg.norm(cut - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
             for ball in balls
         ]
-        coarse = path if track is None else track.points_mm(_PATH_EVERY_MM)
+        coarse = np.vstack((path[: -1 : round(_PATH_EVERY_MM / NODE_MM)], path[-1:]))
         return {
             "target_mm": None if target is None else list(target),
             "true_target_error_mm": None if target is None else float(np.linalg.norm(path[-1] - target)),
             "true_min_clearance_mm": min(clearances, default=None),
             "path_mm": coarse.round(4).tolist(),
         }
-
-    def centre_line_mm(self, points: int = 400) -> Floats:
-        """Return the needle's true centre line now, from the sheath's tip to its own, (points, 2) as (y, z).
-
-        It is empty while the needle is inside the sheath.
-        """
-        track, span = self._hole.track, self._needle_span()
-        if track is None or span.to_mm <= span.from_mm:
-            return np.empty((0, 2))
-        arcs = np.linspace(span.from_mm, span.to_mm, points)
-        return np.array([_xyz(track.node_at(arc))[1:] for arc in arcs])
 
     def tip_mm(self) -> tuple[float, float, float]:
         """Return where the needle's tip (x, y, z) is now, or the sheath's while the needle is inside it."""

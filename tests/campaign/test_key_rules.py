@@ -33,7 +33,6 @@ def test_a_virtual_insertion_is_the_same_whatever_only_pictures_need() -> None:
         "world.bubbles_per_specimen=0",
         "world.needle.bevel_deg=20",
         "world.needle.link_mm=5",
-        "world.resistance.cutting_n=3",
         "recording.fsync_period_s=2",
         "camera.exposure_us=4000",
     )

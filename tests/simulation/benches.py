@@ -1,5 +1,8 @@
 """A simulated bench in the states that the tests start from."""
 
+import numpy as np
+import numpy.typing as npt
+
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 
@@ -28,3 +31,12 @@ def withdraw(world: World) -> None:
     """Withdraw the needle, then the sheath."""
     world.advance(0.0, 0.0, 15.0)
     world.advance(0.0, 0.0, 0.0)
+
+
+def centre_line_mm(world: World, points: int = 400) -> npt.NDArray[np.float64]:
+    """Return the needle's true path up to its tip, (points, 2) as (y, z); empty while it is inside the sheath."""
+    seen = world.glance()
+    if seen.track is None:
+        return np.empty((0, 2))
+    nodes = [seen.track.node_at(arc) for arc in np.linspace(0.0, seen.tip_arc_mm, points)]
+    return np.array([(node.y_mm, node.z_mm) for node in nodes])

@@ -14,6 +14,7 @@ from labrig.protocol.load import load_protocol
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.gel import Ball, interpolate_radius_mm
 from labrig.simulation.world import World
+from tests.simulation.benches import centre_line_mm
 
 ROOT = Path(__file__).parents[2]
 NO_WANDER = {"heading_deg_per_root_mm": 0, "curvature_fraction": 0}
@@ -74,7 +75,7 @@ def test_layers_bend_the_needle_at_their_own_radius() -> None:
     layers = [{"until_mm": 15, "radius_scale": 0.8}, {"until_mm": 25, "radius_scale": 1.2}]
     world = phantom(layers=layers)
     world.advance(40.0, 0.0, 15.0)
-    line = world.centre_line_mm(2001)
+    line = centre_line_mm(world, 2001)
     steps = np.diff(line, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
     curvatures = -np.gradient(headings) / 0.02
@@ -123,14 +124,6 @@ def test_the_target_moves_with_the_tip_and_does_not_move_back() -> None:
     assert truth["true_target_error_mm"] == pytest.approx(
         math.dist((truth["tip_x_mm"], *truth["tip_mm"]), truth["target_mm"])
     )
-
-
-def test_a_target_is_pushed_along_by_the_needle() -> None:
-    """With each millimetre of path it moves by as much as described."""
-    world = phantom(target_pushed_mm_per_mm=[0.02, 0.05])
-    world.advance(40.0, 0.0, 15.0)
-    x, y, z = TARGET_MM
-    assert world.locate_target_mm() == pytest.approx((x, y + 0.8, z + 2.0))
 
 
 @pytest.mark.parametrize("name", ["reference", "hard"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.simulation.description import PrintedMarkerDescription, SlideDescription, WorldDescription
+from labrig.simulation.description import PrintedMarkerDescription, WorldDescription
 from labrig.simulation.lens import plane_to_pixels, see_points
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, insert
@@ -12,9 +12,9 @@ from tests.simulation.benches import QUIET, insert
 MARKER = PrintedMarkerDescription(marker_id=7, side_mm=6.0, position_mm=(-12.0, 25.0), turn_deg=30.0)
 
 
-def world(*markers: PrintedMarkerDescription, slides: SlideDescription | None = None) -> World:
+def world(*markers: PrintedMarkerDescription, target_moves_mm: float = 0.0) -> World:
     """Return a world with a phantom whose target is known."""
-    description = WorldDescription(**{**dict(QUIET), "markers": markers, "target_slides": slides})
+    description = WorldDescription(**{**dict(QUIET), "markers": markers, "target_moves_mm": target_moves_mm})
     made = World(description, 5)
     made.mount_needle("N1")
     made.place_phantom("A", 13.0, ())
@@ -45,18 +45,15 @@ def test_a_marker_is_drawn_where_the_lens_sees_it(x_mm: float) -> None:
 
 
 def test_a_marker_moves_with_the_target_and_is_covered_where_it_is_said_to_be() -> None:
-    """After the slide target and marker are displaced by as much; while it is covered there is no marker."""
-    shown = world(
-        MARKER.model_copy(update={"covered_mm": (20.0, 90.0)}),
-        slides=SlideDescription(at_mm=10.0, by_mm=(3.0, 1.0)),
-    )
+    """Target and marker are displaced by as much; while it is covered there is no marker."""
+    shown = world(MARKER.model_copy(update={"covered_mm": (20.0, 90.0)}), target_moves_mm=15.0)
     insert(shown, 12.0)
-    assert shown.locate_target_mm() == (0.0, 3.0, 61.0)
-    y, z = MARKER.position_mm
-    lens = shown.description.lens
-    assert find_ink(shown, 12.0) == pytest.approx(
-        plane_to_pixels(np.array([(y + 3.0, z + 1.0)]), lens)[0], abs=1.0
-    )
+    target_mm = shown.locate_target_mm()
+    assert target_mm is not None
+    displaced_mm = np.array(target_mm[1:]) - (0.0, 60.0)
+    assert np.linalg.norm(displaced_mm) == pytest.approx(3.0, abs=0.01)
+    px = plane_to_pixels(np.array([displaced_mm + MARKER.position_mm]), shown.description.lens)[0]
+    assert find_ink(shown, 12.0) == pytest.approx(px, abs=1.0)
     insert(shown, 25.0)
     assert find_ink(shown, 25.0) is None
 

@@ -1,7 +1,6 @@
 """Parallax against a pinhole camera of our own: cv2.projectPoints on points in space."""
 
 import json
-import math
 from typing import Any
 
 import cv2
@@ -11,9 +10,9 @@ import pytest
 
 from labrig.simulation.description import LensDescription, WorldDescription
 from labrig.simulation.gel import Ball
-from labrig.simulation.lens import plane_to_pixels, see_path, see_points
-from labrig.simulation.track import Bending, Track
+from labrig.simulation.lens import plane_to_pixels, see_points
 from labrig.simulation.world import World
+from tests.simulation.benches import centre_line_mm
 
 Floats = npt.NDArray[np.float64]
 
@@ -35,33 +34,12 @@ def project_by_opencv(points_mm: Floats, lens: LensDescription) -> Floats:
     return np.asarray(pixels.reshape(-1, 2), float)
 
 
-def cut_leaning_path() -> Track:
-    """Return a path that winds out of the plane, away from the camera and back."""
-    track = Track((0.5, 0.0), 0.05, Bending(28.0, 3.0, 1.5), out_of_plane=(0.4, 0.03))
-    for arc_mm, roll_rad in ((20.0, 0.4), (60.0, math.pi + 0.4), (95.0, 0.3)):
-        track.extend(arc_mm, roll_rad)
-    return track
-
-
 def test_a_point_is_seen_where_a_pinhole_sees_it() -> None:
     """Points up to 15 mm before and behind the plane appear at the pixels that OpenCV projects them to."""
     random = np.random.default_rng(4)
     points = random.uniform((-15.0, -35.0, 0.0), (15.0, 25.0, 110.0), (200, 3))
     seen, _ = see_points(points, LENS)
     assert plane_to_pixels(seen, LENS) == pytest.approx(project_by_opencv(points, LENS), abs=0.01)
-
-
-def test_a_path_is_seen_with_the_heading_and_curvature_of_its_projection() -> None:
-    """Heading and curvature agree with differences between the projected points."""
-    table = cut_leaning_path().table()
-    seen = see_path(table, LENS).table
-    steps = np.diff(seen[:, 1:3], axis=0)
-    headings = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
-    middles = 0.5 * (seen[:-1, 3] + seen[1:, 3])
-    assert headings == pytest.approx(middles, abs=1e-5)
-    lengths = np.linalg.norm(steps, axis=1)
-    bends = np.diff(seen[:, 3]) / lengths
-    assert bends == pytest.approx(0.5 * (seen[:-1, 4] + seen[1:, 4]), abs=2e-5)
 
 
 def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> None:
@@ -80,7 +58,7 @@ def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> Non
     world.advance(80.0, 0.0, 15.0)
     x_mm = world.tip_mm()[0]
     assert abs(x_mm) > 20.0
-    line = world.centre_line_mm()
+    line = centre_line_mm(world)
     y_mm = float(np.interp(50.0, line[:, 1], line[:, 0]))
     rims = np.array([(x_mm, y_mm + side * 0.6, 50.0) for side in (1.0, -1.0)])
     (u, top), (_, bottom) = project_by_opencv(rims, world.description.lens)
@@ -92,15 +70,12 @@ def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> Non
         assert crossing == pytest.approx(rim, abs=0.3)
 
 
-def test_a_point_of_the_plane_and_a_path_in_it_are_seen_exactly_where_they_are() -> None:
+def test_a_point_of_the_plane_is_seen_exactly_where_it_is() -> None:
     """At x = 0 nothing is computed that could change a bit."""
     points = np.random.default_rng(1).uniform(-30.0, 90.0, (50, 3)) * (0.0, 1.0, 1.0)
     seen, scale = see_points(points, LENS)
     np.testing.assert_array_equal(seen, points[:, 1:])
     np.testing.assert_array_equal(scale, np.ones(50))
-    track = Track((0.5, 0.0), 0.05, Bending(28.0, 3.0, 1.5))
-    track.extend(60.0, 0.0)
-    np.testing.assert_array_equal(see_path(track.table(), LENS).table, track.table()[:, :5])
 
 
 def test_an_obstacle_out_of_the_plane_is_seen_aside_and_smaller() -> None:

@@ -10,7 +10,7 @@ import pytest
 from labrig.simulation.description import LightDescription, WorldDescription
 from labrig.simulation.lens import pixel_plane, plane_to_pixels
 from labrig.simulation.world import World
-from tests.simulation.benches import QUIET, bench, insert, withdraw
+from tests.simulation.benches import QUIET, bench, centre_line_mm, insert, withdraw
 
 Floats = npt.NDArray[np.float64]
 OFFSETS_MM = np.arange(-1.4, 1.4001, 0.02)
@@ -39,7 +39,7 @@ def test_the_needle_s_edges_stand_where_the_truth_says(roll_rad: float) -> None:
     """Along the shaft both edges lie 0.6 mm from the true centre line, their middle within 0.01 mm."""
     world = bench(WorldDescription(bubbles_per_specimen=0))
     insert(world, 40.0, roll_rad=roll_rad)
-    line = world.centre_line_mm(401)
+    line = centre_line_mm(world, 401)
     across = profiles(world.picture(), line)
     in_view = plane_to_pixels(line, QUIET.lens)[:, 1] > 20
     for start in range(20, 380, 60):
@@ -54,7 +54,7 @@ def test_the_needle_is_dark_with_a_glint_off_its_middle() -> None:
     """Both flanks are darker than half the gel; the brightest place between them is off the centre line."""
     world = bench()
     insert(world, 40.0)
-    mean = profiles(world.picture(), world.centre_line_mm(401))[40:120].mean(axis=0)
+    mean = profiles(world.picture(), centre_line_mm(world, 401))[40:120].mean(axis=0)
     gel = mean[np.abs(OFFSETS_MM) > 1.2].mean()
     inner = np.abs(OFFSETS_MM) < 0.45
     glint_mm = OFFSETS_MM[inner][np.argmax(mean[inner])]
@@ -67,7 +67,7 @@ def test_the_needle_ends_at_its_true_tip() -> None:
     """Just behind the tip the bevel's leading side is steel; just beyond it there is gel."""
     world = bench()
     insert(world, 40.0)
-    picture, line = world.picture().astype(float), world.centre_line_mm(4001)
+    picture, line = world.picture().astype(float), centre_line_mm(world, 4001)
     tip, along = line[-1], (line[-1] - line[-2]) / np.linalg.norm(line[-1] - line[-2])
     leading = tip - 0.35 * np.array([along[1], -along[0]])
     places = leading + np.array([[-0.6], [0.35]]) * along
@@ -92,7 +92,7 @@ def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> No
     """Shifted by 10 mm, the slit is seen 10 mm towards +y, darker than its surroundings but only faintly."""
     world = bench()
     insert(world, 40.0)
-    line = world.centre_line_mm()
+    line = centre_line_mm(world)
     withdraw(world)
     world.shift_to_hole("A", 1, 45.0)
     shifted = line + np.array([10.0, 0.0])
@@ -144,7 +144,7 @@ def test_a_drawn_needle_changes_nothing_outside_of_its_neighbourhood() -> None:
     empty.advance(0.0, 0.0, 15.0)
     insert(inserted, 20.0)
     changed = np.argwhere(empty.picture() != inserted.picture())
-    pixels = plane_to_pixels(inserted.centre_line_mm(), QUIET.lens)
+    pixels = plane_to_pixels(centre_line_mm(inserted), QUIET.lens)
     far = np.linalg.norm(changed[:, None, ::-1] - pixels[None], axis=2).min(axis=1)
     assert far.max() * pixel_plane(QUIET.lens).mm_per_px < 2.5
 
@@ -153,7 +153,7 @@ def test_a_path_that_leaves_the_view_is_drawn_up_to_the_edge() -> None:
     """With the bevel up the needle runs out of the picture's top and is dark where it does."""
     world = bench()
     insert(world, 40.0, roll_rad=np.pi)
-    line = world.centre_line_mm()
+    line = centre_line_mm(world)
     pixels = plane_to_pixels(line, QUIET.lens)
     at_edge = int(np.argmin(np.abs(pixels[:, 1] - 2)))
     across = profiles(world.picture(), line[at_edge - 3 : at_edge + 4]).mean(axis=0)

@@ -62,11 +62,11 @@ def test_turning_the_bevel_by_pi_mirrors_the_path(
     radius_mm: float, heading_rad: float, length_mm: float
 ) -> None:
     """Roll 0 from one heading is the mirror image of roll pi from the opposite heading."""
-    down = cut((length_mm, 0.0), radius_mm=radius_mm, heading_rad=heading_rad).table()
-    up = cut((length_mm, math.pi), radius_mm=radius_mm, heading_rad=-heading_rad).table()
-    assert down[:, 1] == pytest.approx(-up[:, 1], abs=1e-9)
-    assert down[:, 2] == pytest.approx(up[:, 2], abs=1e-9)
-    assert down[-1, 4] < 0
+    down = cut((length_mm, 0.0), radius_mm=radius_mm, heading_rad=heading_rad)
+    up = cut((length_mm, math.pi), radius_mm=radius_mm, heading_rad=-heading_rad)
+    assert down.points_mm()[:, 2] == pytest.approx(-up.points_mm()[:, 2], abs=1e-9)
+    assert down.points_mm()[:, 3] == pytest.approx(up.points_mm()[:, 3], abs=1e-9)
+    assert down.node_at(length_mm).curvature_1_mm < 0
 
 
 @settings(max_examples=30)
@@ -74,7 +74,7 @@ def test_turning_the_bevel_by_pi_mirrors_the_path(
 def test_the_path_does_not_depend_on_how_often_it_was_extended(stops: list[float]) -> None:
     """Any stops on the way, also backwards ones, give the same nodes to the last bit."""
     track = cut(*((stop, 0.0) for stop in stops), (40.0, 0.0))
-    np.testing.assert_array_equal(track.table(), cut((40.0, 0.0)).table())
+    np.testing.assert_array_equal(track.points_mm(), cut((40.0, 0.0)).points_mm())
 
 
 def test_a_turned_bevel_takes_the_backlash_once_the_hinges_are_closed() -> None:
@@ -100,11 +100,11 @@ def test_points_between_nodes_and_before_the_start_continue_the_path() -> None:
     assert points[0] == pytest.approx([-math.sin(0.1), -math.cos(0.1)])
 
 
-def test_a_table_before_the_start_is_evenly_spaced() -> None:
+def test_points_before_the_start_are_evenly_spaced() -> None:
     """A sheath drawn back from where the needle left it bares a straight piece of needle."""
-    table = cut((2.0, 0.0)).table(-1.0)
-    assert table[0, :3] == pytest.approx([-1.0, 0.0, -1.0])
-    assert np.diff(table[:, 0]) == pytest.approx(np.full(len(table) - 1, NODE_MM))
+    points = cut((2.0, 0.0)).points_mm(-1.0)
+    assert points[0] == pytest.approx([-1.0, 0.0, 0.0, -1.0])
+    assert np.diff(points[:, 0]) == pytest.approx(np.full(len(points) - 1, NODE_MM))
 
 
 def test_a_withdrawn_needle_follows_its_cut_until_its_turned_bevel_leaves_it() -> None:
@@ -123,7 +123,7 @@ def test_a_withdrawn_needle_follows_its_cut_until_its_turned_bevel_leaves_it() -
     assert track.length_mm == 30.0
     along = [track.node_at(arc).curvature_1_mm * RADIUS_MM for arc in (23.9, 24.75, 26.0)]
     np.testing.assert_allclose(along, [-1.0, 0.0, 1.0], atol=0.1)
-    np.testing.assert_array_equal(track.left_points_mm(), whole[481:-1])
+    np.testing.assert_array_equal(track.left_points_mm(), whole[481:])
 
 
 def test_a_needle_withdrawn_behind_its_cut_and_turned_cuts_on() -> None:

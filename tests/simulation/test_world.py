@@ -10,7 +10,7 @@ import pytest
 from labrig.errors import InputError
 from labrig.simulation.description import SheathDescription, WorldDescription
 from labrig.simulation.world import World
-from tests.simulation.benches import QUIET, bench, insert, withdraw
+from tests.simulation.benches import QUIET, bench, centre_line_mm, insert, withdraw
 
 
 def session(seed: int) -> tuple[bytes, ...]:
@@ -42,25 +42,25 @@ def test_the_needle_withdraws_along_its_path_and_follows_it_again() -> None:
     """Half-way back, and half-way in again, the needle lies on the first half of its path."""
     world = bench()
     insert(world, 20.0)
-    half = world.centre_line_mm()
+    half = centre_line_mm(world)
     insert(world, 40.0)
     world.advance(20.0, 0.0, 15.0)
-    assert world.centre_line_mm() == pytest.approx(half, abs=1e-9)
+    assert centre_line_mm(world) == pytest.approx(half, abs=1e-9)
     world.advance(5.0, 0.0, 15.0)
     world.advance(20.0, 0.0, 15.0)
-    assert world.centre_line_mm() == pytest.approx(half, abs=1e-9)
+    assert centre_line_mm(world) == pytest.approx(half, abs=1e-9)
 
 
 def test_the_bevel_has_no_effect_on_a_path_already_cut() -> None:
     """Turned while withdrawn, the needle follows its old path and bends the other way only beyond it."""
     world = bench()
     insert(world, 20.0)
-    first = world.centre_line_mm()
+    first = centre_line_mm(world)
     world.advance(0.0, math.pi, 15.0)
     world.advance(20.0, math.pi, 15.0)
-    assert world.centre_line_mm() == pytest.approx(first)
+    assert centre_line_mm(world) == pytest.approx(first)
     world.advance(40.0, math.pi, 15.0)
-    y, z = world.centre_line_mm()[-40:].T
+    y, z = centre_line_mm(world)[-40:].T
     assert np.all(np.diff(np.diff(y) / np.diff(z)) > 0)
 
 
@@ -99,12 +99,12 @@ def test_a_needle_is_carried_along_its_path_by_the_linear_axis() -> None:
     world = bench()
     insert(world, 20.0)
     world.advance(20.0, 0.0, 17.0)
-    tip = world.centre_line_mm()[-1]
+    tip = centre_line_mm(world)[-1]
     assert world.truth()["arc_length_mm"] == pytest.approx(22.0)
     world.advance(20.0, 0.0, 13.0)
-    assert len(world.centre_line_mm()) > 0
+    assert len(centre_line_mm(world)) > 0
     world.advance(22.0, 0.0, 15.0)
-    assert world.centre_line_mm()[-1] == pytest.approx(tip)
+    assert centre_line_mm(world)[-1] == pytest.approx(tip)
 
 
 def test_in_air_the_needle_is_straight_and_leaves_nothing() -> None:
@@ -112,11 +112,11 @@ def test_in_air_the_needle_is_straight_and_leaves_nothing() -> None:
     world = World(QUIET, 1)
     world.mount_needle("N1")
     insert(world, 30.0)
-    line = world.centre_line_mm()
+    line = centre_line_mm(world)
     assert np.ptp(line[:, 0]) == 0
     assert line[-1, 1] == pytest.approx(30.0)
     world.advance(0.0, 0.0, 15.0)
-    assert len(world.centre_line_mm()) == 0
+    assert len(centre_line_mm(world)) == 0
 
 
 @pytest.mark.parametrize(("insertion_mm", "linear_mm"), [(5.0, 0.0), (0.0, 15.0)])

@@ -16,7 +16,7 @@ from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
-from tests.experiments.insertion.test_markers import BOUND, PUSHED, world
+from tests.experiments.insertion.test_markers import BOUND, MOVES, world
 from tests.experiments.insertion.test_procedure import EVEN, FROM_THE_BEGINNING
 from tests.runner.sessions import PROTOCOLS, Told, Watched, large_bench
 
@@ -27,7 +27,7 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
     protocol = load_protocol(
         PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, (*FROM_THE_BEGINNING, *BOUND, "repetitions=2")
     )
-    laid = (*EVEN, world(), PUSHED)
+    laid = (*EVEN, world(), MOVES)
     with large_bench(tmp_path, protocol, laid) as at:
 
         def then(doing: str) -> None:

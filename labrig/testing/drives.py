@@ -70,11 +70,9 @@ class _Bench:
         self.speed = scale.to_speed(scale.speed_units_below(opened.section.max_speed / 2))
         self.window = opened.section.position_window + 1 / scale.counts_per_unit
 
-    def get_ready(self) -> None:
-        """Configure and enable the drive."""
-        self.drive.identify()
-        self.drive.configure(self.opened.heartbeat, None)
-        self.drive.enable()
+    def is_at(self, position: float) -> bool:
+        """Tell whether the axis is within its window of a position."""
+        return abs(self.drive.position() - position) <= self.window
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
         """Let rig time pass until a condition holds."""
@@ -89,22 +87,24 @@ class _Bench:
             self.clock.sleep(STILL_POLL_S)
 
     def move_to(self, position: float) -> None:
-        """Move and wait for the end."""
+        """Move, and arrive."""
         self.drive.start_move(position, self.speed)
         self.wait_until(lambda: self.drive.read().target_reached)
+        assert self.is_at(position)
 
     def start_moving(self) -> float:
         """Start a move forwards, wait until the axis has left its position, and return that position."""
         start = self.drive.position()
         self.drive.start_move(start + self.opened.distance, self.speed / 4)
-        self.wait_until(lambda: abs(self.drive.position() - start) > self.window)
+        self.wait_until(lambda: not self.is_at(start))
         return start
 
-    def home_here(self, position: float = 0.0) -> None:
+    def home_here(self, position: float) -> None:
         """Home at the present position."""
-        homing = Homing(HOMING_HERE, position)
-        for _ in self.drive.home(homing):
+        for _ in self.drive.home(Homing(HOMING_HERE, position)):
             self.clock.sleep(_POLL_S)
+        assert self.drive.is_referenced()
+        assert self.is_at(position)
 
 
 class DriveConformance:
@@ -115,117 +115,91 @@ class DriveConformance:
         raise NotImplementedError
 
     @contextmanager
-    def _bench(self) -> Iterator[_Bench]:
+    def _enabled(self) -> Iterator[_Bench]:
         with self.open_drive() as opened:
-            yield _Bench(opened)
-
-    @contextmanager
-    def _ready(self) -> Iterator[_Bench]:
-        with self._bench() as bench:
-            bench.get_ready()
+            bench = _Bench(opened)
+            bench.drive.identify()
+            bench.drive.configure(opened.heartbeat, None)
+            bench.drive.enable()
             yield bench
             bench.drive.close()
 
-    def test_identifying_it_writes_nothing(self) -> None:
-        """The drive reports model and versions; no object is written before it is configured."""
-        with self._bench() as bench:
-            identity = bench.drive.identify()
+    def test_identifying_writes_nothing_and_configuring_gives_no_power(self) -> None:
+        """Identity and settings are ready for the record; reading for a move is refused without power."""
+        with self.open_drive() as opened:
+            drive = _Bench(opened).drive
+            identity = drive.identify()
             assert identity.model
-            assert json.dumps(identity.document())
-            assert all(data[0] == 0x40 for data in _sent_requests(bench.opened.link))
+            assert all(data[0] == 0x40 for data in _sent_requests(opened.link))
+            drive.configure(opened.heartbeat, None)
+            assert json.dumps([identity.document(), drive.describe()])
+            assert _refuses(drive.read)
 
-    def test_power_is_off_after_configuring(self) -> None:
-        """The settings are ready for the record; reading for a move is refused without power."""
-        with self._bench() as bench:
-            bench.drive.identify()
-            bench.drive.configure(bench.opened.heartbeat, None)
-            assert json.dumps(bench.drive.describe())
-            assert _refuses(bench.drive.read)
-
-    def test_enabling_moves_nothing(self) -> None:
-        """The axis holds its position, and has no fault."""
-        with self._ready() as bench:
-            before = bench.drive.position()
+    def test_enabling_moves_nothing_and_moves_arrive_in_the_window(self) -> None:
+        """Target and position are the rounded ones, forwards, back, and after a move that is replaced on its way."""
+        with self._enabled() as bench:
+            start = bench.drive.position()
             bench.clock.sleep(0.2)
-            read = bench.drive.read()
-            assert abs(read.position - before) <= bench.window
-            assert read.state is DriveState.OPERATION_ENABLED
+            assert bench.is_at(start)
+            assert bench.drive.read().state is DriveState.OPERATION_ENABLED
             assert bench.drive.faults() == ()
             bench.drive.check()
-
-    def test_moves_arrive_in_the_window(self) -> None:
-        """Forwards and back, the target in the drive and the position read are the rounded ones."""
-        with self._ready() as bench:
-            start = bench.drive.position()
             for target in (start + bench.opened.distance, start):
                 rounded = bench.drive.round_move(target, bench.speed)
                 assert rounded.sent
                 assert abs(rounded.position - target) <= bench.window
                 bench.move_to(target)
                 assert bench.drive.target() in {None, rounded.position}
-                assert abs(bench.drive.read().position - rounded.position) <= bench.window
-
-    def test_a_move_can_be_replaced_on_its_way(self) -> None:
-        """The axis ends at the second target, also backwards."""
-        with self._ready() as bench:
-            start = bench.start_moving()
-            bench.move_to(start)
-            assert abs(bench.drive.position() - start) <= bench.window
+            bench.move_to(bench.start_moving())
 
     def test_a_report_at_a_sync_has_position_and_load(self) -> None:
         """The position is that of a read by SDO; current and inputs are there, as far as the drive has them."""
-        with self._ready() as bench:
+        with self._enabled() as bench:
             bench.drive.expect_report()
             bench.opened.link.send(_SYNC, b"")
             reported, lag = bench.drive.read(), bench.drive.lag()
-            assert abs(reported.position - bench.drive.read().position) <= bench.window
+            assert bench.is_at(reported.position)
             assert (reported.current_ma is None) is (bench.drive.current_ma() is None)
             assert set(reported.inputs) == set(bench.opened.section.inputs) == set(bench.drive.read_inputs())
             assert lag is None or abs(lag) <= bench.opened.section.max_following_error
 
-    def test_stopping_holds_and_keeps_power(self) -> None:
-        """After a stop that is only sent, and after one that is answered, the axis stands still and can move again."""
-        with self._ready() as bench:
-            for stop in (bench.drive.post_stop, bench.drive.stop):
+    def test_every_stop_ends_a_move(self) -> None:
+        """One that is only sent and one that is answered keep power; after a quick stop the drive must be enabled."""
+        with self._enabled() as bench:
+            for stop, is_quick in (
+                (bench.drive.post_stop, False),
+                (bench.drive.stop, False),
+                (bench.drive.stop, True),
+            ):
                 start = bench.start_moving()
                 assert _refuses(lambda: bench.wait_until_still(0.0))
-                stop()
+                stop(quick=is_quick)
                 bench.wait_until_still()
-                assert bench.drive.read().state is DriveState.OPERATION_ENABLED
+                assert _refuses(bench.drive.read) is is_quick
+                if is_quick:
+                    bench.drive.enable()
                 bench.move_to(start)
-
-    def test_a_quick_stop_needs_enabling_again(self) -> None:
-        """Until then the axis stands still and refuses to move."""
-        with self._ready() as bench:
-            start = bench.start_moving()
-            bench.drive.stop(quick=True)
-            bench.wait_until_still()
-            assert _refuses(bench.drive.read)
-            bench.drive.enable()
-            bench.move_to(start)
 
     def test_positions_count_from_where_it_was_homed_or_is_assumed(self) -> None:
         """Nothing moves by either; only homing gives a reference."""
-        with self._ready() as bench:
+        with self._enabled() as bench:
             bench.drive.assume_position(40 * bench.window)
-            assert abs(bench.drive.position() - 40 * bench.window) <= bench.window
+            assert bench.is_at(40 * bench.window)
             bench.move_to(0.0)
-            for home in (2 * bench.opened.distance, 0.0):
-                bench.home_here(home)
-                assert bench.drive.is_referenced()
-                assert abs(bench.drive.position() - home) <= bench.window
+            bench.home_here(2 * bench.opened.distance)
+            bench.home_here(0.0)
 
     def test_the_drive_itself_holds_the_limits(self) -> None:
         """A target beyond them is not reached, whatever the computer commands."""
-        with self._ready() as bench:
-            bench.home_here()
-            near = bench.opened.distance / 4
+        with self._enabled() as bench:
+            bench.home_here(0.0)
+            near, far = bench.opened.distance / 4, bench.opened.distance
             bench.drive.set_limits((-near, near))
             with suppress(DriveError):
-                bench.drive.start_move(bench.opened.distance, bench.speed / 4)
-                bench.clock.sleep(4 * bench.opened.distance / bench.speed + 1)
+                bench.drive.start_move(far, bench.speed / 4)
+                bench.clock.sleep(4 * far / bench.speed + 1)
             bench.wait_until_still()
-            assert bench.drive.position() < bench.opened.distance / 2
+            assert bench.drive.position() < far / 2
             bench.drive.reset_fault()
             bench.drive.set_limits(None)
             bench.drive.enable()
@@ -233,7 +207,7 @@ class DriveConformance:
 
     def test_the_drive_stops_when_the_computer_falls_silent(self) -> None:
         """Without heartbeats it stops by itself, reports why, and moves only after its fault has been reset."""
-        with self._ready() as bench:
+        with self._enabled() as bench:
             # A drive misses only a heartbeat that it has received before.
             bench.clock.sleep(2 * bench.opened.heartbeat.period_ms / 1000)
             start = bench.drive.position()
@@ -248,32 +222,23 @@ class DriveConformance:
             bench.drive.enable()
             bench.move_to(start)
 
-    def test_closing_restores_the_current_limit(self) -> None:
-        """A limit holds until `close`, then the drive has its own again; a drive without a limit refuses one."""
-        with self._bench() as bench:
-            own_ma = bench.drive.current_limit_ma()
+    def test_closing_leaves_no_fault_and_restores_the_current_limit(self) -> None:
+        """Power and both heartbeats end; a limit holds until then, and a drive without one refuses it."""
+        with self.open_drive() as opened:
+            drive = _Bench(opened).drive
+            own_ma = drive.current_limit_ma()
             if own_ma is None:
-                assert _refuses(lambda: bench.drive.configure(bench.opened.heartbeat, 1))
+                assert _refuses(lambda: drive.configure(opened.heartbeat, 1))
                 return
-            bench.drive.configure(bench.opened.heartbeat, own_ma // 2)
-            limit_ma = bench.drive.current_limit_ma()
-            bench.drive.close()
-            assert bench.drive.current_limit_ma() == own_ma
-            bench.drive.set_current_limit(own_ma // 2)
-            halved_ma = bench.drive.current_limit_ma()
-            bench.drive.set_current_limit(own_ma)
-            assert bench.drive.current_limit_ma() == own_ma
-            for found_ma in (limit_ma, halved_ma):
-                assert found_ma is not None
-                assert 0.9 * (own_ma // 2) < found_ma <= own_ma // 2 + 1
-
-    def test_a_closed_drive_has_neither_power_nor_fault(self) -> None:
-        """Closing ends both heartbeats without a fault."""
-        with self._ready() as bench:
-            bench.drive.close()
-            bench.opened.clock.sleep(2 * bench.opened.heartbeat.timeout_ms / 1000)
-            assert bench.drive.faults() == ()
-            assert _refuses(bench.drive.read)
+            drive.configure(opened.heartbeat, own_ma // 2)
+            limit_ma = drive.current_limit_ma()
+            assert limit_ma is not None
+            assert 0.9 * (own_ma // 2) < limit_ma <= own_ma // 2 + 1
+            drive.close()
+            assert drive.current_limit_ma() == own_ma
+            opened.clock.sleep(2 * opened.heartbeat.timeout_ms / 1000)
+            assert drive.faults() == ()
+            assert _refuses(drive.read)
 
 
 def _sent_requests(link: CanLink) -> list[bytes]:

@@ -4,7 +4,6 @@ import pytest
 
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.objects import Place
 from tests.devices.rigs import OpenedRig, one_drive, opened_rig, simulated_rig
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
@@ -112,10 +111,8 @@ def test_a_drive_that_refuses_to_report_is_read_by_sdo() -> None:
 def test_a_mapping_that_is_refused_midway_is_as_before() -> None:
     """The drive reports statusword and position at each SYNC, as it did; the current comes by SDO."""
     with one_drive() as bench:
-        found = dict(bench.drive.objects._mappable)
-        bench.drive.objects._mappable = {
-            place: each for place, each in found.items() if place != Place(0x2027)
-        }
+        last = co.TPDO_MAPS[2][3]
+        bench.drive.objects.refuse = lambda place: 0x06040041 if place == last else None
         bench.driver.configure(HeartbeatDescription(), None)
         bench.driver.enable()
         mapped = [bench.drive.objects.value(place) for place in co.TPDO_MAPS[2][:3]]

@@ -261,14 +261,13 @@ def test_an_emergency_stop_lasts_until_power_is_back() -> None:
         assert b.word() & 0x4F == 0x40
 
 
-def test_a_changed_encoder_makes_the_position_invalid() -> None:
-    """0x2210 is refused with power on; without, it clears the reference and raises 0x7320."""
-    with bench() as b:
-        b.home(35)
-        b.write(co.CONTROLWORD, 0)
-        b.write(od.ENCODER_PULSES, 1000)
-        assert b.read(co.LAST_ERROR) == 0x7320
-        assert not b.word() & 0x8000
+def test_a_restarted_drive_counts_from_zero_where_its_shaft_stands() -> None:
+    """Settings, counter and reference are lost; nothing moves."""
+    with bench(Mechanics()) as b:
+        b.go(5_000)
+        b.clock.sleep(5.0)
+        b.drive.restart()
+        assert (b.drive.shaft_counts, b.read(co.POSITION_ACTUAL)) == (5_000, 0)
 
 
 @settings(max_examples=60, deadline=None)

@@ -23,6 +23,7 @@ from labrig.devices.drives.states import (
 )
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.dictionary import ObjectDictionary
 from labrig.devices.simulated.drive_journal import DriveEvent, DriveJournal
 from labrig.devices.simulated.homing import HomingMove, plan_homing
 from labrig.devices.simulated.node import CanopenNode, NmtState
@@ -46,7 +47,7 @@ _STATUS = {
 _REFERENCED = 0x8000
 """Bit of the statusword that a drive of maxon sets while it has its reference."""
 
-_GENERIC, _FOLLOWING_ERROR, _HEARTBEAT_ERROR, _SENSOR_ERROR = 0x01, 0x8611, 0x8130, 0x7320
+_GENERIC, _FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x01, 0x8611, 0x8130
 _REGISTER = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x5: 0x04, 0x6: 0x20, 0x7: 0x20, 0x8: 0x10, 0xF: 0x80}
 """First digit of an error code -> its bit in the error register 0x1001, beside the generic one."""
 
@@ -80,14 +81,8 @@ class Behaviour:
         Error code of a passed software limit.
     disabling_errors : frozenset of int
         Errors that switch the power stage off at once; to all others the drive reacts as 0x605E says.
-    reset_communication_first, reset_node_first : frozenset of int
+    reset_communication_first : frozenset of int
         Errors that stay until this NMT command.
-    encoder : Place or None
-        Object of the encoder's resolution.
-    counts_per_pulse : int
-        Counts for one of its units.
-    while_unpowered : frozenset of Place
-        Objects that can be written only without power.
     switch_mask : Place or None
         Object that says which limit switches stop the drive; None: both do.
     zero_is_no_limit : bool
@@ -100,10 +95,6 @@ class Behaviour:
     position_limit_error: int
     disabling_errors: frozenset[int]
     reset_communication_first: frozenset[int]
-    reset_node_first: frozenset[int] = frozenset()
-    encoder: Place | None = None
-    counts_per_pulse: int = 1
-    while_unpowered: frozenset[Place] = frozenset()
     switch_mask: Place | None = None
     zero_is_no_limit: bool = False
 
@@ -143,9 +134,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._section, self._fixed = section, fixed
         self._behaviour = behaviour
         self._model = section.model()
-        scale = section.scale()
-        self._speed_units, self._acceleration_units = scale.speed_units, scale.acceleration_units
-        self._pulses = round(scale.counts_per_turn) // behaviour.counts_per_pulse
+        self._scale = section.scale()
         self.journal = DriveJournal()
         self.forced_inputs = 0
         self._analog_mv: dict[str, float] = {}
@@ -153,26 +142,28 @@ class SimulatedCia402Drive(CanopenNode):
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
         self._shaft = MotorShaft(mechanics, clock.now_s())
+        self._moving = False
+        self._inputs = 0
+        self._forget()
+        objects = ObjectDictionary(
+            self._model.eds,
+            section.node_id,
+            fixed,
+            self._list_live_objects(),
+            fingerprint=self._model.fingerprint,
+        )
+        self._values = objects.value
+        super().__init__(wire, section.node_id, clock, objects)
+        self._note("boot", "power on")
+        self.boot()
+
+    def _forget(self) -> None:
+        """Be as after power on."""
         self._state = DriveState.SWITCH_ON_DISABLED
         self._errors: list[int] = []
         self._target = 0.0
         self._stretches: list[HomingMove] = []
         self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
-        self._moving = False
-        self._inputs = 0
-        eds, fingerprint = self._model.eds, self._model.fingerprint
-        super().__init__(
-            wire,
-            section.node_id,
-            clock,
-            eds,
-            fixed=fixed,
-            live=self._list_live_objects(),
-            fingerprint=fingerprint,
-        )
-        self._values = self.objects.value
-        self._note("boot", "power on")
-        self.boot()
 
     @property
     def shaft_counts(self) -> float:
@@ -194,11 +185,6 @@ class SimulatedCia402Drive(CanopenNode):
         return self._state in _POWERED
 
     # What its product decides
-
-    def _counts_per_turn(self) -> int:
-        encoder = self._behaviour.encoder
-        pulses = self._pulses if encoder is None else self._values(encoder)
-        return self._behaviour.counts_per_pulse * pulses
 
     def _position_limits(self) -> tuple[float, float]:
         low, high = self.objects.values[co.LOWER_LIMIT], self.objects.values[co.UPPER_LIMIT]
@@ -251,7 +237,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def mend(self) -> None:
         """Take away what blocks the shaft, give the power stage its supply back, and listen, send and beat again."""
-        self.recover()
+        self._mute_frames, self._deaf, self._beatless = 0, False, False
         self.lasting_errors.clear()
         self._shaft.free()
 
@@ -278,13 +264,8 @@ class SimulatedCia402Drive(CanopenNode):
         """Lose power and come back: settings, reference and counter are lost, the shaft stays where it is."""
         now_s = self._clock.now_s()
         self._shaft.hold(now_s)
-        self._shaft.zero = self._shaft.position
         self._shaft.count_from(now_s, 0.0)
-        self._state = DriveState.SWITCH_ON_DISABLED
-        self._errors.clear()
-        self._stretches.clear()
-        self._target = 0.0
-        self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
+        self._forget()
         self.objects.load()
         self.nmt_state = NmtState.OFF
         self._ready_s = now_s + self._boot_time_s
@@ -372,7 +353,7 @@ class SimulatedCia402Drive(CanopenNode):
         """Return the motor current [mA]; 0 without power."""
         if not self.is_powered():
             return 0.0
-        return self._shaft.current_ma(self._counts_per_turn(), self._current_limit_ma())
+        return self._shaft.current_ma(self._scale.counts_per_turn, self._current_limit_ma())
 
     def _read_current_per_mille(self) -> int:
         """Return the motor current in thousandths of the rated one, or in mA; the torque has the same number."""
@@ -381,7 +362,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
         at_s = self._clock.now_s() if t_s is None else t_s
-        self.journal.note(DriveEvent(at_s, kind, text, self._shaft.position))
+        self.journal.append(DriveEvent(at_s, kind, text, self._shaft.position))
 
     # Objects
 
@@ -407,11 +388,6 @@ class SimulatedCia402Drive(CanopenNode):
             if place is not None and place in known
         }
 
-    def _refuse(self, place: Place) -> int | None:
-        if place in self._behaviour.while_unpowered and self.is_powered():
-            return sdo_server.WRONG_STATE
-        return super()._refuse(place)
-
     def _on_write(self, place: Place, value: int, before: int) -> None:
         super()._on_write(place, value, before)
         if place == co.CONTROLWORD:
@@ -422,9 +398,6 @@ class SimulatedCia402Drive(CanopenNode):
             self._take_back(place, before)
         elif place == co.ERROR_COUNT:
             self.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
-        elif place == self._behaviour.encoder and value != before:
-            self._referenced = False
-            self.fail(_SENSOR_ERROR)
 
     def _take_back(self, place: Place, before: int) -> None:
         self.objects.values[place] = before
@@ -565,7 +538,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._attained = self._homing_failed = False
         self._note("homing", f"method {method}")
         offset = 0 if self._model.home_offset is None else self._values(self._model.home_offset)
-        self._stretches = list(plan_homing(method, self._shaft, self._counts_per_turn(), offset))
+        self._stretches = list(plan_homing(method, self._shaft, self._scale.counts_per_turn, offset))
         self._homing = True
         if self._stretches:
             self._start_homing_move(self._clock.now_s())
@@ -613,9 +586,12 @@ class SimulatedCia402Drive(CanopenNode):
         up = min(highest, self._values(acceleration or co.PROFILE_ACCELERATION))
         down = min(highest, self._values(acceleration or co.PROFILE_DECELERATION))
         speed_units = min(self._values(speed), self._values(co.MAX_PROFILE_VELOCITY))
-        per_turn = self._counts_per_turn()
-        scale = per_turn / self._acceleration_units
-        return Limits(speed_units * per_turn / self._speed_units, up * scale, down * scale)
+        counts = self._scale.counts_per_turn / self._scale.speed_units
+        return Limits(speed_units * counts, self._to_counts(up), self._to_counts(down))
+
+    def _to_counts(self, acceleration: int) -> float:
+        """Return an acceleration in counts/s^2."""
+        return acceleration * self._scale.counts_per_turn / self._scale.acceleration_units
 
     def _start_move(self, t_s: float) -> None:
         self._shaft.go(t_s, self._target, self._read_limits(co.PROFILE_VELOCITY))
@@ -624,7 +600,7 @@ class SimulatedCia402Drive(CanopenNode):
     def _brake(self, place: Place, t_s: float) -> None:
         if self._moving:
             self._note("brake", str(place), t_s)
-        self._shaft.brake(t_s, self._values(place) * self._counts_per_turn() / self._acceleration_units)
+        self._shaft.brake(t_s, self._to_counts(self._values(place)))
 
     # Faults
 
@@ -656,8 +632,7 @@ class SimulatedCia402Drive(CanopenNode):
             self._set_state(DriveState.FAULT_REACTION)
 
     def _reset_fault(self) -> None:
-        behaviour = self._behaviour
-        kept = behaviour.reset_communication_first | behaviour.reset_node_first | self.lasting_errors
+        kept = self._behaviour.reset_communication_first | self.lasting_errors
         self._errors = [code for code in self._errors if code in kept]
         if not self._errors:
             self._set_state(DriveState.SWITCH_ON_DISABLED)

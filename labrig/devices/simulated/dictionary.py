@@ -35,16 +35,19 @@ class ObjectDictionary:
         Objects whose value is made when it is read.
     fingerprint : tuple of Place
         Those that are cleared when a setting changes.
-    refuse : callable
-        Returns the abort code if an object cannot be written now, whatever the value.
-    written : callable
-        Told (place, value, value before) after each write.
 
     Attributes
     ----------
     variables : mapping of Place to ODVariable
         The objects, with those that it lacks: motion needs them, and nobody can ask.
+    refuse : callable
+        Returns the abort code if an object cannot be written now, whatever the value.
+    written : callable
+        Told (place, value, value before) after each write.
     """
+
+    refuse: Callable[[Place], int | None]
+    written: Callable[[Place, int, int], None]
 
     def __init__(
         self,
@@ -54,19 +57,15 @@ class ObjectDictionary:
         live: Mapping[Place, Callable[[], int]],
         *,
         fingerprint: tuple[Place, ...],
-        refuse: Callable[[Place], int | None],
-        written: Callable[[Place, int, int], None],
     ) -> None:
         self._name = eds.product_name.encode("ascii", "replace")
-        self._objects = self._mappable = eds.objects
+        self._objects = eds.objects
         self._indices = {place.index for place in eds.objects} | {_DEVICE_NAME.index}
         self.variables = {**read_own_eds("epos2.eds").objects, **eds.objects}
         self._defaults = {p: find_default(v) + node_id * v.relative for p, v in self.variables.items()}
         self._fixed = dict(fixed)
         self._live = live
         self._fingerprint = fingerprint
-        self._refuse = refuse
-        self._written = written
         self.values: dict[Place, int] = {}
         self.load()
 
@@ -115,7 +114,7 @@ class ObjectDictionary:
         before, self.values[place] = self.values[place], value
         if place not in _PROCESS_DATA and place not in self._fingerprint and value != before:
             self.values |= dict.fromkeys(self._fingerprint, 0)
-        self._written(place, value, before)
+        self.written(place, value, before)
 
     def _require(self, place: Place) -> ODVariable:
         variable = self._objects.get(place)
@@ -125,7 +124,7 @@ class ObjectDictionary:
         return variable
 
     def _check(self, place: Place, value: int, bounds: tuple[int, int]) -> None:
-        if (code := self._refuse(place)) is not None:
+        if (code := self.refuse(place)) is not None:
             raise SdoAbortError(code)
         low, high = bounds
         if not low <= value <= high:
@@ -146,6 +145,6 @@ class ObjectDictionary:
         elif self.values[mapping[0]]:
             raise SdoAbortError(sdo_server.WRONG_STATE)
         else:
-            mapped = self._mappable.get(Place(value >> 16, value >> 8 & 0xFF))
+            mapped = self._objects.get(Place(value >> 16, value >> 8 & 0xFF))
             if value and (mapped is None or mapped.index < 0x2000 or len(mapped) != value & 0xFF):
                 raise SdoAbortError(sdo_server.NOT_MAPPABLE)

@@ -33,7 +33,7 @@ class HomingMove:
 
 
 def plan_homing(
-    method: int, shaft: MotorShaft, quadcounts_per_turn: int, offset: float
+    method: int, shaft: MotorShaft, counts_per_turn: float, offset: float
 ) -> tuple[HomingMove, ...]:
     """Return the moves of a method from where the shaft is, the home offset last."""
     if method in {35, 37}:
@@ -45,7 +45,7 @@ def plan_homing(
     first = HomingMove(direction * _FOR_EVER if method < 0 else end, to_stop=method < 0)
     if method not in _TO_INDEX:
         return (first, HomingMove(end + offset, slow=True))
-    index = _find_next_index(end, back, shaft.zero, quadcounts_per_turn)
+    index = _find_next_index(end, back, shaft.zero, counts_per_turn)
     return (first, HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
 
 
@@ -62,7 +62,7 @@ def _find_end(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
     return place, direction, -direction
 
 
-def _find_next_index(counter: float, direction: int, zero: float, per_turn: int) -> float:
+def _find_next_index(counter: float, direction: int, zero: float, per_turn: float) -> float:
     turns = (counter + zero) / per_turn
     turn = math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1
     return turn * per_turn - zero

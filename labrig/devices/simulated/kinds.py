@@ -1,16 +1,14 @@
 """The products that are simulated: an EPOS2 24/5, and any CiA 402 drive by its EDS file, which behaves as an EPOS4."""
 
-from dataclasses import replace
-
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.cia402 import Behaviour
 
 _SOFTWARE, _HARDWARE = Place(0x2003, 1), Place(0x2003, 2)
-_ENCODER_PULSES, _SENSOR_TYPE, _SENSOR_POLARITY = (Place(0x2210, n) for n in (1, 2, 4))
-_CONTINUOUS_CURRENT, _MAX_CURRENT, _POLE_PAIRS = (Place(0x6410, n) for n in (1, 2, 3))
-_MOTOR_TYPE = Place(0x6402)
+_ENCODER_PULSES = Place(0x2210, 1)
+_CONTINUOUS_CURRENT, _MAX_CURRENT = Place(0x6410, 1), Place(0x6410, 2)
+_COUNTS_PER_PULSE = 4
 _EPOS2_24_5, _SOFTWARE_TRIED = 0x6220, 0x2122
 
 EPOS2 = Behaviour(
@@ -24,10 +22,6 @@ EPOS2 = Behaviour(
         | {0xFF01, 0xFF02, 0xFF03, 0xFF04, 0xFF0A, 0xFF0B}
     ),
     reset_communication_first=frozenset({0x8120, 0x81FD}),
-    reset_node_first=frozenset({0xFF04}),
-    encoder=_ENCODER_PULSES,
-    counts_per_pulse=4,
-    while_unpowered=frozenset({_ENCODER_PULSES, _SENSOR_TYPE, _SENSOR_POLARITY, _MOTOR_TYPE, _POLE_PAIRS}),
     switch_mask=Place(0x2071, 4),
 )
 
@@ -51,7 +45,7 @@ Nature = tuple[Behaviour, dict[Place, int]]
 def be_epos2(section: Cia402Section, hardware: int = _EPOS2_24_5, software: int = _SOFTWARE_TRIED) -> Nature:
     """Return the nature of an EPOS2 of this hardware and software version."""
     fixed = {
-        _ENCODER_PULSES: round(section.scale().counts_per_turn) // EPOS2.counts_per_pulse,
+        _ENCODER_PULSES: round(section.scale().counts_per_turn) // _COUNTS_PER_PULSE,
         _HARDWARE: hardware,
         _SOFTWARE: software,
         co.VENDOR_ID: 0xFB,
@@ -67,7 +61,6 @@ def be_epos2(section: Cia402Section, hardware: int = _EPOS2_24_5, software: int 
 def be_cia402(section: Cia402Section) -> Nature:
     """Return the nature of a CiA 402 drive with the units and the encoder that its section states."""
     model = section.model()
-    encoder = next((stated.place for stated in model.stated if stated.key == "counts_per_turn"), None)
     fixed = {
         co.DEVICE_TYPE: 0x00020192,
         co.VENDOR_ID: model.eds.vendor,
@@ -79,4 +72,4 @@ def be_cia402(section: Cia402Section) -> Nature:
     }
     if not model.has(co.MAX_FOLLOWING_ERROR):
         fixed[co.MAX_FOLLOWING_ERROR] = 0xFFFFFFFF
-    return replace(CIA402, encoder=encoder), fixed
+    return CIA402, fixed

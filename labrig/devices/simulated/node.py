@@ -4,14 +4,13 @@ import math
 import struct
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
 from enum import IntEnum
 
 import can
 
 from labrig.clock import Clock
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.eds import Eds, make_form
+from labrig.devices.drives.eds import make_form
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
@@ -45,23 +44,11 @@ class CanopenNode(ABC):
         Its node id.
     clock : Clock
         Its time.
-    eds : Eds
+    objects : ObjectDictionary
         Its objects.
-    fixed, live, fingerprint
-        As `ObjectDictionary` takes them.
     """
 
-    def __init__(
-        self,
-        wire: InProcessWire,
-        node_id: int,
-        clock: Clock,
-        eds: Eds,
-        *,
-        fixed: Mapping[Place, int],
-        live: Mapping[Place, Callable[[], int]],
-        fingerprint: tuple[Place, ...] = (),
-    ) -> None:
+    def __init__(self, wire: InProcessWire, node_id: int, clock: Clock, objects: ObjectDictionary) -> None:
         self.node_id = node_id
         self.nmt_state = NmtState.OFF
         self._mute_frames: float = 0
@@ -71,10 +58,9 @@ class CanopenNode(ABC):
         self._clock = clock
         self._next_beat_s = math.inf
         self._heard_s: float | None = None
-        self.objects = ObjectDictionary(
-            eds, node_id, fixed, live, fingerprint=fingerprint, refuse=self._refuse, written=self._on_write
-        )
-        self._sdo = SdoServer(self.objects.read, self.objects.write)
+        self.objects = objects
+        objects.refuse, objects.written = self._refuse, self._on_write
+        self._sdo = SdoServer(objects.read, objects.write)
         self._read_settings()
         self._wire = wire
         self._bus = InProcessBus(wire, self._on_frame)
@@ -160,10 +146,6 @@ class CanopenNode(ABC):
     def deafen(self) -> None:
         """Receive nothing."""
         self._deaf = True
-
-    def recover(self) -> None:
-        """Receive, send and beat again."""
-        self._mute_frames, self._deaf, self._beatless = 0, False, False
 
     def abort_next(self, code: int, index: int | None = None) -> None:
         """Refuse the next SDO request, or the next one for an object, with an abort code."""

@@ -1,4 +1,4 @@
-"""The serving side of CANopen's SDO protocol (CiA 301): expedited and segmented, without block transfer."""
+"""The serving side of CANopen's SDO protocol (CiA 301): reads, and writes of at most four bytes; no block transfer."""
 
 import struct
 from collections.abc import Callable
@@ -7,12 +7,9 @@ from labrig.devices.drives.objects import Place
 
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<BHBI")
-_LONGEST = 64
-"""The longest object that can be written [bytes]."""
 
 TOGGLE = 0x05030000
 COMMAND_UNKNOWN = 0x05040001
-MEMORY = 0x05040005
 WRITE_ONLY = 0x06010001
 READ_ONLY = 0x06010002
 NO_OBJECT = 0x06020000
@@ -53,7 +50,6 @@ class SdoServer:
         self._write = write
         self._place = Place(0)
         self._rest: bytes | None = None
-        self._taken: bytearray | None = None
         self._toggle = 0
 
     def answer(self, request: bytes) -> bytes | None:
@@ -61,18 +57,16 @@ class SdoServer:
         if len(request) != 8:
             return None
         command, index, subindex = _HEAD.unpack_from(request)
-        if command >> 5 not in {0, 3}:
-            self._place, self._rest, self._taken = Place(index, subindex), None, None
+        if command >> 5 != 3:
+            self._place, self._rest = Place(index, subindex), None
         try:
             return self._dispatch(command, request)
         except SdoAbortError as refusal:
-            self._rest = self._taken = None
+            self._rest = None
             return _ABORT.pack(0x80, *self._place, refusal.code)
 
     def _dispatch(self, command: int, request: bytes) -> bytes | None:
         match command >> 5:
-            case 0:
-                return self._download_segment(command, request)
             case 1:
                 return self._download(command, request)
             case 2:
@@ -93,7 +87,8 @@ class SdoServer:
     def _upload_segment(self, command: int) -> bytes:
         if self._rest is None:
             raise SdoAbortError(COMMAND_UNKNOWN)
-        self._check_toggle(command)
+        if command & 0x10 != self._toggle:
+            raise SdoAbortError(TOGGLE)
         segment, rest = self._rest[:7], self._rest[7:]
         answer = self._toggle | (7 - len(segment)) << 1 | (not rest)
         self._toggle ^= 0x10
@@ -101,31 +96,8 @@ class SdoServer:
         return bytes([answer]) + segment.ljust(7, b"\0")
 
     def _download(self, command: int, request: bytes) -> bytes:
-        if command & 0x02:
-            size = 4 - (command >> 2 & 0x3) if command & 0x01 else self._read_size()
-            self._write(self._place, bytes(request[4 : 4 + size]))
-        else:
-            self._taken, self._toggle = bytearray(), 0
-        return _HEAD.pack(0x60, *self._place) + b"\0\0\0\0"
-
-    def _read_size(self) -> int:
-        """Return the length of the object, for a client that did not state how much it sends."""
-        return min(4, len(self._read(self._place)))
-
-    def _download_segment(self, command: int, request: bytes) -> bytes:
-        if self._taken is None:
+        if not command & 0x02:
             raise SdoAbortError(COMMAND_UNKNOWN)
-        self._check_toggle(command)
-        self._taken += request[1 : 8 - (command >> 1 & 0x7)]
-        if len(self._taken) > _LONGEST:
-            raise SdoAbortError(MEMORY)
-        answer = bytes([0x20 | self._toggle]) + bytes(7)
-        self._toggle ^= 0x10
-        if command & 0x01:
-            data, self._taken = bytes(self._taken), None
-            self._write(self._place, data)
-        return answer
-
-    def _check_toggle(self, command: int) -> None:
-        if command & 0x10 != self._toggle:
-            raise SdoAbortError(TOGGLE)
+        size = 4 - (command >> 2 & 0x3) if command & 0x01 else min(4, len(self._read(self._place)))
+        self._write(self._place, bytes(request[4 : 4 + size]))
+        return _HEAD.pack(0x60, *self._place) + b"\0\0\0\0"

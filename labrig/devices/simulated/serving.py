@@ -1,12 +1,13 @@
 """Simulated drives on a bus that other programs can join: one of python-can's, or a simulated slcan adapter."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, get_args
 
 import can
 
 from labrig.devices.axis_description import DEFAULT_DRIVER, AxisDescription
 from labrig.devices.bus import OPENING_FAILURES
+from labrig.devices.can_description import Bitrate
 from labrig.devices.clocks import SystemClock
 from labrig.devices.driver_section import find_section
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
@@ -21,8 +22,6 @@ _MOST_FRAMES = 200
 
 _BOOT_TIME_S = 0.26
 """Measured on a real drive, from NMT reset to boot-up frame."""
-
-_BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
 
 def open_bus(
@@ -48,8 +47,8 @@ def open_bus(
     BusError
         When it cannot be opened.
     """
-    if bitrate not in _BITRATES:
-        known = ", ".join(map(str, _BITRATES))
+    if bitrate not in get_args(Bitrate):
+        known = ", ".join(map(str, get_args(Bitrate)))
         raise InputError(f"bit rate {bitrate} is not one that drives have", f"use one of {known}")
     if interface == "slcan":
         return SlcanAdapter(bitrate)

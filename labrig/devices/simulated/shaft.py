@@ -83,7 +83,7 @@ class MotorShaft:
         self._jam = None
         self._uncoupled = False
 
-    def current_ma(self, counts_per_turn: int, limit_ma: float) -> float:
+    def current_ma(self, counts_per_turn: float, limit_ma: float) -> float:
         """Return the motor current under an output current limit [mA]."""
         if self._uncoupled:
             return 0.0

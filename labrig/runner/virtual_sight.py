@@ -12,9 +12,9 @@ towards the rim of the picture, and length and end are off.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from labrig.analysis.origin import compare_with_command
 from labrig.analysis.result import Point, TrialOrigin
@@ -484,4 +484,4 @@ def _draw_rough(rows: int, noise: np.random.Generator, errors: ShaftErrors) -> F
     kept = math.exp(-_ROW_MM / errors.correlated_mm)
     drawn = noise.standard_normal(rows) * sd * math.sqrt(1.0 - kept**2)
     drawn[0] = sd * noise.standard_normal()
-    return np.asarray(lfilter([1.0], [1.0, -kept], drawn))
+    return np.array(list(accumulate(drawn.tolist(), lambda value, fresh: kept * value + fresh)))

@@ -4,22 +4,14 @@ Focus is the width of the edges: the contrast across an edge over its steepest s
 of standard deviation s blurs is 2.5 s wide; a sharp one is 2 px wide, as slopes are taken over two pixels. A thin line
 is a step up and a step down, and its edges are a third narrower. The median of the strongest edges is stated, so noise
 in even grey and soft reflections take no part.
-
-Flicker is the variation of the mean brightness, without its slow drift. Lamps on the mains flicker with twice its
-frequency; pictures at a lower rate show a beat of that, whose period is stated.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import lombscargle
 
 from labrig.vision.picture import Picture, as_grey
-
-_FloatArray = NDArray[np.float64]
 
 _SATURATED, _BLACK = 254, 1
 # Standard deviation of the smoothing before slopes are taken [px], and reach around an edge in which its contrast lies.
@@ -30,7 +22,6 @@ _LEAST_SLOPE, _LEAST_CONTRAST = 2.0, 20.0
 # Edges less steep than this share of a high quantile take no part; fewer edges than that say nothing.
 _STRONG, _STEEPEST, _FEWEST_EDGES = 0.5, 0.99, 50
 FEWEST_FOR_FLICKER = 8
-_LEAST_PERIODIC = 0.5
 
 
 @dataclass(frozen=True)
@@ -106,43 +97,6 @@ def _estimate_noise(grey: Picture) -> float:
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     curved = cv2.filter2D(grey, cv2.CV_32F, mask)
     return float(np.sqrt(0.5 * np.pi) * np.abs(curved).mean() / 6.0)
-
-
-def measure_flicker(times_s: Sequence[float], means: Sequence[float]) -> Flicker | None:
-    """Measure the variation of the mean brightness of successive pictures.
-
-    Parameters
-    ----------
-    times_s : sequence of float
-        Time of each picture [s].
-    means : sequence of float
-        Their mean grey levels.
-
-    Returns
-    -------
-    Flicker or None
-        None for fewer than eight pictures. The period is that which explains most of the variation (Lomb, Astrophysics
-        and Space Science, 1976), between two pictures and half the time observed; None if it explains less than half.
-    """
-    t_s, grey = np.asarray(times_s, float), np.asarray(means, float)
-    if len(grey) < FEWEST_FOR_FLICKER or not grey.mean() > 0.0:
-        return None
-    observed_s = float(t_s[-1] - t_s[0])
-    if not observed_s > 0.0:
-        return Flicker(float(grey.std() / grey.mean()), None)
-    left = grey - np.polynomial.Polynomial.fit(t_s, grey, 1)(t_s)
-    return Flicker(float(left.std() / grey.mean()), _find_period_s(t_s - t_s[0], left, observed_s))
-
-
-def _find_period_s(t_s: _FloatArray, left: _FloatArray, observed_s: float) -> float | None:
-    fastest_hz = 0.5 * (len(t_s) - 1) / observed_s
-    slowest_hz = 2.0 / observed_s
-    if not left.std() > 0.0 or fastest_hz <= slowest_hz:
-        return None
-    rates_hz = np.linspace(slowest_hz, fastest_hz, 8 * len(t_s))
-    power = lombscargle(t_s, left, 2.0 * np.pi * rates_hz, normalize=True)
-    best = int(np.argmax(power))
-    return float(1.0 / rates_hz[best]) if power[best] >= _LEAST_PERIODIC else None
 
 
 MOST_EDGE_WIDTH_PX = 6.0

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labrig.vision.picture_quality import Flicker, judge_quality, measure_flicker, measure_quality
+from labrig.vision.flicker import measure_flicker
+from labrig.vision.picture_quality import Flicker, judge_quality, measure_quality
 
 
 def _disc(blur_px: float, noise_sd: float = 2.0) -> NDArray[np.uint8]:

@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.problem import Surroundings
+from labrig.steering.score import ROUNDING
 
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
+Keys = NDArray[np.uint64]
+"""Numbers of paths, each by its own angles alone: it stays the same whichever others are found."""
+
+# Successive multiples of 2^64 divided by the golden ratio are spread evenly (Knuth, TAOCP 3, 6.4).
+_SPREADING = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True)
@@ -64,21 +70,45 @@ class Tips:
         Of the next arc.
     angles_rad : (N, k) array
         Of the k arcs so far.
+    keys : (N,) array
     """
 
     places: ComplexArray
     headings_rad: FloatArray
     signs: FloatArray
     angles_rad: FloatArray
+    keys: Keys
 
     def take(self, which: NDArray[np.intp] | BoolArray) -> "Tips":
         """Return a selection of the tips."""
-        return Tips(self.places[which], self.headings_rad[which], self.signs[which], self.angles_rad[which])
+        return Tips(
+            self.places[which],
+            self.headings_rad[which],
+            self.signs[which],
+            self.angles_rad[which],
+            self.keys[which],
+        )
+
+
+def pick_evenly(keys: Keys, most: int) -> NDArray[np.intp]:
+    """Return the indexes of an even selection, in their order.
+
+    Whether one is picked hardly depends on the others: a path that rounding lets touch an obstacle changes one place.
+    """
+    if len(keys) <= most:
+        return np.arange(len(keys))
+    return np.sort(np.argpartition(keys * _SPREADING, most)[:most])
 
 
 def start_tree() -> Tips:
     """Return the start twice, once for each sign of the first arc."""
-    return Tips(np.zeros(2, complex), np.zeros(2), np.array([1.0, -1.0]), np.zeros((2, 0)))
+    return Tips(
+        np.zeros(2, complex),
+        np.zeros(2),
+        np.array([1.0, -1.0]),
+        np.zeros((2, 0)),
+        np.arange(2, dtype=np.uint64),
+    )
 
 
 def make_psi(angles_rad: FloatArray, first_signs: FloatArray) -> FloatArray:
@@ -112,7 +142,9 @@ def free_angles(tips: Tips, field: Field) -> FloatArray:
         far = apart[tip, disc]
         cosine = (radius_mm**2 + far**2 - field.disc_radii_mm[disc] ** 2) / (2 * radius_mm * far)
         ahead = np.angle(seen[tip, disc]) * tips.signs[tip]
-        np.minimum.at(free, tip, np.mod(ahead - np.arccos(np.clip(cosine, -1, 1)), 2 * np.pi))
+        # The last of the angles before led up to a disc: rounding may not put that place behind the tip.
+        until = np.mod(ahead - np.arccos(np.clip(cosine, -1, 1)) + ROUNDING, 2 * np.pi) - ROUNDING
+        np.minimum.at(free, tip, until)
     return np.asarray(free)
 
 
@@ -120,18 +152,19 @@ def grow_tips(tips: Tips, field: Field, samples: int) -> Tips:
     """Return the tips after one more arc, with `samples` angles each up to the end of the free arc."""
     free = free_angles(tips, field)
     angles = free[:, None] * (np.arange(1, samples + 1) / samples)
-    parent, _ = np.nonzero(angles > 0)
-    theta = angles[angles > 0]
+    parent, sample = np.nonzero(angles > ROUNDING)
+    theta = angles[parent, sample]
     before = tips.take(parent)
     headings = before.headings_rad + before.signs * theta
     chord = np.exp(1j * headings) - np.exp(1j * before.headings_rad)
     places = before.places - 1j * before.signs * field.radius_mm * chord
     grown = np.concatenate((before.angles_rad, theta[:, None]), axis=1)
-    return Tips(places, headings, -before.signs, grown)
+    keys = before.keys * np.uint64(samples) + sample.astype(np.uint64)
+    return Tips(places, headings, -before.signs, grown, keys)
 
 
 def thin_tips(tips: Tips, cell_mm: float, cell_rad: float, limit: int) -> Tips:
-    """Return one tip of each cell of place, heading and sign, evenly thinned to about the limit."""
+    """Return one tip of each cell of place, heading and sign, evenly thinned to the limit."""
     keys = np.stack(
         (
             np.round(tips.places.real / cell_mm),
@@ -142,7 +175,7 @@ def thin_tips(tips: Tips, cell_mm: float, cell_rad: float, limit: int) -> Tips:
     ).astype(np.int64)
     packed = ((keys[0] * 4096 + keys[1]) * 4096 + keys[2]) * 4 + keys[3]
     _, kept = np.unique(packed, return_index=True)
-    return tips.take(kept[:: len(kept) // limit + 1])
+    return tips.take(kept[pick_evenly(tips.keys[kept], limit)])
 
 
 @dataclass(frozen=True)
@@ -153,6 +186,7 @@ class Closures:
     angles_rad: FloatArray
     centres: ComplexArray
     joints: ComplexArray
+    keys: Keys
 
 
 def close_paths(tips: Tips, field: Field, target: complex) -> Closures:
@@ -187,7 +221,8 @@ def close_paths(tips: Tips, field: Field, target: complex) -> Closures:
     short = np.flatnonzero((whole * r <= field.max_length_mm) & np.all(angles >= 0, axis=1))
     chosen = fits[short]
     centres = np.stack((first[parent[chosen]], second[chosen]), axis=1)
-    return Closures(parent[chosen], angles[short], centres, first[parent[chosen]] + r * e[chosen])
+    keys = tips.keys[parent[chosen]] * np.uint64(2) + (chosen >= len(meets)).astype(np.uint64)
+    return Closures(parent[chosen], angles[short], centres, first[parent[chosen]] + r * e[chosen], keys)
 
 
 def join_paths(tips: Tips, closures: Closures, which: NDArray[np.intp]) -> FloatArray:

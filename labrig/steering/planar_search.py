@@ -22,6 +22,7 @@ from labrig.steering.planar import (
     grow_tips,
     join_paths,
     make_psi,
+    pick_evenly,
     start_tree,
     target_in_plane,
     thin_tips,
@@ -76,7 +77,7 @@ def _search_first(around: Surroundings, field: Field, target: complex, effort: E
     for level in range(min(around.problem.max_arcs - 1, len(effort.samples) + 1)):
         if level:
             tips = grow_tips(tips, field, effort.samples[level - 1])
-        found.append(_close_clear(tips, field, target))
+        found.append(_close_clear(tips, field, target, _SCORED))
     return _pick_best(found, around)
 
 
@@ -89,7 +90,7 @@ def _search_closer(
         if level:
             tips = _grow_thinly(tips, field, effort, level)
         for target in targets:
-            path = _pick_best([_close_clear(tips, field, target)], around)
+            path = pick_best_feasible(_close_clear(tips, field, target, _SCORED), around)
             if path is not None:
                 return path
     return None
@@ -101,9 +102,9 @@ def _search_mended(around: Surroundings, field: Field, target: complex) -> Float
     for level in range(around.problem.max_arcs - 1):
         if level:
             tips = _grow_thinly(tips, field, _CLOSER[0], level)
-        found = _close_clear(tips, field, target)
+        found = _close_clear(tips, field, target, _RANKED)
         if len(found):
-            kept = rank_by_lack(_thin_family(found, _RANKED), around, _MENDED)
+            kept = rank_by_lack(found, around, _MENDED)
             path = pick_best_feasible(mend_paths(kept, around, _MENDING_STEPS), around)
             if path is not None:
                 return path
@@ -116,11 +117,17 @@ def _grow_thinly(tips: Tips, field: Field, effort: Effort, level: int) -> Tips:
     )
 
 
-def _close_clear(tips: Tips, field: Field, target: complex) -> FloatArray:
-    """Return the collision-free paths (M, n, 2) that end these tips with two more arcs."""
+def _close_clear(tips: Tips, field: Field, target: complex, most: int) -> FloatArray:
+    """Return collision-free paths (M, n, 2) that end these tips with two more arcs.
+
+    There are at most so many: the shortest, and an even selection of the others.
+    """
     closures = close_paths(tips, field, target)
-    clear = ~np.any(find_hits(closures, tips, field, target), axis=1)
-    return join_paths(tips, closures, np.flatnonzero(clear))
+    clear = np.flatnonzero(~np.any(find_hits(closures, tips, field, target), axis=1))
+    family, keys = join_paths(tips, closures, clear), closures.keys[clear]
+    order = np.argsort(np.round(family[..., 0].sum(axis=1), 9), kind="stable")
+    shortest, others = order[: most // 2], order[most // 2 :]
+    return family[np.concatenate((shortest, others[pick_evenly(keys[others], most - most // 2)]))]
 
 
 def _make_single_arcs(around: Surroundings, target: complex) -> FloatArray:
@@ -133,16 +140,6 @@ def _make_single_arcs(around: Surroundings, target: complex) -> FloatArray:
 
 def _pick_best(families: list[FloatArray], around: Surroundings) -> FloatArray | None:
     """Return the best feasible path of all families, checked again in three dimensions, or None."""
-    families = [_thin_family(family, _SCORED) for family in families]
     arcs = max(family.shape[1] for family in families)
     padded = [np.pad(family, ((0, 0), (0, arcs - family.shape[1]), (0, 0))) for family in families]
     return pick_best_feasible(np.concatenate(padded), around)
-
-
-def _thin_family(family: FloatArray, most: int) -> FloatArray:
-    """Return a family small enough to score: its shortest paths and an even selection of the others."""
-    if len(family) <= most:
-        return family
-    order = np.argsort(np.round(family[..., 0].sum(axis=1), 9), kind="stable")
-    shortest, others = order[: most // 2], order[most // 2 :]
-    return np.asarray(family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // most]))])

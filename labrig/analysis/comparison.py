@@ -1,41 +1,30 @@
-"""Compares the measurements of runs, group by group; the room's docstring says what is counted, and why."""
+"""Compares the measurements of runs, group by group; the room's docstring says what is counted, and why.
 
+Errors that measurements share are in no scatter: no number of measurements makes these smaller, in means and in
+differences.
+"""
+
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
-from labrig.analysis.comparison_result import (
-    Comparison,
-    ErrorsByOrigin,
-    Group,
-    LeftOutRun,
-    Pair,
-    Unit,
-    UsedRun,
+from labrig.analysis.calibration import INTRINSICS_FILE, PLANE_FILE
+from labrig.analysis.groups import Unit, choose_unit, group_rows, order_groups
+from labrig.analysis.measurements import LeftOut, Measured, UsedRun, join_measurements
+from labrig.analysis.statistics import (
+    TWO_SIDED_95,
+    Interval,
     WelchAnova,
-    sum_by_origin,
-    total_errors,
-    widen,
-)
-from labrig.analysis.groups import (
-    ALIASES,
-    Samples,
-    choose_unit,
     compare_means,
     compare_pairs,
-    find_blocks,
-    group_rows,
-    has_spread,
-    order_groups,
+    compute_spread,
 )
-from labrig.analysis.measured_campaign import MeasuredCampaign
-from labrig.analysis.measurements import LeftOut, Measured, join_measurements
-from labrig.analysis.statistics import compute_spread
 from labrig.errors import InputError
+from labrig.protocol.model import Model
 from labrig.text import format_count
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
@@ -43,6 +32,87 @@ MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
 _MOST_HINTED = 15
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
+_UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "%"}
+
+
+class SharedErrors(Model):
+    """Standard deviations that no number of measurements makes smaller, in the unit of the quantity.
+
+    A source is None if a measurement of the group does not know it; it is then not in `total`.
+    """
+
+    lens: float | None
+    plane: float | None
+    surface: float | None
+    roll: float | None
+    lighting: float | None
+    total: float
+
+
+class Group(Model):
+    """The measurements of a group: `n` of the unit of analysis, `insertions` and `specimens` told apart.
+
+    `mean`, `sd` and Student's `ci95` are over the n; `ci95_with_shared` adds the errors that its measurements share.
+    `specimens` is None for pictures that name none, `refused` counts measurements without an accepted value.
+    """
+
+    name: str
+    fields: dict[str, str]
+    n: int
+    insertions: int
+    specimens: int | None
+    refused: int
+    runs: tuple[str, ...]
+    mean: float | None
+    sd: float | None
+    ci95: Interval | None
+    shared_sigma: SharedErrors | None
+    ci95_with_shared: Interval | None
+
+
+class Pair(Model):
+    """Two groups: `difference` is the mean of a less that of b, with interval and p by Games and Howell.
+
+    Both are None where neither group has a spread.
+    `shared_sigma` is what is left in the difference of the errors that measurements share.
+    """
+
+    a: str
+    b: str
+    difference: float
+    ci95: Interval | None
+    p: float | None
+    shared_sigma: SharedErrors | None
+    ci95_with_shared: Interval | None
+
+
+class LeftOutRun(Model):
+    """A run that is not compared, and why."""
+
+    run: str
+    reason: str
+
+
+class Comparison(Model):
+    """The comparison as `labrig compare --json` prints it.
+
+    `unit` is that of the quantity; None without one. `unit_of_analysis` is what `n` counts. `settings_differ` lists the
+    settings of measurement that are not the same in all results: for each value, the runs. `warnings` are sentences
+    that have to be read with the numbers.
+    """
+
+    quantity: str
+    unit: str | None
+    by: tuple[str, ...]
+    unit_of_analysis: Unit
+    groups: tuple[Group, ...]
+    welch_anova: WelchAnova | None
+    pairs: tuple[Pair, ...]
+    not_in_interval: tuple[str, ...]
+    settings_differ: dict[str, dict[str, tuple[str, ...]]]
+    warnings: tuple[str, ...]
+    used: tuple[UsedRun, ...]
+    left_out: tuple[LeftOutRun, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,48 +154,58 @@ def compare_runs(
         When there is no such quantity or field, or nothing to compare.
     """
     wanted = _choose_quantity(runs) if quantity is None else quantity
-    used, without = _split_by_quantity(runs, wanted)
-    omitted = (
-        *(LeftOutRun(run=str(run.run), reason=run.error.message) for run in left_out),
-        *(LeftOutRun(run=run.name, reason=f"its result has no {wanted}") for run in without),
+    used = [run for run in runs if run.find_column(wanted) is not None]
+    if runs and not used:
+        near = get_close_matches(wanted, [name for run in runs for name in run.quantities], 1)
+        meant = f"did you mean {near[0]}? " if near else ""
+        raise InputError(f"no run has a quantity {wanted!r}", meant + _hint_at_quantities(runs))
+    rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
+    counted = rows[rows["value"].notna() & rows["group"].notna()]
+    unit, unit_notes = choose_unit(counted)
+    names = order_groups(rows, fields)
+    units = {name: _average_units(part, unit) for name, part in counted.groupby("group", sort=False)}
+    units = {name: units.get(name, pd.Series(dtype=np.float64)) for name in names}
+    stem = wanted.rpartition(".")[2].rpartition("_")[0]
+    shared = _find_shared(counted, units, stem, used)
+    groups = tuple(
+        _summarise(name, rows[rows["group"] == name], units[name], fields, shared[name]) for name in names
     )
-    rows = _read_rows(used, wanted)
-    asked = tuple(ALIASES.get(name, name) for name in by)
-    grouped, chosen, notes = group_rows(rows, used, asked)
-    grouped = grouped.assign(block=pd.Series(find_blocks(grouped, used), dtype=object))
-    unit_of_analysis, unit_notes = choose_unit(grouped)
-    comparison = _compare(used, grouped, wanted, chosen, unit_of_analysis)
-    told = (
-        *unit_notes,
-        *notes,
-        *_note_shared_blocks(grouped),
-        *_note_campaigns(used),
-        *_list_warnings(comparison),
+    tested = [name for name in names if len(units[name]) > 1]
+    samples = [list(units[name]) for name in tested]
+    differing = _find_differing_settings(used)
+    comparison = Comparison(
+        quantity=wanted,
+        unit=_UNITS.get(wanted.rpartition("_")[2]),
+        by=fields,
+        unit_of_analysis=unit,
+        groups=groups,
+        welch_anova=compare_means(samples),
+        pairs=_test_pairs(tested, samples, shared) if len(tested) <= MOST_GROUPS_IN_PAIRS else (),
+        not_in_interval=tuple(dict.fromkeys(source for run in used for source in run.not_in_interval)),
+        settings_differ=differing,
+        warnings=(
+            *unit_notes,
+            *notes,
+            *_note_shared_blocks(counted),
+            *_note_campaigns(used),
+            *_note_settings(differing),
+            *(sentence for run in used for sentence in _note_run(run.about)),
+            *_note_groups(groups, {run.about.simulated for run in used}),
+        ),
+        used=tuple(run.about for run in used),
+        left_out=(
+            *(LeftOutRun(run=str(run.run), reason=run.error.message) for run in left_out),
+            *(LeftOutRun(run=r.name, reason=f"its result has no {wanted}") for r in runs if r not in used),
+        ),
     )
-    final = comparison.model_copy(update={"warnings": told, "left_out": omitted})
-    return ComparedRuns(final, grouped)
-
-
-def _note_campaigns(runs: Sequence[Measured]) -> Iterable[str]:
-    """Yield what has to be read with the groups of campaigns."""
-    campaigns = [run for run in runs if isinstance(run, MeasuredCampaign)]
-    for campaign in campaigns:
-        if campaign.left:
-            done = len(campaign.tasks)
-            yield f"The campaign {campaign.name} is not finished: {done} of {done + campaign.left} tasks are done."
-    if campaigns:
-        yield (
-            f"The arms of {_list_some([run.name for run in campaigns])} share their seeds. Here they count as "
-            "independent; the campaign's own page has the differences of pairs, whose intervals are narrower."
-        )
+    return ComparedRuns(comparison, rows)
 
 
 def _choose_quantity(runs: Sequence[Measured]) -> str:
     measuring = [run for run in runs if run.quantities]
-    own = {run.measure if isinstance(run, MeasuredCampaign) else None for run in measuring}
-    of_pages = [name for name in own if name is not None and len(own) == 1]
-    for name in (*of_pages, *DEFAULT_QUANTITIES):
-        if measuring and all(run.find_table(name) is not None for run in measuring):
+    own = {run.measure for run in measuring}
+    for name in (*(own if len(own) == 1 else ()), *DEFAULT_QUANTITIES):
+        if name is not None and measuring and all(run.find_column(name) is not None for run in measuring):
             return name
     raise InputError(
         "these runs have no quantity in common that is compared by default", _hint_at_quantities(runs)
@@ -133,207 +213,190 @@ def _choose_quantity(runs: Sequence[Measured]) -> str:
 
 
 def _hint_at_quantities(runs: Sequence[Measured]) -> str:
-    known = list(dict.fromkeys(name for run in runs for name in run.quantities if not _is_error_bar(name)))
-    if not known:
+    named = [name for run in runs for name in run.quantities if not any(part in name for part in _INTERVALS)]
+    if not named:
         return "none of them has measurements of trials"
-    first = [name for name in DEFAULT_QUANTITIES if name in known]
-    shown = [*first, *(name for name in known if name not in first)]
-    more = f" and {len(shown) - _MOST_HINTED} more" if len(shown) > _MOST_HINTED else ""
-    return f"name one with --quantity: {', '.join(shown[:_MOST_HINTED])}{more}"
-
-
-def _is_error_bar(name: str) -> bool:
-    return any(part in name for part in _INTERVALS)
-
-
-def _split_by_quantity(runs: Sequence[Measured], quantity: str) -> tuple[list[Measured], list[Measured]]:
-    used = [run for run in runs if quantity.rpartition(".")[2] and run.find_table(quantity) is not None]
-    if runs and not used:
-        known = [name for run in runs for name in run.quantities]
-        near = get_close_matches(quantity, known, 1)
-        meant = f"did you mean {near[0]}? " if near else ""
-        raise InputError(f"no run has a quantity {quantity!r}", meant + _hint_at_quantities(runs))
-    return used, [run for run in runs if run not in used]
+    known = list(dict.fromkeys([*(name for name in DEFAULT_QUANTITIES if name in named), *named]))
+    more = f" and {len(known) - _MOST_HINTED} more" if len(known) > _MOST_HINTED else ""
+    return f"name one with --quantity: {', '.join(known[:_MOST_HINTED])}{more}"
 
 
 def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
-    """Return the measurements with the column `value`, empty where it was refused, and those of shared errors."""
-    column = quantity.rpartition(".")[2]
+    """Return the measurements with the column `value`, empty where it was refused or left out."""
     tables = []
     for run in runs:
-        rows = run.read_measurements(run.find_table(quantity) or "")
+        table, column = run.find_column(quantity) or ("", "")
+        rows = run.read_measurements(table)
         value = pd.to_numeric(rows[column], errors="coerce")
         if rows[column].notna().any() and value.isna().all():
             raise InputError(f"{column} is no number in {run.name}", _hint_at_quantities(runs))
-        accepted = rows["left_out"].isna()
+        accepted = rows["left_out"].isna() & np.isfinite(value)
         if "accepted" in rows:
             accepted &= rows["accepted"].astype("boolean").fillna(value=False)
-        tables.append(rows.assign(value=value.astype("float64").where(accepted & np.isfinite(value))))
+        tables.append(rows.assign(value=value.astype("float64").where(accepted)))
     joined = join_measurements(tables)
-    if joined.empty or joined["value"].notna().sum() == 0:
+    if joined.empty or joined["value"].isna().all():
         raise InputError(
             f"no measurement of {quantity} was accepted", "labrig report shows why each was refused"
         )
-    return joined.reset_index(drop=True)
+    return joined
 
 
-def _note_shared_blocks(rows: pd.DataFrame) -> list[str]:
-    """Say so where groups share blocks, so that their measurements are paired."""
-    counted = rows[rows["value"].notna()]
-    shared = int((counted.groupby("block")["group"].nunique() > 1).sum())
-    if not shared:
-        return []
-    paired = "What a specimen has in common cancels in their difference; these tests do not pair, and are too cautious."
-    return [f"{format_count(shared, 'specimen')} are in more than one group. {paired}"]
-
-
-def _compare(
-    runs: Sequence[Measured], rows: pd.DataFrame, quantity: str, by: tuple[str, ...], unit: Unit
-) -> Comparison:
-    names = order_groups(rows, by)
-    parts = {name: rows[(rows["group"] == name) & rows["value"].notna()] for name in names}
-    units = {name: _average_units(part, unit) for name, part in parts.items()}
-    stem = quantity.rpartition(".")[2].rpartition("_")[0]
-    shared = {name: sum_by_origin(part, units[name], stem, runs) for name, part in parts.items()}
-    groups = tuple(
-        _summarise(name, rows[rows["group"] == name], units[name], by, shared[name]) for name in names
-    )
-    tested = [name for name in names if len(units[name]) >= 2]
-    samples = [list(units[name]) for name in tested]
-    return Comparison(
-        quantity=quantity,
-        unit=_find_unit(quantity),
-        by=by,
-        unit_of_analysis=unit,
-        groups=groups,
-        welch_anova=_test_means(samples),
-        pairs=_test_pairs(tested, samples, shared) if len(tested) <= MOST_GROUPS_IN_PAIRS else (),
-        not_in_interval=tuple(dict.fromkeys(source for run in runs for source in run.not_in_interval)),
-        settings_differ=_find_differing_settings(runs),
-        warnings=(),
-        used=tuple(_describe_run(run) for run in runs),
-        left_out=(),
-    )
-
-
-def _average_units(part: pd.DataFrame, unit: Unit) -> pd.Series:
+def _average_units(part: pd.DataFrame, unit: Unit) -> "pd.Series[float]":
     """Return the values that n counts; of specimens, the mean of each."""
     return part.groupby("block", sort=False)["value"].mean() if unit == "specimen" else part["value"]
 
 
-def _find_unit(quantity: str) -> str | None:
-    found = next(
-        (unit for unit in ("mm", "px", "rad", "deg", "s", "percent") if quantity.endswith(f"_{unit}")), None
+_Origins = Mapping[str, "pd.Series[float] | None"]
+"""For each source of error, its standard deviation in a mean by where it comes from; None: it is not known."""
+
+
+def _find_shared(
+    rows: pd.DataFrame, units: Mapping[str, "pd.Series[float]"], stem: str, runs: Sequence[Measured]
+) -> dict[str, _Origins]:
+    """Return what each calibration, mounting of the needle and lamp contributes to the mean of each group.
+
+    The error of one origin is the same in all its measurements, so that its standard deviations add up, not their
+    squares; the weight of a measurement is its part of the mean.
+    """
+    lens, plane = (
+        rows["run"].map({run.name: run.calibration.get(file, run.name) for run in runs})
+        for file in (INTRINSICS_FILE, PLANE_FILE)
     )
-    return {"percent": "%"}.get(found, found) if found else None
+    mounting = rows["run"] + "/" + rows.get("needle_id", rows["run"]).astype(str)
+    origins = {"lens": lens, "plane": plane, "surface": plane, "roll": mounting, "lighting": rows["run"]}
+    found: dict[str, _Origins] = {}
+    for name, values in units.items():
+        part = rows[rows["group"] == name]
+        by_block = values.index.name == "block"
+        sizes = part.groupby("block")["value"].transform("size") if by_block else 1.0
+        sums: dict[str, pd.Series[float] | None] = {}
+        for source, origin in origins.items():
+            sigmas = part.get(f"sigma_{stem}_{source}_mm")
+            known = sigmas is not None and len(sigmas) and sigmas.notna().all()
+            sums[source] = (sigmas / (sizes * len(values))).groupby(origin).sum() if known else None
+        found[name] = sums
+    return found
+
+
+def _total_errors(mean: _Origins, other: _Origins | None = None) -> SharedErrors | None:
+    """Return the shared errors of a mean, or of its difference from another; None if no source is known."""
+    sigmas: dict[str, float | None] = {}
+    for source, own in mean.items():
+        theirs = None if other is None else other[source]
+        if own is None or (other is not None and theirs is None):
+            sigmas[source] = None
+        else:
+            left = own if theirs is None else own.sub(theirs, fill_value=0.0)
+            sigmas[source] = float(np.linalg.norm(left))
+    known = [sigma for sigma in sigmas.values() if sigma is not None]
+    return SharedErrors(**sigmas, total=float(np.linalg.norm(known))) if known else None
+
+
+def _widen(interval: Interval | None, errors: SharedErrors | None) -> Interval | None:
+    """Return an interval with the shared errors added to its half width, as independent of it."""
+    if interval is None or errors is None:
+        return None
+    middle, half = (interval[0] + interval[1]) / 2.0, (interval[1] - interval[0]) / 2.0
+    wide = float(np.hypot(half, TWO_SIDED_95 * errors.total))
+    return middle - wide, middle + wide
 
 
 def _summarise(
-    name: str, rows: pd.DataFrame, units: "pd.Series[float]", by: Sequence[str], shared: ErrorsByOrigin
+    name: str, rows: pd.DataFrame, units: "pd.Series[float]", by: Sequence[str], shared: _Origins
 ) -> Group:
     spread = compute_spread(list(units))
-    counted = rows[rows["value"].notna()]
-    errors = total_errors([shared])
+    counted, errors = rows[rows["value"].notna()], _total_errors(shared)
+    fields = rows[[f"by_{field}" for field in by]].iloc[0]
     return Group(
         name=name,
-        fields={field: str(value) for field in by if (value := rows[f"by_{field}"].iloc[0]) is not None},
-        n=spread.n,
+        fields={field: value for field, value in zip(by, fields, strict=True) if not pd.isna(value)},
+        **vars(spread),
         insertions=len(counted),
         specimens=None if counted["block"].isna().any() else int(counted["block"].nunique()),
         refused=len(rows) - len(counted),
-        runs=tuple(dict.fromkeys(rows["run"])),
-        mean=spread.mean,
-        sd=spread.sd,
-        ci95=spread.ci95,
+        runs=tuple(rows["run"].unique()),
         shared_sigma=errors,
-        ci95_with_shared=widen(spread.ci95, errors),
+        ci95_with_shared=_widen(spread.ci95, errors),
     )
 
 
-def _test_means(samples: Samples) -> WelchAnova | None:
-    """Return Welch's test of all groups of two or more; None if there are fewer than two, or one has no spread."""
-    if len(samples) < 2 or not all(has_spread(sample) for sample in samples):
-        return None
-    return WelchAnova(**vars(compare_means(samples)))
-
-
 def _test_pairs(
-    names: Sequence[str], samples: Samples, shared: Mapping[str, ErrorsByOrigin]
+    names: Sequence[str], samples: Sequence[Sequence[float]], shared: Mapping[str, _Origins]
 ) -> tuple[Pair, ...]:
-    found = compare_pairs(samples) if len(samples) > 1 else {}
     pairs = []
-    for i, j in combinations(range(len(names)), 2):
-        test = found[i, j]
-        errors = total_errors([shared[names[i]], shared[names[j]]])
-        ci95 = None if test is None else test.ci95
-        pairs.append(
-            Pair(
-                a=names[i],
-                b=names[j],
-                difference=float(np.mean(samples[i]) - np.mean(samples[j])),
-                ci95=ci95,
-                p=None if test is None else test.p,
-                shared_sigma=errors,
-                ci95_with_shared=widen(ci95, errors),
-            )
-        )
+    for (i, j), test in compare_pairs(samples).items():
+        a, b = names[i], names[j]
+        errors = _total_errors(shared[a], shared[b])
+        wide = _widen(test.ci95, errors)
+        pairs.append(Pair(a=a, b=b, **test._asdict(), shared_sigma=errors, ci95_with_shared=wide))
     return tuple(pairs)
 
 
 def _find_differing_settings(runs: Sequence[Measured]) -> dict[str, dict[str, tuple[str, ...]]]:
-    keys = dict.fromkeys(key for run in runs for key in run.settings)
-    found: dict[str, dict[str, tuple[str, ...]]] = {}
-    for key in keys:
-        values: dict[str, tuple[str, ...]] = {}
+    """Return each setting that is not the same in all results: for each of its values, the runs."""
+    found: defaultdict[str, dict[str, tuple[str, ...]]] = defaultdict(dict)
+    for key in dict.fromkeys(key for run in runs for key in run.settings):
         for run in runs:
             value = run.settings.get(key)
             text = "not stated" if value is None else str(value)
-            values[text] = (*values.get(text, ()), run.name)
-        if len(values) > 1:
-            found[key] = values
-    return found
+            found[key][text] = (*found[key].get(text, ()), run.name)
+    return {key: values for key, values in found.items() if len(values) > 1}
 
 
-def _describe_run(run: Measured) -> UsedRun:
-    return UsedRun(
-        run=run.name,
-        experiment=run.experiment,
-        result=run.number,
-        overrides=run.overrides,
-        exit_status=run.exit_status,
-        verdict=run.verdict,
-        simulated=run.is_simulated,
-    )
+def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
+    """Say so where groups share blocks, so that their measurements are paired."""
+    shared = int((counted.groupby("block")["group"].nunique() > 1).sum())
+    if shared:
+        yield (
+            f"{format_count(shared, 'specimen')} are in more than one group. What a specimen has in common cancels in "
+            "their difference; these tests do not pair, and are too cautious."
+        )
 
 
-def _list_warnings(comparison: Comparison) -> Iterable[str]:
-    """Yield the sentences on results, runs and groups that have to be read with the numbers."""
-    for key, values in comparison.settings_differ.items():
+def _note_campaigns(runs: Sequence[Measured]) -> Iterable[str]:
+    """Yield what has to be read with the groups of campaigns."""
+    campaigns = [run for run in runs if run.run is None]
+    for campaign in campaigns:
+        if campaign.tasks_left:
+            done = len(campaign.read_measurements(""))
+            of = done + campaign.tasks_left
+            yield f"The campaign {campaign.name} is not finished: {done} of {of} tasks are done."
+    if campaigns:
+        yield (
+            f"The arms of {_list_some([run.name for run in campaigns])} share their seeds. Here they count as "
+            "independent; the campaign's own page has the differences of pairs, whose intervals are narrower."
+        )
+
+
+def _note_settings(differing: Mapping[str, Mapping[str, Sequence[str]]]) -> Iterable[str]:
+    for key, values in differing.items():
         told = "; ".join(f"{value} in {_list_some(names)}" for value, names in values.items())
         yield f"The results were measured with different settings: {key} is {told}."
-    for run in comparison.used:
-        yield from _warn_of_run(run)
-    if len({run.simulated for run in comparison.used}) > 1:
-        yield "Simulated runs and others are compared with each other."
-    for group in comparison.groups:
-        if group.n < 2:
-            yield f"{group.name} has n = {group.n}: it is listed, but not tested."
-    flat = [group.name for group in comparison.groups if group.sd is not None and group.sd == 0.0]
-    if flat:
-        yield f"All values are the same in {_list_some(flat)}: without a spread there is no Welch's ANOVA."
-    tested = sum(group.n >= 2 for group in comparison.groups)
-    if tested > MOST_GROUPS_IN_PAIRS:
-        pairs = tested * (tested - 1) // 2
-        yield f"{tested} groups make {pairs} pairs, left out: at most {MOST_GROUPS_IN_PAIRS} groups are paired."
 
 
-def _warn_of_run(run: UsedRun) -> Iterable[str]:
+def _note_run(run: UsedRun) -> Iterable[str]:
     if run.overrides:
         yield f"Result {run.result} of {run.run} has settings changed after the run: {', '.join(run.overrides)}."
     if run.verdict in {"bad", "doubtful"}:
         yield f"{run.run} was judged {run.verdict}."
     if run.exit_status != "success":
         yield f"{run.run} is {run.exit_status}: what it measured is compared all the same."
+
+
+def _note_groups(groups: Sequence[Group], simulated: set[bool]) -> Iterable[str]:
+    if len(simulated) > 1:
+        yield "Simulated runs and others are compared with each other."
+    for group in groups:
+        if group.n < 2:
+            yield f"{group.name} has n = {group.n}: it is listed, but not tested."
+    flat = [group.name for group in groups if group.sd == 0.0]
+    if flat:
+        yield f"All values are the same in {_list_some(flat)}: without a spread there is no Welch's ANOVA."
+    tested = sum(group.n > 1 for group in groups)
+    if tested > MOST_GROUPS_IN_PAIRS:
+        pairs = tested * (tested - 1) // 2
+        yield f"{tested} groups make {pairs} pairs, left out: at most {MOST_GROUPS_IN_PAIRS} groups are paired."
 
 
 def _list_some(names: Sequence[str]) -> str:

@@ -5,31 +5,44 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from html import escape
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 
-from labrig.analysis.measured_campaign import MeasuredCampaign, is_campaign, open_measured_campaign
+from labrig.analysis.campaign_rows import BY_RULE, FIXED, is_campaign, make_table, read_rows
 from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.lab import choose_runs_dir
+from labrig.protocol.model import Model
 from labrig.record.catalogue import find_runs, manifest_fields
+from labrig.record.layout import CAMPAIGN
 from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run, open_run
 from labrig.record.tables import unescape_formula
-from labrig.text import format_count
 
 _AGAIN = "make a new result with `labrig reanalyze`"
 # Names that may look like numbers.
 _TEXT = ("specimen", "needle_id")
 _NOT_MEASURED = frozenset(
-    {"trial", "frame", "hole", "gelatin_percent", "accepted", "found", "image", "role", "reason", *_TEXT}
+    {
+        "trial",
+        "frame",
+        "hole",
+        "gelatin_percent",
+        "accepted",
+        "found",
+        "image",
+        "role",
+        "reason",
+        *_TEXT,
+        *FIXED,
+    }
 )
+_TASKS = "tasks"
 
 
 @dataclass(frozen=True)
@@ -41,167 +54,125 @@ class LeftOut:
 
 
 class _Stamp(BaseModel):
-    """What a result states of itself."""
-
-    model_config = ConfigDict(extra="ignore")
+    """What a result states of itself; more is ignored."""
 
     settings: dict[str, Any] = {}
     overrides: tuple[str, ...] = ()
     not_in_interval: tuple[str, ...] = ()
 
 
+class _CampaignDocument(BaseModel):
+    """What decided the rows of a campaign; more is ignored."""
+
+    protocol: dict[str, Any] = {}
+    rig: Any = None
+    calibration: dict[str, str] = {}
+
+
+class _CampaignPlan(BaseModel):
+    """How many tasks a campaign is to have, and the quantity of its page; empty where it was not kept."""
+
+    tasks: int = 0
+    measure: str | None = None
+
+
+class UsedRun(Model):
+    """A run of a comparison: which of its results, and what is to be known of it."""
+
+    run: str
+    experiment: str
+    result: int
+    overrides: tuple[str, ...]
+    exit_status: str
+    verdict: str | None
+    simulated: bool
+
+
 @dataclass(frozen=True, eq=False)
-class MeasuredRun:
-    """A run and one of its results, whose tables are read when they are asked for.
+class Measured:
+    """A run and its newest result, or a campaign, whose tables are read when they are asked for.
 
     Attributes
     ----------
-    run : Run
-        The run.
-    name : str
-        Its name; its path, where several runs have that name.
-    number : int
-        Of the result.
+    path : Path
+        Its folder.
+    about : UsedRun
+        Its name (its path, where several have that name), and what has to be read with its numbers.
     settings : Mapping
         Of the measurement.
-    overrides : tuple of str
-        Changes to the protocol after the run.
     not_in_interval : tuple of str
         Sources of error that the result knows nothing of.
+    calibration : Mapping
+        The SHA-256 of each calibration file.
     columns : Mapping
         Of each table that names trials, the columns.
+    read_fields : callable
+        Returns the values of manifest and protocol by dotted path.
+    read_rows : callable
+        Returns the rows of a table that count, one for each trial, imported picture or task. With the columns `started`
+        and `left_out` (why it is not to be evaluated; else empty).
+    run : Run or None
+        None for a campaign.
+    measure : str or None
+        The quantity that the page of a campaign compares.
+    tasks_left : int
+        How many tasks of a campaign are still to be done; 0 where its rule ended it.
     """
 
-    run: Run
-    name: str
-    number: int
+    path: Path
+    about: UsedRun
     settings: Mapping[str, Any]
-    overrides: tuple[str, ...]
     not_in_interval: tuple[str, ...]
+    calibration: Mapping[str, str]
     columns: Mapping[str, tuple[str, ...]]
+    read_fields: Callable[[], Mapping[str, Sequence[object]]]
+    read_rows: Callable[[str], pd.DataFrame]
+    run: Run | None = None
+    measure: str | None = None
+    tasks_left: int = 0
 
     @property
-    def path(self) -> Path:
-        """The folder of the run."""
-        return self.run.path
-
-    @property
-    def experiment(self) -> str:
-        """The experiment of the run."""
-        return str(self.run.manifest.get("experiment"))
-
-    @property
-    def exit_status(self) -> str:
-        """How the run ended."""
-        return str(self.run.manifest.get("exit_status"))
-
-    @property
-    def verdict(self) -> str | None:
-        """What a person judged of it; None if nobody did."""
-        return self.run.annotations.verdict
-
-    @property
-    def calibration(self) -> Mapping[str, str]:
-        """The SHA-256 of each calibration file of the run."""
-        return self.run.calibration_hashes
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether its drives and camera were simulated."""
-        return is_simulated(self.run.manifest)
+    def name(self) -> str:
+        """Its name among the others."""
+        return self.about.run
 
     @cached_property
     def fields(self) -> Mapping[str, Sequence[object]]:
         """The values of manifest and protocol by dotted path, and tags and verdict."""
-        annotations = self.run.annotations
-        return {
-            **manifest_fields(self.run.manifest),
-            **{
-                f"protocol.{path}": values
-                for path, values in manifest_fields(dict(self.run.protocol)).items()
-            },
-            "tag": list(annotations.tags),
-            "verdict": [annotations.verdict],
-        }
+        return self.read_fields()
 
-    def find_table(self, column: str) -> str | None:
-        """Return the first table that has a column, or the table of `TABLE.COLUMN`; None without one."""
-        table, _, name = column.rpartition(".")
-        return next(
-            (known for known, names in self.columns.items() if name in names and table in {"", known}), None
-        )
+    def find_column(self, quantity: str) -> tuple[str, str] | None:
+        """Return the first table and column of a quantity, `COLUMN` or `TABLE.COLUMN`; None without one."""
+        found = ((table, quantity.removeprefix(f"{table}.")) for table in self.columns)
+        return next(((table, name) for table, name in found if name in self.columns[table]), None)
 
     @property
-    def quantities(self) -> tuple[str, ...]:
-        """The columns that may hold a quantity: those with a unit in their name, or a ratio."""
-        return tuple(
-            name
+    def quantities(self) -> list[str]:
+        """The columns that may hold a quantity, those of the first table by their name alone."""
+        first = next(iter(self.columns), None)
+        return [
+            name if table == first else f"{table}.{name}"
             for table, names in self.columns.items()
-            for name in (
-                column if table == next(iter(self.columns)) else f"{table}.{column}" for column in names
-            )
-            if name.rpartition(".")[2] not in _NOT_MEASURED
-        )
+            for name in names
+            if name not in _NOT_MEASURED
+        ]
 
     def read_measurements(self, table: str) -> pd.DataFrame:
-        """Return the rows of a table that count, one for each trial or imported picture.
-
-        Columns: `run`, `experiment`, `result`, `started` (UTC; of an import, of the run), `left_out` (why a person had
-        the trial not evaluated; else empty), those of the table, then those of the beginning of each trial that the
-        table lacks.
+        """Return the rows of a table that count; `run`, `experiment`, `result`, `started` and `left_out` come first.
 
         Raises
         ------
         RecordError
             When the table cannot be read.
         """
-        rows = self._read_rows(table)
-        trials = _read_trials(self.run)
-        rows = _take_final_rows(rows, trials)
-        added = [name for name in trials.columns if name not in rows.columns or name == "trial"]
-        if not trials.empty:
-            rows = rows.merge(trials[added], on="trial", how="left")
-        about = {
-            "run": self.name,
-            "experiment": self.experiment,
-            "result": self.number,
-            "started": [_find_time(self.run, t_s) for t_s in rows.get("start_t_s", [None] * len(rows))],
-            "left_out": _explain_left_out(self.run, rows["trial"]),
-        }
-        rest = rows.drop(columns=["start_t_s", "final_frame"], errors="ignore")
-        return pd.concat([pd.DataFrame(about, index=rest.index), rest], axis=1)
-
-    def _read_rows(self, table: str) -> pd.DataFrame:
-        path = self.run.path / f"analysis/{self.number:03d}/{table}.csv"
-        try:
-            rows = pd.read_csv(
-                io.BytesIO(read_file(path, MAX_RESULT_BYTES)),
-                dtype=dict.fromkeys(_TEXT, str),
-                keep_default_na=False,
-                na_values=[""],
-            )
-        except (OSError, ValueError) as error:
-            raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
-        texts = rows.select_dtypes(exclude=["number", "bool"]).columns
-        for name in texts:
-            rows[name] = rows[name].map(unescape_formula, na_action="ignore")
-        return rows
+        rows = self.read_rows(table)
+        about = {"run": self.name, "experiment": self.about.experiment, "result": self.about.result}
+        first = [*about, "started", "left_out"]
+        return rows.assign(**about)[[*first, *(name for name in rows if name not in first)]]
 
 
-Measured: TypeAlias = MeasuredRun | MeasuredCampaign
-"""What comparisons take: a run with a result, or a campaign."""
-
-
-def open_measured_run(path: Path) -> MeasuredRun:
-    """Open a run with its newest result.
-
-    Raises
-    ------
-    InputError
-        When it has no result.
-    RecordError
-        When the run or the result is damaged.
-    """
+def _open_run(path: Path) -> Measured:
+    """Open a run with its newest result. Raises `InputError` when it has none, `RecordError` when it is damaged."""
     run = open_run(path)
     if run.damage:
         first = run.damage[0]
@@ -211,14 +182,105 @@ def open_measured_run(path: Path) -> MeasuredRun:
     number = run.result_numbers[-1]
     folder = run.result_dir(number)
     stamp = _read_stamp(folder / RESULT_FILE)
-    return MeasuredRun(
-        run,
-        path.resolve().name,
-        number,
+    about = UsedRun(
+        run=path.resolve().name,
+        experiment=str(run.manifest.get("experiment")),
+        result=number,
+        overrides=stamp.overrides,
+        exit_status=str(run.manifest.get("exit_status")),
+        verdict=run.annotations.verdict,
+        simulated=is_simulated(run.manifest),
+    )
+    return Measured(
+        run.path,
+        about,
         stamp.settings,
-        stamp.overrides,
         stamp.not_in_interval,
+        run.calibration_hashes,
         _list_columns(folder),
+        partial(_read_fields, run),
+        partial(_read_trial_rows, run, folder),
+        run,
+    )
+
+
+def _read_fields(run: Run) -> Mapping[str, Sequence[object]]:
+    protocol = manifest_fields(dict(run.protocol))
+    return {
+        **manifest_fields(run.manifest),
+        **{f"protocol.{path}": values for path, values in protocol.items()},
+        "tag": list(run.annotations.tags),
+        "verdict": [run.annotations.verdict],
+    }
+
+
+def _read_trial_rows(run: Run, folder: Path, table: str) -> pd.DataFrame:
+    """Return a row for each trial or imported picture, with what the beginning of the trial says besides."""
+    trials = _read_trials(run)
+    rows = _take_final_rows(_read_csv(folder / f"{table}.csv"), trials)
+    if not trials.empty:
+        added = [name for name in trials.columns if name not in rows.columns or name == "trial"]
+        rows = rows.merge(trials[added], on="trial", how="left")
+    times = rows["start_t_s"] if "start_t_s" in rows else [None] * len(rows)
+    return rows.drop(columns=["start_t_s", "final_frame"], errors="ignore").assign(
+        started=[_find_time(run, t_s) for t_s in times],
+        left_out=_explain_left_out(run, rows["trial"]),
+    )
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    try:
+        rows = pd.read_csv(
+            io.BytesIO(read_file(path, MAX_RESULT_BYTES)),
+            dtype=dict.fromkeys(_TEXT, str),
+            keep_default_na=False,
+            na_values=[""],
+        )
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
+    for name in rows.select_dtypes(exclude=["number", "bool"]).columns:
+        rows[name] = rows[name].map(unescape_formula, na_action="ignore")
+    return rows
+
+
+def _open_campaign(folder: Path) -> Measured:
+    """Read a campaign: its document, and the rows that are there. Raises `RecordError` when these are damaged."""
+    tasks = make_table(read_rows(folder))
+    try:
+        kept: Any = parse_json(read_file(folder / CAMPAIGN, MAX_RESULT_BYTES))
+        document, plan = _CampaignDocument(**kept["document"]), _CampaignPlan(**kept.get("plan", {}))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        hint = "restore it from a copy, or make the campaign again"
+        raise RecordError(f"{folder / CAMPAIGN} is damaged: {error}", hint) from error
+    left = 0 if kept.get("ended") == BY_RULE else max(0, plan.tasks - len(tasks))
+    about = UsedRun(
+        run=folder.resolve().name,
+        experiment=str(document.protocol.get("experiment")),
+        result=0,
+        overrides=(),
+        # As of a run that has not ended.
+        exit_status="incomplete" if left else "success",
+        verdict=None,
+        simulated=True,
+    )
+    # Each task is a measurement, and each simulated block of gel its own.
+    rows = tasks.assign(
+        started=None,
+        left_out=tasks["error"].astype(object).where(tasks["error"].notna(), None),
+        trial=tasks["task"],
+        specimen=tasks["task"].map("task {}".format),
+    )
+    return Measured(
+        folder,
+        about,
+        {},
+        (),
+        document.calibration,
+        {_TASKS: tuple(map(str, tasks.columns))},
+        lambda: manifest_fields({"protocol": document.protocol, "rig": document.rig}),
+        lambda _: rows,
+        measure=plan.measure,
+        tasks_left=left,
     )
 
 
@@ -231,35 +293,21 @@ def open_measured_runs(
     once = list({path.resolve(): path for path in paths}.values())
     for done, path in enumerate(once, start=1):
         try:
-            measured.append(_open_measured(path))
+            measured.append(_open_campaign(path) if is_campaign(path) else _open_run(path))
         except LabrigError as error:
             left_out.append(LeftOut(path, error))
         progress(done / len(once))
     names = Counter(run.name for run in measured)
-    return [run if names[run.name] == 1 else replace(run, name=str(run.path)) for run in measured], left_out
-
-
-def _open_measured(path: Path) -> Measured:
-    if is_campaign(path):
-        return open_measured_campaign(path)
-    return open_measured_run(path)
-
-
-class Measurements(pd.DataFrame):
-    """The measurements of runs; in a notebook it also says of how many, and which runs are left out and why."""
-
-    def _repr_html_(self) -> str:
-        """Return the table with what it holds above it."""
-        left_out = self.attrs.get("left_out", {})
-        count = self["run"].nunique() if "run" in self.columns else 0
-        said = f"<p>{format_count(len(self), 'measurement')} of {format_count(count, 'run')}</p>"
-        reasons = "".join(f"<li>{escape(run)}: {escape(reason)}</li>" for run, reason in left_out.items())
-        return f"{said}{f'<p>Left out:</p><ul>{reasons}</ul>' if reasons else ''}{self.to_html(max_rows=20)}"
+    for place, run in enumerate(measured):
+        if names[run.name] > 1:
+            about = run.about.model_copy(update={"run": str(run.path)})
+            measured[place] = replace(run, about=about)
+    return measured, left_out
 
 
 def load_runs(
     where: str | None = None, *, runs_dir: Path | str | None = None, table: str | None = None
-) -> Measurements:
+) -> pd.DataFrame:
     """Return the measurements of runs as one table, a row for each trial or imported picture.
 
     Parameters
@@ -273,8 +321,8 @@ def load_runs(
 
     Returns
     -------
-    Measurements
-        A DataFrame: `run`, `experiment`, `result`, `started`, then the columns of the tables, with their units. A row
+    DataFrame
+        `run`, `experiment`, `result`, `started`, then the columns of the tables, with their units. A row
         that was not accepted has `accepted` false. `attrs["left_out"]` has the reason for each run without
         measurements, of which a warning tells.
 
@@ -294,7 +342,7 @@ def load_runs(
             tables.append(run.read_measurements(wanted))
     if reasons:
         warnings.warn(f"{len(reasons)} runs are left out: see attrs['left_out']", stacklevel=2)
-    joined = Measurements(join_measurements(tables))
+    joined = join_measurements(tables)
     joined.attrs["left_out"] = reasons
     return joined
 

@@ -15,8 +15,8 @@ from typing import Any, Self
 
 import pandas as pd
 
+from labrig.analysis.campaign_rows import BY_RULE, ROWS_FILE, TABLE_FILE, make_table, read_rows
 from labrig.analysis.installation import describe_installation, describe_kernels
-from labrig.analysis.measured_campaign import BY_RULE, ROWS_FILE, TABLE_FILE, make_table, read_rows
 from labrig.durable import (
     disk_errors,
     find_temporaries,

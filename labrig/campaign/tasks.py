@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 
-from labrig.analysis.measured_campaign import FIXED
+from labrig.analysis.campaign_rows import FIXED
 from labrig.analysis.outcome import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile, show_value
 from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration

@@ -83,10 +83,9 @@ def compare(
 
 def _list_differences(measured: Sequence[Any]) -> list[dict[str, object]] | None:
     """Return each value in which two runs differ; None of more runs, and of campaigns."""
-    from labrig.analysis.measurements import MeasuredRun
     from labrig.library.door import differences
 
-    runs = [one.run for one in measured if isinstance(one, MeasuredRun)]
+    runs = [one.run for one in measured if one.run is not None]
     if len(measured) != 2 or len(runs) != 2:
         return None
     return [asdict(difference) for difference in differences(*runs)]
@@ -101,7 +100,7 @@ def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> li
 
 def _find_campaign(named: Path) -> Path | None:
     """Return the folder of a campaign that is given by its folder, or by its name in the lab folder."""
-    from labrig.analysis.measured_campaign import is_campaign
+    from labrig.analysis.campaign_rows import is_campaign
 
     in_lab = find_in_lab(CAMPAIGNS) / named
     return next((folder for folder in (named, in_lab) if is_campaign(folder)), None)

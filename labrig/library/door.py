@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from labrig.analysis.batch import analyze_runs
-from labrig.analysis.comparison import compare_runs
-from labrig.analysis.comparison_result import Comparison
+from labrig.analysis.comparison import Comparison, compare_runs
 from labrig.analysis.measurements import load_runs, open_measured_runs
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run, name_damage

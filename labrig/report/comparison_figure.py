@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from labrig.analysis.comparison_result import Comparison, Group
+from labrig.analysis.comparison import Comparison, Group
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 from labrig.report.formatting import label_quantity
 from labrig.report.palette import Mark, mark

@@ -6,8 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 from labrig import __version__
-from labrig.analysis.comparison import ComparedRuns
-from labrig.analysis.comparison_result import Comparison, Pair
+from labrig.analysis.comparison import ComparedRuns, Comparison, Pair
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import escape_formula

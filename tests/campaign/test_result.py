@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from labrig.analysis.measured_campaign import make_table
+from labrig.analysis.campaign_rows import make_table
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result

@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import scipy
+from scipy.special import stdtrit
 
-from labrig.analysis.groups import LEVEL, fit_slope
 from labrig.analysis.result import Point, Rows
+from labrig.analysis.statistics import LEVEL, has_spread
 from labrig.experiments.shared.holes import find_place
 from labrig.protocol.model import Model
 from labrig.protocol.sections import TrackedSpecimen
@@ -128,21 +130,23 @@ def _fit(
     over: Literal["age_h", "track"], values: Sequence[float], curvatures: Sequence[float]
 ) -> CurvatureTrend | None:
     """Return the trend; None for fewer than three values, or values that are all the same."""
-    found = fit_slope(values, curvatures, [0] * len(values)) if values else None
-    if found is None:
+    if len(values) < 3 or not has_spread(values):
         return None
+    found = scipy.stats.linregress(values, curvatures)
+    slope, p = float(found.slope), float(found.pvalue)
+    half = float(found.stderr) * float(stdtrit(len(values) - 2, 0.5 + 0.5 * LEVEL))
     span, mean = max(values) - min(values), float(np.mean(curvatures))
-    change_percent = 100.0 * found.slope * span / mean
+    change_percent = 100.0 * slope * span / mean
     return CurvatureTrend(
         over=over,
         n=len(values),
         span=span,
         mean_curvature_per_mm=mean,
-        slope=found.slope,
-        slope_ci95=found.ci95,
-        p=found.p,
+        slope=slope,
+        slope_ci95=(slope - half, slope + half),
+        p=p,
         change_percent=change_percent,
-        drifts=found.p < 1.0 - LEVEL and abs(change_percent) > MOST_CHANGE_PERCENT,
+        drifts=p < 1.0 - LEVEL and abs(change_percent) > MOST_CHANGE_PERCENT,
     )
 
 

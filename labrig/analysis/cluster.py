@@ -7,13 +7,18 @@ import logging
 import re
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Executor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from threading import Event
 
 from dask.distributed import Client, KilledWorker
 
-from labrig.analysis.engine import Pool
-from labrig.analysis.installation import describe_installation, describe_kernels, digest_installation
+from labrig.analysis.engine import (
+    INSTALL_HINT,
+    Pool,
+    describe_installation,
+    describe_kernels,
+    digest_installation,
+)
 from labrig.errors import InputError, MachineError, WorkersError
 from labrig.record.processor import describe_change
 
@@ -22,10 +27,7 @@ _ANSWER_S = 10.0
 _LOST_S = 60.0
 """How long a cluster that had workers may be without any."""
 _LOOK_S = 0.1
-# The workers of a cluster come and go, and asking for them takes about a millisecond.
-_CALLS_BETWEEN_COUNTS = 64
 _CONNECT_HINT = "check that its scheduler runs, its address, and the network between"
-_INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
 _LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application")
 
 
@@ -40,8 +42,7 @@ class _Cluster(Pool):
         self._place = place
         self._wait_s = wait_s
         self._executor: Executor = client.get_executor(pure=False)
-        self._workers = 0
-        self._calls = 0
+        self._workers = 1
 
     @property
     def executor(self) -> Executor:
@@ -52,15 +53,14 @@ class _Cluster(Pool):
         return digest_installation()
 
     def count_workers(self) -> int:
-        # Of a scheduler that is out of reach the last count is good enough: its batches tell the reason.
-        if self._calls % _CALLS_BETWEEN_COUNTS == 0 and self._client.status == "running":
+        # Of a scheduler that is out of reach the last count is good enough: its tasks tell the reason.
+        if self._client.status == "running":
             with suppress(OSError):
-                self._workers = len(self._client.nthreads())
-        self._calls += 1
-        return max(1, self._workers)
+                self._workers = max(1, len(self._client.nthreads()))
+        return self._workers
 
     def count_deaths(self, error: BaseException) -> int | None:
-        """Return after how many deaths the scheduler has given a batch up; none, if it was out of reach for a while."""
+        """Return after how many deaths the scheduler has given a task up; none, if it was out of reach for a while."""
         if isinstance(error, KilledWorker):
             return int(error.allowed_failures) + 1
         return 0 if isinstance(error, CancelledError) else None
@@ -72,9 +72,6 @@ class _Cluster(Pool):
         if self._client.status != "running":
             raise WorkersError(f"the cluster {self._place} does not answer any more", _CONNECT_HINT)
         _wait_for_workers(self._client, self._place, self._wait_s)
-
-    def require_usable(self, error: BaseException) -> None:  # noqa: ARG002 - what it says differs by version
-        self.renew()
         _require_same_installation(self._client)
 
     def close(self) -> None:
@@ -87,7 +84,7 @@ class _Cluster(Pool):
 def open_cluster(
     place: str, work: str, *, answer_s: float = _ANSWER_S, lost_s: float = _LOST_S
 ) -> Iterator[Pool]:
-    """Give a pool of the workers of a cluster; batches that have not ended are dropped when the block ends.
+    """Give a pool of the workers of a cluster; tasks that have not ended are dropped when the block ends.
 
     Parameters
     ----------
@@ -109,28 +106,22 @@ def open_cluster(
     """
     for name in _LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    with ExitStack() as held:
-        client = held.enter_context(_connect(place, answer_s))
+    if _ADDRESS.fullmatch(place) is None:
+        raise InputError(f"{place} is no address of a dask scheduler", "for example tcp://host:8786")
+    try:
+        client = Client(place, timeout=answer_s)
+    except (OSError, ValueError) as error:
+        told = f"the cluster {place} does not answer within {answer_s:g} s: {error}"
+        raise MachineError(told, _CONNECT_HINT) from error
+    with client:
         _wait_for_workers(client, place, answer_s)
         _require_same_installation(client)
         pool = _Cluster(client, place, work, lost_s)
         pool.unlike = _name_unlike_workers(client)
-        held.callback(pool.close)
-        yield pool
-
-
-@contextmanager
-def _connect(address: str, answer_s: float) -> Iterator[Client]:
-    if _ADDRESS.fullmatch(address) is None:
-        raise InputError(f"{address} is no address of a dask scheduler", "for example tcp://host:8786")
-    try:
-        client = Client(address, timeout=answer_s)
-    except (OSError, ValueError) as error:
-        raise MachineError(
-            f"the cluster {address} does not answer within {answer_s:g} s: {error}", _CONNECT_HINT
-        ) from error
-    with client:
-        yield client
+        try:
+            yield pool
+        finally:
+            pool.close()
 
 
 def _wait_for_workers(client: Client, place: str, wait_s: float) -> None:
@@ -154,12 +145,12 @@ def _require_same_installation(client: Client) -> None:
     for worker, found in sorted(client.run(describe_installation, on_error="return").items()):
         if not isinstance(found, Mapping):
             raise WorkersError(
-                f"worker {worker} cannot import labrig: {type(found).__name__}: {found}", _INSTALL_HINT
+                f"worker {worker} cannot import labrig: {type(found).__name__}: {found}", INSTALL_HINT
             )
         for name, value in ours.items():
             if found.get(name) != value:
                 raise WorkersError(
-                    f"worker {worker} has {name} {found.get(name)}, this process has {value}", _INSTALL_HINT
+                    f"worker {worker} has {name} {found.get(name)}, this process has {value}", INSTALL_HINT
                 )
 
 

@@ -163,8 +163,7 @@ def compare_runs(
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
     names = order_groups(rows, fields)
-    units = {name: _average_units(part, unit) for name, part in counted.groupby("group", sort=False)}
-    units = {name: units.get(name, pd.Series(dtype=np.float64)) for name in names}
+    units = {name: _average_units(counted[counted["group"] == name], unit) for name in names}
     stem = wanted.rpartition(".")[2].rpartition("_")[0]
     shared = _find_shared(counted, units, stem, used)
     groups = tuple(
@@ -203,9 +202,10 @@ def compare_runs(
 
 def _choose_quantity(runs: Sequence[Measured]) -> str:
     measuring = [run for run in runs if run.quantities]
-    own = {run.measure for run in measuring}
-    for name in (*(own if len(own) == 1 else ()), *DEFAULT_QUANTITIES):
-        if name is not None and measuring and all(run.find_column(name) is not None for run in measuring):
+    own: set[str] = {run.measure or "" for run in measuring}
+    candidates: list[str] = [*(own if len(own) == 1 else ()), *DEFAULT_QUANTITIES]
+    for name in candidates:
+        if name and measuring and all(run.find_column(name) is not None for run in measuring):
             return name
     raise InputError(
         "these runs have no quantity in common that is compared by default", _hint_at_quantities(runs)
@@ -273,8 +273,10 @@ def _find_shared(
         sums: dict[str, pd.Series[float] | None] = {}
         for source, origin in origins.items():
             sigmas = part.get(f"sigma_{stem}_{source}_mm")
-            known = sigmas is not None and len(sigmas) and sigmas.notna().all()
-            sums[source] = (sigmas / (sizes * len(values))).groupby(origin).sum() if known else None
+            if sigmas is None or sigmas.empty or sigmas.isna().any():
+                sums[source] = None
+            else:
+                sums[source] = (sigmas / (sizes * len(values))).groupby(origin).sum()
         found[name] = sums
     return found
 

@@ -2,46 +2,46 @@
 
 A worker that is lost costs the time of its tasks: they are done again. A task that fails, or that takes its worker down
 with it, is a value among the others. Nothing here changes a result: neither the kind of pool, nor the number of
-workers, nor the size of a batch.
+workers.
 """
 
-import math
+import hashlib
+import json
 import multiprocessing
 import os
+import platform
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
+from importlib import metadata
 from itertools import islice
 from traceback import format_exc
 from typing import Any, Generic, TypeVar
 
 import cv2
+import scipy.linalg  # noqa: F401 - what computes is loaded, so that its kernels can be described
 from threadpoolctl import threadpool_limits
 
-from labrig.analysis.installation import require_installation
-from labrig.clock import Clock
+from labrig import __version__
 from labrig.errors import BugError, LabrigError, MachineError, WorkersError
 from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_parent, hold_signals
+from labrig.record.processor import describe_processor
+from labrig.record.source_digest import digest_sources
 
 DEFAULT_WORKERS = min(count_usable_cores(), 8)
 
-BATCH_S = 0.1
-"""The least time of a batch whose tasks are timed."""
-
-BATCH_S_A_WORKER = 0.005
-"""A scheduler takes one to three milliseconds for a batch, so batches are longer the more workers it has to feed."""
-
-_LARGEST_BATCH = 1000
-# Batches submitted for each worker while the first one is waited for: no worker idles behind a long task, or while the
+# Tasks submitted for each worker while the first one is waited for: no worker idles behind a long task, or while the
 # results are written, and what waits takes little memory.
-_BATCHES_AHEAD = 16
+_TASKS_AHEAD = 16
 _MOST_DEATHS = 2
 _MEMORY_HINT = "free some memory, or use fewer processes, and try again"
+INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
+_COMPUTING = ("numpy", "scipy", "opencv-python-headless", "filterpy", "shapely")
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 _Task = TypeVar("_Task")
@@ -49,14 +49,14 @@ _Result = TypeVar("_Result")
 
 
 class Pool(ABC):
-    """Workers that do batches of tasks, and are replaced when they are lost.
+    """Workers that do tasks, and are replaced when they are lost.
 
     Attributes
     ----------
     work : str
         What they do, in the past tense, for messages.
     patience_s : float or None
-        How long a batch is waited for before `renew` [s]; None where batches of lost workers come back by themselves.
+        How long a task is waited for before `renew` [s]; None where tasks of lost workers come back by themselves.
     unlike : tuple of str
         A sentence for each worker whose kernels are not those of this process, so that it rounds otherwise.
     """
@@ -70,7 +70,7 @@ class Pool(ABC):
     @property
     @abstractmethod
     def executor(self) -> Executor:
-        """What batches are submitted to; another one after `renew`."""
+        """What tasks are submitted to; another one after `renew`."""
 
     @property
     @abstractmethod
@@ -79,25 +79,21 @@ class Pool(ABC):
 
     @abstractmethod
     def count_workers(self) -> int:
-        """Return how many batches are done at a time, at least 1."""
+        """Return how many tasks are done at a time, at least 1."""
 
     @abstractmethod
     def count_deaths(self, error: BaseException) -> int | None:
-        """Return how many workers may have died of a batch that ended so; None if it was not lost with a worker."""
+        """Return how many workers may have died of a task that ended so; None if it was not lost with a worker."""
 
     @abstractmethod
     def renew(self) -> None:
-        """Replace what a lost worker broke; afterwards the future of every batch that was lost is done.
+        """Replace what a lost worker broke; afterwards the future of every task that was lost is done.
 
         Raises
         ------
         WorkersError
-            When no worker can be had.
+            When no worker can be had, or one has another installation.
         """
-
-    @abstractmethod
-    def require_usable(self, error: BaseException) -> None:
-        """Raise the reason, a `WorkersError`, if no further batch can be done after such an error."""
 
 
 class _ProcessPool(Pool):
@@ -132,16 +128,13 @@ class _ProcessPool(Pool):
         self.close()
         self._executor = self._open()
 
-    def require_usable(self, error: BaseException) -> None:
-        """Forked workers have the code of their parent: what one cannot do, the next one cannot either."""
-
     def close(self) -> None:
         self._executor.shutdown(cancel_futures=True)
 
 
 @contextmanager
 def open_process_pool(workers: int, work: str) -> Iterator[Pool]:
-    """Give a pool of processes of this computer; batches that have not begun are dropped when the block ends.
+    """Give a pool of processes of this computer; tasks that have not begun are dropped when the block ends.
 
     Parameters
     ----------
@@ -161,86 +154,53 @@ def open_process_pool(workers: int, work: str) -> Iterator[Pool]:
         cv2.setNumThreads(threads)
 
 
-@dataclass(frozen=True)
-class Answer(Generic[_Result]):
-    """What the tasks of a batch came to, and how long they took [s]; None if nobody measured."""
-
-    outcomes: list[_Result | LabrigError]
-    took_s: float | None
-
-
 @dataclass(eq=False)
-class Batch(Generic[_Result]):
-    """Tasks that are done one after the other in one worker; only `WorkQueue` makes and reads it."""
+class _Job(Generic[_Task, _Result]):
+    """A task, the future of what it comes to, and how many workers may have died of it."""
 
-    call: Callable[[Any], _Result]
-    tasks: Sequence[Any]
-    clock: Clock | None
-    future: "Future[Answer[_Result]]"
+    task: _Task
+    future: "Future[_Result | LabrigError]"
     deaths: int = 0
-    """How many workers may have died of it."""
 
 
-class WorkQueue:
-    """Batches that a pool does, and does again when a worker is lost.
+class _Queue(Generic[_Task, _Result]):
+    """Tasks that a pool does, and does again when a worker is lost; what they came to is taken in their order."""
 
-    Parameters
-    ----------
-    pool : Pool
-        Used by nobody else meanwhile.
-    """
-
-    def __init__(self, pool: Pool) -> None:
+    def __init__(self, pool: Pool, call: Callable[[_Task], _Result]) -> None:
         self._pool = pool
-        self._pending: dict[Batch[Any], None] = {}
+        self._call = call
+        self.jobs: deque[_Job[_Task, _Result]] = deque()
 
-    def submit(
-        self, call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None = None
-    ) -> Batch[_Result]:
-        """Submit tasks as a batch; with a clock its answer says how long they took."""
-        batch = Batch(call, tasks, clock, self._send(call, tasks, clock))
-        self._pending[batch] = None
-        return batch
+    def submit(self, task: _Task) -> None:
+        self.jobs.append(_Job(task, self._send(task)))
 
-    def wait(self, batch: Batch[_Result]) -> Answer[_Result]:
-        """Wait for a batch, and return what its tasks came to.
-
-        Raises
-        ------
-        WorkersError
-            When the pool can do no further task.
-        """
-        while (error := self._wait_for_error(batch.future)) is not None:
+    def take(self) -> _Result | LabrigError:
+        """Return what the first task came to, once it has. Raises `WorkersError` when no further one can be done."""
+        job = self.jobs[0]
+        while (error := self._wait_for_error(job.future)) is not None:
             if self._pool.count_deaths(error) is not None:
                 self._recover()
-            else:
-                self._require_usable(error)
-                self._do_apart(batch)
-        del self._pending[batch]
-        return batch.future.result()
-
-    def begin(self, call: Callable[[], _Result]) -> Callable[[], _Result]:
-        """Submit a call; return a function that waits for its result, or raises the `LabrigError` that it came to."""
-        batch = self.submit(_call_without_task, [call])
-
-        def wait_for_result() -> _Result:
-            (outcome,) = self.wait(batch).outcomes
-            if isinstance(outcome, LabrigError):
-                raise outcome
-            return outcome
-
-        return wait_for_result
-
-    def map(self, call: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Iterator[_Result]:
-        """Do all tasks, as `Executor.map` does; the first one that fails raises its `LabrigError`."""
-        waits = [self.begin(partial(call, task)) for task in tasks]
-        return (wait() for wait in waits)
+                continue
+            if isinstance(error, WorkersError):
+                raise error
+            self._pool.renew()
+            self.jobs.popleft()
+            return BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
+        return self.jobs.popleft().future.result()
 
     def drop(self) -> None:
-        """Drop the batches that have not begun."""
-        for batch in self._pending:
-            batch.future.cancel()
-        self._pending.clear()
+        """Drop the tasks that have not begun."""
+        for job in self.jobs:
+            job.future.cancel()
+
+    def _send(self, task: _Task) -> "Future[_Result | LabrigError]":
+        future: Future[_Result | LabrigError] = Future()
+        try:
+            with hold_signals():  # it may fork
+                future = self._pool.executor.submit(_do_task, self._call, task, self._pool.installation)
+        except Exception as error:  # noqa: BLE001 - as if it came a moment later, whatever the executor
+            future.set_exception(error)
+        return future
 
     def _wait_for_error(self, future: "Future[Any]") -> BaseException | None:
         """Wait for a future and return its error, None without one; also that it was cancelled by somebody else.
@@ -254,89 +214,45 @@ class WorkQueue:
             self._pool.renew()
         return _find_error(future)
 
-    def _send(
-        self, call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None
-    ) -> "Future[Answer[_Result]]":
-        future: Future[Answer[_Result]] = Future()
-        try:
-            with hold_signals():  # it may fork
-                future = self._pool.executor.submit(_do_batch, call, tasks, clock, self._pool.installation)
-        except Exception as error:  # noqa: BLE001 - as if it came a moment later, whatever the executor
-            future.set_exception(error)
-        return future
-
     def _recover(self) -> None:
-        """Do lost batches again: together at first, and apart those of which workers may have died twice.
+        """Do lost tasks again: together at first, and alone those of which workers may have died twice.
 
-        A process pool loses every batch with a worker. Those that were being done are among the first ones, as many as
+        A process pool loses every task with a worker. Those that were being done are among the first ones, as many as
         there are workers.
         """
         self._pool.renew()
-        lost = {batch: deaths for batch in self._pending if (deaths := self._count_deaths(batch)) is not None}
-        for suspect in list(lost)[: self._pool.count_workers()]:
-            suspect.deaths += lost[suspect]
+        errors = {job: _find_error(job.future) for job in self.jobs if job.future.done()}
+        deaths = {job: self._pool.count_deaths(error) for job, error in errors.items() if error is not None}
+        lost = [job for job in deaths if deaths[job] is not None]
+        for suspect in lost[: self._pool.count_workers()]:
+            suspect.deaths += deaths[suspect] or 0
             if suspect.deaths >= _MOST_DEATHS:
-                self._do_apart(suspect)
-                del lost[suspect]
-        for batch in lost:
-            batch.future = self._send(batch.call, batch.tasks, batch.clock)
+                self._do_alone(suspect)
+                lost.remove(suspect)
+        for job in lost:
+            job.future = self._send(job.task)
 
-    def _count_deaths(self, batch: Batch[Any]) -> int | None:
-        """Return how many workers may have died of a batch that was lost; None if it was not lost, or is not done."""
-        error = _find_error(batch.future) if batch.future.done() else None
-        return None if error is None else self._pool.count_deaths(error)
-
-    def _require_usable(self, error: BaseException) -> None:
-        """Raise the reason if no further task can be done; errors of tasks never come here."""
-        if isinstance(error, WorkersError):
-            raise error
-        self._pool.require_usable(error)
-
-    def _do_apart(self, batch: Batch[_Result]) -> None:
-        """Do a batch when nothing else is being done, so that no other can be blamed, and answer it in any case."""
-        for other in self._pending:
-            if other is not batch:
+    def _do_alone(self, job: _Job[_Task, _Result]) -> None:
+        """Do a task while nothing else is being done, so that no other can be blamed; give it up if workers die."""
+        for other in self.jobs:
+            if other is not job:
                 self._wait_for_error(other.future)
-        self._pool.renew()
-        outcomes = self._find_outcomes(batch.call, batch.tasks)
-        batch.future = Future()
-        batch.future.set_result(Answer(outcomes, None))
-
-    def _find_outcomes(
-        self, call: Callable[[_Task], _Result], tasks: Sequence[_Task]
-    ) -> list[_Result | LabrigError]:
-        """Do tasks at once, else in halves, down to the one that cannot be done."""
         deaths = 0
-        while True:
-            future = self._send(call, tasks, None)
-            error = self._wait_for_error(future)
-            if error is None:
-                return future.result().outcomes
-            died = self._pool.count_deaths(error)
+        while deaths < _MOST_DEATHS:
+            self._pool.renew()
+            job.future = self._send(job.task)
+            error = self._wait_for_error(job.future)
+            died = None if error is None else self._pool.count_deaths(error)
             if died is None:
-                self._require_usable(error)
-            else:
-                self._pool.renew()
-                deaths += died
-            if len(tasks) > 1:
-                half = len(tasks) // 2
-                return self._find_outcomes(call, tasks[:half]) + self._find_outcomes(call, tasks[half:])
-            if died is None:
-                bug = f"labrig itself failed: {type(error).__name__}: {error}"
-                return [BugError(bug, "please report it")]
-            if deaths >= _MOST_DEATHS:
-                died_of_it = (
-                    f"a process that {self._pool.work} died of its task, {_MOST_DEATHS} times or more"
-                )
-                return [MachineError(died_of_it, _MEMORY_HINT)]
+                return
+            deaths += died
+        told = f"a process that {self._pool.work} died of its task, {_MOST_DEATHS} times or more"
+        job.future = Future()
+        job.future.set_result(MachineError(told, _MEMORY_HINT))
 
 
 def run_in_order(
-    pool: Pool,
-    call: Callable[[_Task], _Result],
-    tasks: Iterable[_Task],
-    *,
-    clock: Clock | None = None,
+    pool: Pool, call: Callable[[_Task], _Result], tasks: Iterable[_Task]
 ) -> Generator[_Result | LabrigError, None, None]:
     """Yield what each task came to, in the order of the tasks.
 
@@ -345,14 +261,13 @@ def run_in_order(
 
     Parameters
     ----------
+    pool : Pool
+        Used by nobody else meanwhile.
     call : callable
         Does a task in a worker; it, the tasks and the results are pickled. The result may depend on the task alone. A
         `WorkersError` that it raises ends everything.
     tasks : iterable
         Drawn as they are needed.
-    clock : Clock or None
-        Times the tasks in the workers, so that batches take `BATCH_S` or more; pickled. None: each task is a batch, for
-        tasks that take that long by themselves.
 
     Yields
     ------
@@ -366,44 +281,27 @@ def run_in_order(
     WorkersError
         When the pool can do no further task.
     """
-    queue = WorkQueue(pool)
-    size = _BatchSize()
-    ahead: deque[Batch[_Result]] = deque()
-    left = iter(tasks)
+    queue, left = _Queue(pool, call), iter(tasks)
     try:
         while True:
-            while len(ahead) < _BATCHES_AHEAD * pool.count_workers():
-                some = tuple(islice(left, size.tasks))
-                if not some:
-                    break
-                ahead.append(queue.submit(call, some, clock))
-            if not ahead:
+            for task in islice(left, max(0, _TASKS_AHEAD * pool.count_workers() - len(queue.jobs))):
+                queue.submit(task)
+            if not queue.jobs:
                 return
-            batch = ahead.popleft()
-            answer = queue.wait(batch)
-            size.learn(len(batch.tasks), answer.took_s, pool.count_workers())
-            yield from answer.outcomes
+            yield queue.take()
     finally:
         queue.drop()
 
 
-class _BatchSize:
-    """The tasks of the next batch, from what the batches before took; 1 until something is known."""
-
-    def __init__(self) -> None:
-        self.tasks = 1
-        self._cost_s: float | None = None
-
-    def learn(self, tasks: int, took_s: float | None, workers: int) -> None:
-        """Take the time of a batch into account, if it is known, for batches that go to so many workers."""
-        if took_s is None:
-            return
-        cost_s = max(took_s, 0.0) / tasks
-        self._cost_s = cost_s if self._cost_s is None else 0.5 * (self._cost_s + cost_s)
-        batch_s = max(BATCH_S, BATCH_S_A_WORKER * workers)
-        wanted = math.ceil(batch_s / self._cost_s) if self._cost_s > 0.0 else _LARGEST_BATCH
-        # A first task that ends early says little of the others: batches at most double.
-        self.tasks = max(1, min(wanted, 2 * self.tasks, _LARGEST_BATCH))
+def map_in_order(
+    pool: Pool, call: Callable[[_Task], _Result], tasks: Iterable[_Task]
+) -> Generator[_Result, None, None]:
+    """Yield the result of each task in order, as `map` does; the first one that fails raises its `LabrigError`."""
+    with closing(run_in_order(pool, call, tasks)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome, LabrigError):
+                raise outcome
+            yield outcome
 
 
 def _find_error(future: "Future[Any]") -> BaseException | None:
@@ -414,25 +312,23 @@ def _find_error(future: "Future[Any]") -> BaseException | None:
         return error
 
 
-def _do_batch(
-    call: Callable[[_Task], _Result], tasks: Sequence[_Task], clock: Clock | None, installation: str | None
-) -> Answer[_Result]:
-    """Do a batch in a worker.
+def _do_task(
+    call: Callable[[_Task], _Result], task: _Task, installation: str | None
+) -> _Result | LabrigError:
+    """Do a task in a worker.
 
     Raises
     ------
     WorkersError
-        When the worker's installation is not that of the command, or it cannot do these tasks.
+        When the worker's installation is not that of the command, or it cannot do this task.
     """
-    if installation is not None:
-        require_installation(installation)
+    if installation not in {None, digest_installation()}:
+        raise WorkersError(
+            f"a worker on {platform.node()} has another installation: labrig {__version__}, code"
+            f" {digest_sources()[:12]}, digest {digest_installation()[:12]}, expected {str(installation)[:12]}",
+            INSTALL_HINT,
+        )
     _use_single_threads()
-    before_s = 0.0 if clock is None else clock.now_s()
-    outcomes = [_do_task(call, task) for task in tasks]
-    return Answer(outcomes, None if clock is None else clock.now_s() - before_s)
-
-
-def _do_task(call: Callable[[_Task], _Result], task: _Task) -> _Result | LabrigError:
     try:
         return call(task)
     except WorkersError:
@@ -447,10 +343,6 @@ def _do_task(call: Callable[[_Task], _Result], task: _Task) -> _Result | LabrigE
         return bug
 
 
-def _call_without_task(call: Callable[[], _Result]) -> _Result:
-    return call()
-
-
 @cache
 def _use_single_threads() -> None:
     """Compute with a thread for the rest of this worker: the sums of two threads are rounded otherwise than of one.
@@ -460,3 +352,28 @@ def _use_single_threads() -> None:
     os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
     threadpool_limits(1)
     cv2.setNumThreads(1)
+
+
+@cache
+def describe_installation() -> Mapping[str, str]:
+    """Return what must be equal in two processes for their results to agree, by name.
+
+    labrig's version and the SHA-256 of its code, Python's minor version, and the packages that compute.
+    """
+    return {
+        "labrig": __version__,
+        "source_sha256": digest_sources(),
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: metadata.version(name) for name in _COMPUTING},
+    }
+
+
+@cache
+def digest_installation() -> str:
+    """Return the SHA-256 of what `describe_installation` returns."""
+    return hashlib.sha256(json.dumps(describe_installation(), sort_keys=True).encode()).hexdigest()
+
+
+def describe_kernels() -> Mapping[str, object]:
+    """Return what the last digits of a result rest on too, the kernels, as `describe_processor` does."""
+    return describe_processor()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -100,7 +100,7 @@ def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
     return InputError(f"nothing to compare: {what}", f"{others}name more runs")
 
 
-def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd.Series[object]":
+def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd.Series[Any]":
     """Return the value of a field for each row, as text; a field of the run has that of its run."""
     if name in rows:
         return rows[name].astype(object).map(_to_text, "ignore")
@@ -132,7 +132,7 @@ def _name_value(field: object, value: str) -> str:
     return value if field in {"needle_id", "run", "specimen"} else f"{field} {value}"
 
 
-def _find_blocks(rows: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Series[object]":
+def _find_blocks(rows: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Series[Any]":
     """Return the block of gel of each row: a specimen of a run; empty where none is named.
 
     A specimen with a file is one block in all runs. Others are different blocks in different runs, whatever their

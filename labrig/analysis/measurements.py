@@ -166,9 +166,10 @@ class Measured:
             When the table cannot be read.
         """
         rows = self.read_rows(table)
-        about = {"run": self.name, "experiment": self.about.experiment, "result": self.about.result}
-        first = [*about, "started", "left_out"]
-        return rows.assign(**about)[[*first, *(name for name in rows if name not in first)]]
+        about = self.about
+        named = rows.assign(run=about.run, experiment=about.experiment, result=about.result)
+        first = ["run", "experiment", "result", "started", "left_out"]
+        return named[[*first, *(name for name in rows if name not in first)]]
 
 
 def _open_run(path: Path) -> Measured:
@@ -223,8 +224,8 @@ def _read_trial_rows(run: Run, folder: Path, table: str) -> pd.DataFrame:
         rows = rows.merge(trials[added], on="trial", how="left")
     times = rows["start_t_s"] if "start_t_s" in rows else [None] * len(rows)
     return rows.drop(columns=["start_t_s", "final_frame"], errors="ignore").assign(
-        started=[_find_time(run, t_s) for t_s in times],
-        left_out=_explain_left_out(run, rows["trial"]),
+        started=pd.Series([_find_time(run, t_s) for t_s in times], rows.index, dtype=object),
+        left_out=pd.Series(_explain_left_out(run, rows["trial"]), rows.index, dtype=object),
     )
 
 

@@ -1,13 +1,13 @@
 """Measure many pictures in worker processes, in an order that does not depend on them."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.engine import WorkQueue, open_process_pool
+from labrig.analysis.engine import map_in_order, open_process_pool
 from labrig.errors import PictureError, RecordError
 from labrig.record.pictures import RecordedPicture
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
@@ -16,8 +16,6 @@ from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
 Progress = Callable[[int, int], None]
-# Enough to keep a worker busy between messages, few enough for a steady progress bar.
-_PICTURES_A_MESSAGE = 4
 
 
 @dataclass(frozen=True)
@@ -68,26 +66,19 @@ def measure_pictures(
         When worker processes die of the same picture, usually because memory ran out.
     """
     measure = partial(measure_picture, plane=plane, settings=settings, mask=mask)
+    jobs: list[Callable[[], Any]] = [*meanwhile, *(partial(measure, picture) for picture in pictures)]
     workers = min(workers, len(pictures))
-    if workers <= 1:
-        answers = [call() for call in meanwhile]
-        return _report(map(measure, pictures), len(pictures), progress), answers
-    with open_process_pool(workers, "measured pictures") as pool:
-        queue = WorkQueue(pool)
-        waits = [queue.begin(call) for call in meanwhile]
-        starts = range(0, len(pictures), _PICTURES_A_MESSAGE)
-        parts = [
-            queue.begin(partial(_measure_part, measure, pictures[start : start + _PICTURES_A_MESSAGE]))
-            for start in starts
-        ]
-        measured = _report(chain.from_iterable(part() for part in parts), len(pictures), progress)
-        return measured, [wait() for wait in waits]
+    with ExitStack() as held:
+        answers: Iterator[Any] = map(_call, jobs)
+        if workers > 1:
+            pool = held.enter_context(open_process_pool(workers, "measured pictures"))
+            answers = map_in_order(pool, _call, jobs)
+        others = [next(answers) for _ in meanwhile]
+        return _report(answers, len(pictures), progress), others
 
 
-def _measure_part(
-    measure: Callable[[RecordedPicture], Measured], pictures: Sequence[RecordedPicture]
-) -> list[Measured]:
-    return [measure(picture) for picture in pictures]
+def _call(job: Callable[[], Any]) -> Any:
+    return job()
 
 
 def _report(measured: Iterable[Measured], of: int, progress: Progress | None) -> list[Measured]:

@@ -85,7 +85,7 @@ def compute_campaign(
     by_rule = conduct_campaign(
         CampaignTasks(loaded),
         store,
-        lambda orders: run_in_order(pool, compute_task, orders, clock=SystemClock()),
+        lambda orders: run_in_order(pool, compute_task, orders),
         progress,
     )
     if by_rule:

@@ -16,7 +16,7 @@ from typing import Any, Self
 import pandas as pd
 
 from labrig.analysis.campaign_rows import BY_RULE, ROWS_FILE, TABLE_FILE, make_table, read_rows
-from labrig.analysis.installation import describe_installation, describe_kernels
+from labrig.analysis.engine import describe_installation, describe_kernels
 from labrig.durable import (
     disk_errors,
     find_temporaries,

@@ -160,19 +160,6 @@ def test_load_runs_gives_the_measurements_as_one_table(tmp_path: Path) -> None:
     assert list(load_runs("seed=7 and title=b", runs_dir=tmp_path)["needle_id"]) == ["N2"]
 
 
-def test_measurements_show_themselves_in_a_notebook(tmp_path: Path) -> None:
-    """With their number and the runs that are left out; text of the records is escaped."""
-    write_measured_run(tmp_path, "a", {("<b>gel", 10.0): (28.0, 28.4)})
-    write_measured_run(tmp_path, "<i>c", {SOFT: (28.0,)}, result=False)
-    with pytest.warns(UserWarning, match="1 runs are left out"):
-        shown = load_runs(runs_dir=tmp_path)._repr_html_()
-    assert "2 measurements of 1 run" in shown
-    assert "&lt;b&gt;gel" in shown
-    assert "&lt;i&gt;c: " in shown
-    assert "<b>gel" not in shown
-    assert "<i>" not in shown
-
-
 def test_an_insertion_that_was_marked_as_bad_does_not_count(tmp_path: Path) -> None:
     """It is in the table with the reason, and in no mean."""
     run = write_measured_run(

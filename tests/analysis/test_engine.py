@@ -5,37 +5,19 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from itertools import groupby, islice
+from itertools import islice
 from pathlib import Path
 
 import pytest
 from threadpoolctl import threadpool_info
 
-from labrig.analysis.engine import WorkQueue, open_process_pool, run_in_order
-from labrig.devices.clocks import SimulatedClock
+from labrig.analysis.engine import map_in_order, open_process_pool, run_in_order
 from labrig.errors import AnswerIsNoError, BugError, LabrigError, MachineError
-
-_of_this_process = {"elapsed_s": 0.0, "readings": 0}
-
-
-class CountedClock(SimulatedClock):
-    """A clock that tasks advance, and that counts in each process how often it was read."""
-
-    def now_s(self) -> float:
-        """Return the time that tasks have taken in this process [s]."""
-        _of_this_process["readings"] += 1
-        return _of_this_process["elapsed_s"]
 
 
 def square(task: int) -> int:
     """Return a result that tells its task."""
     return task * task
-
-
-def take_time(task: int) -> tuple[int, int]:
-    """Take a sixty-fourth of a second of the counted clock; return what only tasks of the same batch share."""
-    _of_this_process["elapsed_s"] += 1 / 64
-    return os.getpid(), int(_of_this_process["readings"])
 
 
 def fail(task: int) -> object:
@@ -95,20 +77,10 @@ def test_tasks_are_drawn_as_they_are_needed() -> None:
     assert multiprocessing.active_children() == []
 
 
-def test_short_tasks_are_done_in_batches_of_a_tenth_of_a_second() -> None:
-    """Batches grow until they take 0.1 s by the clock: 7 tasks of a sixty-fourth of a second; results stay in order."""
-    with open_process_pool(1, "took time") as pool:
-        outcomes = list(run_in_order(pool, take_time, range(200), clock=CountedClock()))
-    sizes = [len(list(batch)) for _, batch in groupby(outcomes)]
-    assert sizes[0] == 1
-    assert max(sizes) == 7
-    assert sizes[-2] == 7
-
-
 def test_a_failed_task_is_a_value_and_the_others_go_on() -> None:
     """An error, a bug, a result that cannot be sent, a lack of memory and a death each cost their own task alone."""
     with open_process_pool(2, "failed") as pool:
-        outcomes = list(run_in_order(pool, fail, range(20), clock=CountedClock()))
+        outcomes = list(run_in_order(pool, fail, range(20)))
     failed = {task: outcome for task, outcome in enumerate(outcomes) if isinstance(outcome, LabrigError)}
     assert {task: type(error) for task, error in failed.items()} == {
         3: AnswerIsNoError,
@@ -127,26 +99,22 @@ def test_a_failed_task_is_a_value_and_the_others_go_on() -> None:
     ]
 
 
-@pytest.mark.parametrize("clock", [None, CountedClock()])
-def test_a_worker_lost_once_costs_nothing_but_time(tmp_path: Path, clock: SimulatedClock | None) -> None:
+def test_a_worker_lost_once_costs_nothing_but_time(tmp_path: Path) -> None:
     """After SIGKILL to a worker its tasks are done again, and no result is missing."""
     tasks = [(number, tmp_path / "killed") for number in range(40)]
     with open_process_pool(2, "squared") as pool:
-        outcomes = list(run_in_order(pool, die_at_first, tasks, clock=clock))
+        outcomes = list(run_in_order(pool, die_at_first, tasks))
     assert (tmp_path / "killed").exists()
     assert outcomes == [number * number for number in range(40)]
 
 
-def test_what_waits_is_done_again_after_a_lost_worker(tmp_path: Path) -> None:
-    """Calls that were begun and not waited for survive a lost worker; an error is raised where it is waited for."""
-    with open_process_pool(2, "squared") as pool:
-        queue = WorkQueue(pool)
-        results = queue.map(die_at_first, [(number, tmp_path / "killed") for number in range(8)])
-        assert list(results) == [number * number for number in range(8)]
-        failing = queue.map(fail, [2, 3])
-        assert next(failing) == 4
+def test_a_map_raises_the_first_error() -> None:
+    """After the results before it."""
+    with open_process_pool(2, "failed") as pool:
+        results = map_in_order(pool, fail, range(20))
+        assert [next(results) for _ in range(3)] == [0, 1, 4]
         with pytest.raises(AnswerIsNoError, match="no answer"):
-            next(failing)
+            next(results)
 
 
 def test_workers_compute_with_one_thread() -> None:

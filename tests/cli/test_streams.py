@@ -116,7 +116,7 @@ def test_a_signal_between_two_messages_is_not_dropped() -> None:
 _INTERRUPTED_FORK = """
 import os, signal
 from threading import Thread
-from labrig.analysis.engine import WorkQueue, open_process_pool
+from labrig.analysis.engine import open_process_pool, run_in_order
 from labrig.cli.signals import Interruption, raise_on_signals
 
 def interrupt():
@@ -127,7 +127,7 @@ def interrupt():
 os.register_at_fork({when}=interrupt)
 try:
     with raise_on_signals(), open_process_pool(1, "counted") as pool:
-        WorkQueue(pool).submit(abs, [-1])
+        list(run_in_order(pool, abs, [-1]))
 except Interruption as interruption:
     print(interruption)
 """

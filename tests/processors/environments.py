@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from labrig.analysis.installation import describe_kernels
+from labrig.analysis.engine import describe_kernels
 
 DEFAULT = "default"
 _BLAS = "OPENBLAS_CORETYPE"

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.installation import describe_kernels
+from labrig.analysis.engine import describe_kernels
 from labrig.analysis.run import analyze_run
 from labrig.campaign.tasks import CampaignTasks, compute_task
 from labrig.experiments.hinge_design.protocol import DesignTolerances

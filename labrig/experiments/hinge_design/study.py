@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from labrig.analysis.engine import DEFAULT_WORKERS, WorkQueue, open_process_pool
+from labrig.analysis.engine import DEFAULT_WORKERS, map_in_order, open_process_pool
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings
@@ -106,7 +106,7 @@ def study_design(
     if progress is not None:
         progress(0, len(hinges))
     with open_process_pool(workers, "searched rotations") as pool:
-        cells = search_grid(hinges, WorkQueue(pool).map, progress, protocol.seed)
+        cells = search_grid(hinges, partial(map_in_order, pool), progress, protocol.seed)
     plane = fit_plane(cells)
     if measured is not None:
         measured = measured.model_copy(update={"search_clearance_mm": _find_clearance_mm(plane, measured)})

@@ -72,6 +72,9 @@ class _Cluster(Pool):
         if self._client.status != "running":
             raise WorkersError(f"the cluster {self._place} does not answer any more", _CONNECT_HINT)
         _wait_for_workers(self._client, self._place, self._wait_s)
+
+    def require_usable(self) -> None:
+        self.renew()
         _require_same_installation(self._client)
 
     def close(self) -> None:

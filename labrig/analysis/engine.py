@@ -92,8 +92,12 @@ class Pool(ABC):
         Raises
         ------
         WorkersError
-            When no worker can be had, or one has another installation.
+            When no worker can be had.
         """
+
+    @abstractmethod
+    def require_usable(self) -> None:
+        """Raise the reason, a `WorkersError`, if what one worker cannot do no other can do either."""
 
 
 class _ProcessPool(Pool):
@@ -127,6 +131,9 @@ class _ProcessPool(Pool):
     def renew(self) -> None:
         self.close()
         self._executor = self._open()
+
+    def require_usable(self) -> None:
+        """Forked workers have the code of their parent, and nothing else."""
 
     def close(self) -> None:
         self._executor.shutdown(cancel_futures=True)
@@ -183,7 +190,7 @@ class _Queue(Generic[_Task, _Result]):
                 continue
             if isinstance(error, WorkersError):
                 raise error
-            self._pool.renew()
+            self._pool.require_usable()
             self.jobs.popleft()
             return BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
         return self.jobs.popleft().future.result()

@@ -105,6 +105,9 @@ class _FarPool(Pool):
     def renew(self) -> None:
         """No worker is lost."""
 
+    def require_usable(self) -> None:
+        """It stays as it is."""
+
 
 def test_a_worker_that_does_not_see_a_run_ends_the_analysis(tmp_path: Path) -> None:
     """Its pictures would be called missing: the worker's computer and the run are named; it gets no result."""

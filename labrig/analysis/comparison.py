@@ -155,10 +155,8 @@ def compare_runs(
     """
     wanted = _choose_quantity(runs) if quantity is None else quantity
     used = [run for run in runs if run.find_column(wanted) is not None]
-    if runs and not used:
-        near = get_close_matches(wanted, [name for run in runs for name in run.quantities], 1)
-        meant = f"did you mean {near[0]}? " if near else ""
-        raise InputError(f"no run has a quantity {wanted!r}", meant + _hint_at_quantities(runs))
+    if not used:
+        raise _refuse_quantity(wanted, runs)
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
@@ -210,6 +208,12 @@ def _choose_quantity(runs: Sequence[Measured]) -> str:
     raise InputError(
         "these runs have no quantity in common that is compared by default", _hint_at_quantities(runs)
     )
+
+
+def _refuse_quantity(quantity: str, runs: Sequence[Measured]) -> InputError:
+    near = get_close_matches(quantity, [name for run in runs for name in run.quantities], 1)
+    meant = f"did you mean {near[0]}? " if near else ""
+    return InputError(f"no run has a quantity {quantity!r}", meant + _hint_at_quantities(runs))
 
 
 def _hint_at_quantities(runs: Sequence[Measured]) -> str:

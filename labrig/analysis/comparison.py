@@ -162,22 +162,22 @@ def compare_runs(
     unit, unit_notes = choose_unit(counted)
     names = order_groups(rows, fields)
     units = {name: _average_units(counted[counted["group"] == name], unit) for name in names}
-    stem = wanted.rpartition(".")[2].rpartition("_")[0]
-    shared = _find_shared(counted, units, stem, used)
+    shared = _find_shared(counted, units, wanted, used)
     groups = tuple(
         _summarise(name, rows[rows["group"] == name], units[name], fields, shared[name]) for name in names
     )
-    tested = [name for name in names if len(units[name]) > 1]
-    samples = [list(units[name]) for name in tested]
+    samples = {name: list(units[name]) for name in names if len(units[name]) > 1}
     differing = _find_differing_settings(used)
+    omitted = {str(run.run): run.error.message for run in left_out}
+    omitted |= {run.name: f"its result has no {wanted}" for run in runs if run not in used}
     comparison = Comparison(
         quantity=wanted,
         unit=_UNITS.get(wanted.rpartition("_")[2]),
         by=fields,
         unit_of_analysis=unit,
         groups=groups,
-        welch_anova=compare_means(samples),
-        pairs=_test_pairs(tested, samples, shared) if len(tested) <= MOST_GROUPS_IN_PAIRS else (),
+        welch_anova=compare_means(list(samples.values())),
+        pairs=_test_pairs(samples, shared),
         not_in_interval=tuple(dict.fromkeys(source for run in used for source in run.not_in_interval)),
         settings_differ=differing,
         warnings=(
@@ -190,10 +190,7 @@ def compare_runs(
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
         used=tuple(run.about for run in used),
-        left_out=(
-            *(LeftOutRun(run=str(run.run), reason=run.error.message) for run in left_out),
-            *(LeftOutRun(run=r.name, reason=f"its result has no {wanted}") for r in runs if r not in used),
-        ),
+        left_out=tuple(LeftOutRun(run=name, reason=why) for name, why in omitted.items()),
     )
     return ComparedRuns(comparison, rows)
 
@@ -256,13 +253,14 @@ _Origins = Mapping[str, "pd.Series[float] | None"]
 
 
 def _find_shared(
-    rows: pd.DataFrame, units: Mapping[str, "pd.Series[float]"], stem: str, runs: Sequence[Measured]
+    rows: pd.DataFrame, units: Mapping[str, "pd.Series[float]"], quantity: str, runs: Sequence[Measured]
 ) -> dict[str, _Origins]:
     """Return what each calibration, mounting of the needle and lamp contributes to the mean of each group.
 
     The error of one origin is the same in all its measurements, so that its standard deviations add up, not their
     squares; the weight of a measurement is its part of the mean.
     """
+    stem = quantity.rpartition(".")[2].rpartition("_")[0]
     lens, plane = (
         rows["run"].map({run.name: run.calibration.get(file, run.name) for run in runs})
         for file in (INTRINSICS_FILE, PLANE_FILE)
@@ -327,15 +325,17 @@ def _summarise(
     )
 
 
-def _test_pairs(
-    names: Sequence[str], samples: Sequence[Sequence[float]], shared: Mapping[str, _Origins]
-) -> tuple[Pair, ...]:
-    pairs = []
-    for (i, j), test in compare_pairs(samples).items():
-        a, b = names[i], names[j]
-        errors = _total_errors(shared[a], shared[b])
+def _test_pairs(samples: Mapping[str, Sequence[float]], shared: Mapping[str, _Origins]) -> tuple[Pair, ...]:
+    """Return the test of each pair of groups; none of more groups than anybody reads."""
+    if len(samples) > MOST_GROUPS_IN_PAIRS:
+        return ()
+    names, pairs = list(samples), []
+    for (i, j), test in compare_pairs(list(samples.values())).items():
+        errors = _total_errors(shared[names[i]], shared[names[j]])
         wide = _widen(test.ci95, errors)
-        pairs.append(Pair(a=a, b=b, **test._asdict(), shared_sigma=errors, ci95_with_shared=wide))
+        pairs.append(
+            Pair(a=names[i], b=names[j], **test._asdict(), shared_sigma=errors, ci95_with_shared=wide)
+        )
     return tuple(pairs)
 
 

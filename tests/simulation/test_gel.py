@@ -1,12 +1,13 @@
 """The random draws for a specimen and its holes."""
 
+import json
+
 import numpy as np
 import pytest
 
 from labrig.errors import InputError
 from labrig.simulation.description import (
     DesignDescription,
-    GelDescription,
     NeedleDescription,
     WorldDescription,
 )
@@ -85,26 +86,27 @@ def test_each_needle_draws_its_own_radius_within_the_tolerance() -> None:
     assert draw_needle_scale(QUIET, 5, "N1") == 1.0
 
 
-def test_a_tolerance_that_holds_nothing_is_refused() -> None:
-    """A design whose smaller radius is the larger one is refused."""
-    with pytest.raises(ValueError, match="must be at most radius_high_mm, 27 mm"):
-        DesignDescription(radius_low_mm=33.0, radius_high_mm=27.0)
+GEL = {"gelatin_percent": 13, "radius_mean_mm": 27.0, "radius_sd_mm": 0.2}
 
 
-def test_gels_out_of_order_are_refused() -> None:
-    """Gels must be in order of gelatin, for interpolation."""
-    gel = GelDescription(gelatin_percent=13, radius_mean_mm=27.0, radius_sd_mm=0.2)
-    with pytest.raises(ValueError, match="13 % follows 13 %"):
-        WorldDescription(gels=(gel, gel))
-
-
-def test_a_spread_that_could_draw_no_radius_is_refused() -> None:
-    """A standard deviation close to the mean is refused."""
-    with pytest.raises(ValueError, match=r"must be below 4\.5 mm"):
-        GelDescription(gelatin_percent=13, radius_mean_mm=27.0, radius_sd_mm=5.0)
-
-
-def test_a_needle_wider_than_the_sheath_is_refused() -> None:
-    """A needle that does not fit into the sheath is refused."""
-    with pytest.raises(ValueError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
-        WorldDescription(needle=NeedleDescription(diameter_mm=2.2))
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gels": [GEL, GEL]}, "13 % follows 13 %"),
+        ({"gels": [GEL | {"radius_sd_mm": 5.0}]}, r"must be below 4\.5 mm"),
+        ({"needle": {"diameter_mm": 2.2}}, r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"),
+        (
+            {"needle": {"design": {"radius_low_mm": 33, "radius_high_mm": 27}}},
+            "at most radius_high_mm, 27 mm",
+        ),
+        (
+            {"layers": [{"until_mm": 30, "radius_scale": 1}, {"until_mm": 20, "radius_scale": 1}]},
+            "20 mm follows 30 mm",
+        ),
+        ({"disturbances": {"cavity_mm": [9.0, 4.0]}}, "must be positive, the shortest first"),
+    ],
+)
+def test_a_world_that_cannot_be_is_refused(changes: dict[str, object], words: str) -> None:
+    """What does not fit is named with its limit."""
+    with pytest.raises(ValueError, match=words):
+        WorldDescription.model_validate_json(json.dumps(changes))

@@ -87,12 +87,6 @@ def test_layers_bend_the_needle_at_their_own_radius() -> None:
     assert world.tip_mm() != plain.tip_mm()
 
 
-def test_layers_out_of_order_are_refused() -> None:
-    """The message names both ends."""
-    with pytest.raises(ValueError, match="20 mm follows 30 mm"):
-        phantom(layers=[{"until_mm": 30, "radius_scale": 1}, {"until_mm": 20, "radius_scale": 1}])
-
-
 def test_the_clearance_is_that_of_the_obstacles_where_they_are() -> None:
     """Shifted by the described spread along each axis, each phantom in its own way."""
     shifts = []

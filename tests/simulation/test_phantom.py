@@ -76,15 +76,6 @@ def test_cavities_are_as_many_and_as_long_as_described() -> None:
         assert 6.0 - NODE_MM <= empty.sum() * NODE_MM <= 10.0 + NODE_MM
 
 
-def test_curvature_swings_over_within_the_backlash() -> None:
-    """Half a turn of the bevel brings the curvature from one side to the other in 1.5 mm, linearly."""
-    track = Track((0.0, 0.0), 0.0, BENDING)
-    track.extend(10.0, 0.0)
-    track.extend(20.0, math.pi)
-    curvatures = [track.node_at(arc).curvature_1_mm * 28.0 for arc in (10.0, 10.75, 11.5, 15.0)]
-    assert curvatures == pytest.approx([-1.0, 0.0, 1.0, 1.0], abs=0.08)
-
-
 def test_a_bevel_on_its_way_round_leads_out_of_the_plane() -> None:
     """A millimetre at a quarter turn leans the path by 1/r towards +x, as equation 5 says."""
     track = Track((0.0, 0.0), 0.0, BENDING)

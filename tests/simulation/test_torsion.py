@@ -49,36 +49,19 @@ def insert(world: World, pieces: list[tuple[float, float]]) -> float:
     return world.tip_mm()[0]
 
 
-@given(bases=angles, lag_rad=st.floats(0.0, 1.0))
-def test_the_bevel_is_never_further_behind_than_the_lag(bases: list[float], lag_rad: float) -> None:
-    """Whatever the base does, the bevel stays within the lag of it, and moves only when it must."""
-    bevel = 0.0
-    for base in bases:
-        before, bevel = bevel, follow_with_play(bevel, base, lag_rad)
-        assert abs(bevel - base) <= lag_rad + 1e-12
-        assert bevel == before or abs(bevel - base) == pytest.approx(lag_rad, abs=1e-12)
-
-
-@given(bases=angles)
-def test_without_play_the_bevel_is_where_the_base_is(bases: list[float]) -> None:
-    """The axis' angle comes back to the last bit."""
-    bevel = 0.0
-    for base in bases:
-        bevel = follow_with_play(bevel, base, 0.0)
-        assert bevel == base
-
-
-@given(
-    base=st.floats(-3.0, 3.0), to=st.floats(-3.0, 3.0), lag_rad=st.floats(0.0, 0.5), parts=st.integers(1, 20)
-)
-def test_the_bevel_does_not_depend_on_how_finely_a_turn_is_sampled(
-    base: float, to: float, lag_rad: float, parts: int
-) -> None:
-    """One call for a turn and a call for each part of it end at the same angle."""
-    bevel = base
-    for part in range(1, parts + 1):
-        bevel = follow_with_play(bevel, base + (to - base) * part / parts, lag_rad)
-    assert bevel == pytest.approx(follow_with_play(base, to, lag_rad), abs=1e-12)
+@given(bases=angles, lag_rad=st.floats(0.0, 1.0), parts=st.integers(1, 20))
+def test_the_bevel_follows_the_base_with_play(bases: list[float], lag_rad: float, parts: int) -> None:
+    """It stays within the lag, moves only when it must, and however finely a turn is sampled; without play it follows."""
+    bevel = base = 0.0
+    for to in bases:
+        finely = bevel
+        for part in range(1, parts + 1):
+            finely = follow_with_play(finely, base + (to - base) * part / parts, lag_rad)
+        before, bevel, base = bevel, follow_with_play(bevel, to, lag_rad), to
+        assert abs(bevel - to) <= lag_rad + 1e-12
+        assert bevel == before or abs(bevel - to) == pytest.approx(lag_rad, abs=1e-12)
+        assert bevel == pytest.approx(finely, abs=1e-12)
+        assert follow_with_play(before, to, 0.0) == to
 
 
 def test_turning_to_and_fro_bends_out_of_the_plane_on_one_side() -> None:

@@ -144,6 +144,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._shaft = MotorShaft(mechanics, clock.now_s())
         self._moving = False
         self._inputs = 0
+        self._done_s = -math.inf
         self._forget()
         objects = ObjectDictionary(
             self._model.eds,
@@ -247,12 +248,13 @@ class SimulatedCia402Drive(CanopenNode):
         if bit is None:
             self._analog_mv[name] = value
         else:
-            self.forced_inputs = self.forced_inputs & ~(1 << bit) | bool(value) << bit
-            self.tick()
+            self.forced_inputs &= ~(1 << bit)
+            self.press(bool(value) << bit)
 
     def press(self, inputs: int) -> None:
         """Hold switches closed, by their bits."""
         self.forced_inputs |= inputs
+        self._done_s = -math.inf
         self.tick()
 
     def shift_counter(self, counts: float) -> None:
@@ -277,8 +279,11 @@ class SimulatedCia402Drive(CanopenNode):
     # Time
 
     def tick(self) -> None:
-        """Do what has become due by now."""
+        """Do what has become due by now; nothing does twice at one instant, unless something has been changed."""
         now_s, seeks_switch = self._clock.now_s(), self._homing
+        if now_s == self._done_s:
+            return
+        self._done_s = now_s
         if self.nmt_state is NmtState.OFF and now_s >= self._ready_s:
             self.boot()
         if self._state is DriveState.OPERATION_ENABLED or self._state is DriveState.QUICK_STOP_ACTIVE:
@@ -367,13 +372,9 @@ class SimulatedCia402Drive(CanopenNode):
     # Objects
 
     def _list_live_objects(self) -> dict[Place, Callable[[], int]]:
-        """Return the objects whose value is made when it is read, each within its range."""
+        """Return the objects whose value is made when it is read; what is measured is within its range."""
         model = self._model
         live: dict[Place | None, Callable[[], int]] = {
-            co.STATUSWORD: self._statusword,
-            co.POSITION_ACTUAL: lambda: round(self._shaft.actual),
-            co.MODE_DISPLAY: lambda: self._values(co.MODE),
-            co.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
             co.CURRENT_ACTUAL: self._read_current_per_mille,
             co.TORQUE_ACTUAL: self._read_current_per_mille,
             model.current_ma: lambda: round(self._read_current_ma()),
@@ -383,13 +384,20 @@ class SimulatedCia402Drive(CanopenNode):
         }
         known = model.eds.objects
         return {
-            place: partial(_clip, read, *find_bounds(known[place]))
-            for place, read in live.items()
-            if place is not None and place in known
+            co.STATUSWORD: self._statusword,
+            co.POSITION_ACTUAL: lambda: round(self._shaft.actual),
+            co.MODE_DISPLAY: lambda: self._values(co.MODE),
+            co.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
+            **{
+                place: partial(_clip, read, *find_bounds(known[place]))
+                for place, read in live.items()
+                if place is not None and place in known
+            },
         }
 
     def _on_write(self, place: Place, value: int, before: int) -> None:
         super()._on_write(place, value, before)
+        self._done_s = -math.inf
         if place == co.CONTROLWORD:
             self._obey(value, before)
         elif place == co.MODE:

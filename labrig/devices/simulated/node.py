@@ -122,6 +122,7 @@ class CanopenNode(ABC):
         values = self.objects.values
         watched = values[co.CONSUMER_HEARTBEAT]
         self._master_id = 0x700 + (watched >> 16 & 0x7F) if watched & 0xFFFF else -1
+        self._heeded = {0x000, _SYNC, 0x600 + self.node_id, self._master_id}
         self._patience_s = (watched & 0xFFFF) / 1000
         self._heard_s = None if self._master_id < 0 else self._heard_s
         self._next_beat_s = self._clock.now_s() if values[co.PRODUCER_HEARTBEAT] else math.inf
@@ -177,14 +178,16 @@ class CanopenNode(ABC):
             self._read_reports()
 
     def _on_frame(self, message: can.Message) -> None:
-        is_data = not (message.is_extended_id or message.is_error_frame or message.is_remote_frame)
-        if self._deaf or self.nmt_state is NmtState.OFF or not is_data:
+        can_id = message.arbitration_id
+        if can_id not in self._heeded or self._deaf or self.nmt_state is NmtState.OFF:
             return
-        can_id, data = message.arbitration_id, bytes(message.data)
+        if message.is_extended_id or message.is_error_frame or message.is_remote_frame:
+            return
         if can_id == 0x600 + self.node_id:
             self.tick()
-            self._on_sdo(data)
+            self._on_sdo(bytes(message.data))
         elif can_id == 0x000:
+            data = bytes(message.data)
             if len(data) == 2 and data[1] in {0, self.node_id}:
                 self.tick()
                 self._obey_nmt(data[0])

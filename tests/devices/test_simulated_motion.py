@@ -159,38 +159,32 @@ def test_limit_switches_do_nothing_until_their_mask_says_so() -> None:
         assert b.read(co.LAST_ERROR) == 0xFF07
 
 
-POWER_OFF_AT_ONCE, BRAKING = (0x2310, 0x3220, 0xFF01), (0x8130, 0x8611, 0xFF09)
-
-
-@pytest.mark.parametrize("code", POWER_OFF_AT_ONCE)
-def test_errors_that_take_power_away_do_so_at_once(code: int) -> None:
-    """They are a fault without braking, whatever 0x605E says."""
-    with bench(Mechanics()) as b:
-        b.go(100_000)
-        b.clock.sleep(0.5)
-        b.drive.fail(code)
-        assert b.word() & 0x6F == 0x08
-        still = b.drive.journal.last("still")
-        assert still is not None
-        assert still.t_s == 0.5
-
-
-@pytest.mark.parametrize(("option", "rpm_per_s"), [(1, 10_000), (2, 40_000)])
-@pytest.mark.parametrize("code", BRAKING)
-def test_other_errors_brake_first_as_0x605e_says(code: int, option: int, rpm_per_s: int) -> None:
-    """1: with the profile deceleration; 2: with that of the quick stop. Power goes at standstill."""
+@pytest.mark.parametrize(
+    ("code", "option", "rpm_per_s"),
+    [
+        *((code, 2, None) for code in (0x2310, 0x3220, 0xFF01)),
+        (0x8611, 0, None),
+        *(
+            (code, option, rpm)
+            for code in (0x8130, 0x8611, 0xFF09)
+            for option, rpm in ((1, 10_000), (2, 40_000))
+        ),
+    ],
+)
+def test_an_error_takes_power_at_once_or_brakes_first(code: int, option: int, rpm_per_s: int | None) -> None:
+    """By itself, or as 0x605E says. 0: at once; 1: with the profile deceleration; 2: with that of the quick stop."""
     with bench(Mechanics()) as b:
         b.write(co.QUICK_STOP_DECELERATION, 40_000)
         b.write(co.FAULT_REACTION, option)
         b.go(100_000)
         b.clock.sleep(0.5)
         b.drive.fail(code)
-        assert b.word() & 0x6F == 0x0F
+        assert b.word() & 0x6F == (0x08 if rpm_per_s is None else 0x0F)
         b.clock.sleep(1.0)
         assert b.word() & 0x6F == 0x08
         still = b.drive.journal.last("still")
         assert still is not None
-        assert still.t_s == pytest.approx(0.5 + 1000 / rpm_per_s)
+        assert still.t_s == pytest.approx(0.5 + (0.0 if rpm_per_s is None else 1000 / rpm_per_s))
 
 
 class _RunningClock(SimulatedClock):
@@ -220,16 +214,6 @@ def test_a_drive_that_has_come_to_rest_stays_where_it_noted_that(delay_us: int) 
     drive.tick()
     assert drive.shaft_counts == still.shaft_counts == 100
     drive.unplug()
-
-
-def test_with_0x605e_at_zero_every_error_takes_power_away_at_once() -> None:
-    """0: the motor turns freely."""
-    with bench(Mechanics()) as b:
-        b.write(co.FAULT_REACTION, 0)
-        b.go(100_000)
-        b.clock.sleep(0.5)
-        b.drive.fail(0x8611)
-        assert b.word() & 0x6F == 0x08
 
 
 @pytest.mark.parametrize("code", [None, 0x2310, 0x8611])

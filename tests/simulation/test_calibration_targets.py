@@ -30,38 +30,18 @@ def find_corners(picture: npt.NDArray[np.uint8]) -> Floats:
     return np.asarray(cv2.cornerSubPix(picture, corners, (7, 7), (-1, -1), stop), float)[:, 0]
 
 
-@pytest.fixture(scope="module")
-def views() -> list[Floats]:
-    """Return the corners found in 16 views with noise."""
-    world = World(QUIET.model_copy(update={"noise_sd": 3.0}), 2)
-    pictures = []
-    for view in range(16):
-        world.hold_board(view, BOARD.columns, BOARD.rows, BOARD.square_mm)
-        pictures.append(world.picture())
-    return [find_corners(picture) for picture in pictures]
-
-
-def test_corners_are_seen_where_the_pose_puts_them(views: list[Floats]) -> None:
+def test_corners_are_seen_where_the_pose_puts_them() -> None:
     """Found corners agree with the projected ones within 0.1 px rms in every view, from either end."""
-    for view, found in enumerate(views):
+    world = World(QUIET.model_copy(update={"noise_sd": 3.0}), 2)
+    for view in range(6):
+        world.hold_board(view, BOARD.columns, BOARD.rows, BOARD.square_mm)
+        found = find_corners(world.picture())
         pose = choose_board_pose(view, BOARD, stream(2, "board", view), QUIET.lens)
         expected = project(pose.to_camera(corners_mm()), QUIET.lens)
         missed = min(
             np.sqrt(((found - corners) ** 2).sum(axis=1).mean()) for corners in (expected, expected[::-1])
         )
         assert missed < 0.1
-
-
-def test_sixteen_views_calibrate_the_lens(views: list[Floats]) -> None:
-    """Zhang's method on them gives focal lengths within 0.2 % and the principal point within 3 px."""
-    flat = np.concatenate([corners_mm(), np.zeros((54, 1))], axis=1).astype(np.float32)
-    seen = [view[:, None].astype(np.float32) for view in views]
-    size = (QUIET.lens.width_px, QUIET.lens.height_px)
-    rms, matrix, *_ = cv2.calibrateCamera([flat] * len(seen), seen, size, np.eye(3), np.zeros(5))
-    lens = QUIET.lens
-    assert rms < 0.1
-    assert (matrix[0, 0], matrix[1, 1]) == pytest.approx((lens.fx_px, lens.fy_px), rel=0.002)
-    assert (matrix[0, 2], matrix[1, 2]) == pytest.approx((lens.cx_px, lens.cy_px), abs=3)
 
 
 def test_any_board_stays_inside_the_picture() -> None:

@@ -51,7 +51,7 @@ def insert(world: World, pieces: list[tuple[float, float]]) -> float:
 
 @given(bases=angles, lag_rad=st.floats(0.0, 1.0), parts=st.integers(1, 20))
 def test_the_bevel_follows_the_base_with_play(bases: list[float], lag_rad: float, parts: int) -> None:
-    """It stays within the lag, moves only when it must, and however finely a turn is sampled; without play it follows."""
+    """Within the lag, only when it must, and however finely a turn is sampled; without play it is where the base is."""
     bevel = base = 0.0
     for to in bases:
         finely = bevel

@@ -57,6 +57,7 @@ def test_behind_the_closed_hinges_the_path_is_the_circle_of_equation_5() -> None
     assert nodes[0].heading_rad - nodes[-1].heading_rad == pytest.approx(37.0 / RADIUS_MM)
 
 
+@settings(max_examples=25)
 @given(radius_mm=st.floats(10, 200), heading_rad=st.floats(-0.3, 0.3), length_mm=st.floats(5, 60))
 def test_turning_the_bevel_by_pi_mirrors_the_path(
     radius_mm: float, heading_rad: float, length_mm: float

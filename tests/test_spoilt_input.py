@@ -28,8 +28,7 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.specimen_file import load_specimen
 from labrig.record.lock import read_lock_owner
 from labrig.vision.calibration_file import load_intrinsics, load_plane
-from labrig.vision.mask import load_mask
-from labrig.vision.picture import read_picture
+from labrig.vision.picture import load_mask, read_picture
 from labrig.vision.template import load_template
 from tests.cli.conftest import RIG, ROOT, Done, Labrig, labrig
 from tests.spoiling import HOSTILE, spoil
@@ -60,7 +59,6 @@ max_length_mm: 80
 _STATE = b"""{"kind": "labrig-rig-state", "schema_version": 1, "needle_in_tissue": false, "since_run": null,
 "referenced": ["rotation"], "note": "", "roll_zero": {"needle_id": "N1", "zero_rad": 0.1, "sd_rad": 0.01, "run": "r"}}
 """
-_MASK = b"[[[0, 0], [30, 0], [30, 20]], [[5, 5], [9, 5], [9, 9]]]"
 _MOTIONS = b'{"kind":"start","axis":"linear","position":1.5}\n{"kind":"end","axis":"linear","position":1.5}\n'
 
 
@@ -100,7 +98,11 @@ def _list_kinds() -> list[Kind]:
             "plane.json", (CALIBRATION / "simulated-plane.json").read_bytes(),
             lambda path: load_plane(path, load_intrinsics(lens)),
         ),
-        Kind("mask.json", _MASK, lambda path: load_mask(path).find_masked(_GREY)),
+        Kind(
+            "mask.png",
+            cv2.imencode(".png", _GREY)[1].tobytes(),
+            lambda path: load_mask(path).find_masked(_GREY),
+        ),
         Kind(tip.name, tip.read_bytes(), load_template, {"simulated-tip.png": tip.with_suffix(".png").read_bytes()}),
         Kind(
             "centre_lines.npz", (RECORDS / "import/analysis/001/centre_lines.npz").read_bytes(),

@@ -9,7 +9,7 @@ from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.mask import Mask, load_mask
+from labrig.vision.picture import Mask, load_mask
 from labrig.vision.plane import PlaneMap
 
 INTRINSICS_FILE = "intrinsics.json"

@@ -10,7 +10,7 @@ from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings, Result, Stamp
 from labrig.errors import LabrigError
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.vision.mask import Mask
+from labrig.vision.picture import Mask
 
 
 @dataclass(frozen=True)

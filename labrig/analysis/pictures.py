@@ -11,8 +11,7 @@ from labrig.analysis.engine import map_in_order, open_process_pool
 from labrig.errors import PictureError, RecordError
 from labrig.record.pictures import RecordedPicture
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
-from labrig.vision.mask import Mask
-from labrig.vision.picture import Picture
+from labrig.vision.picture import Mask, Picture
 from labrig.vision.plane import PlaneMap
 
 Progress = Callable[[int, int], None]

@@ -145,7 +145,7 @@ def _read_board_size(board: str) -> tuple[int, int]:
 
 def _describe_markers(square_mm: float, charuco: str | None, marker_mm: float | None) -> Any:
     """Return what makes the board a ChArUco board, or None. Raises `InputError` for what does not go together."""
-    from labrig.vision.boards import Charuco
+    from labrig.vision.calibrate_lens import Charuco
 
     if not square_mm > 0:
         raise InputError(

@@ -41,7 +41,7 @@ def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
     from labrig.input_file import read_file
     from labrig.record.json_lines import plain_text
     from labrig.record.provenance import collect_provenance
-    from labrig.vision.camera_frame import CAMERA, read_common_camera
+    from labrig.vision.calibration_file import CAMERA, read_common_camera
     from labrig.vision.picture import MAX_PICTURE_BYTES
 
     camera = read_common_camera(images)

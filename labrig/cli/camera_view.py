@@ -27,7 +27,7 @@ from labrig.errors import InputError
 from labrig.report.picture_page import NO_PICTURE, PicturePage, ShownPicture
 from labrig.report.web_page import suggest_forwarding
 from labrig.runner.sight import load_plane_map
-from labrig.vision.camera_frame import CameraInUse, encode_frame
+from labrig.vision.calibration_file import CameraInUse, encode_frame
 from labrig.vision.drawing import Landmark, find_landmarks
 from labrig.vision.picture_quality import Score
 from labrig.vision.plane import PlaneMap

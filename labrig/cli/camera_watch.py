@@ -13,9 +13,8 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.worker import WorkerThread
 from labrig.report.picture_page import ShownPicture
 from labrig.vision.drawing import Landmark
-from labrig.vision.flicker import measure_flicker
 from labrig.vision.picture import Picture
-from labrig.vision.picture_quality import judge_quality, measure_quality
+from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
 
 _REMEMBERED = 64
 _PERIOD_S = 0.1

@@ -30,12 +30,12 @@ from labrig.vision.calibration_file import (
     read_creation_time,
 )
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.mask import load_mask
+from labrig.vision.picture import load_mask
 from labrig.vision.plane import PlaneMap
 
 _LOW_DISK_BYTES = 5e9
 _NO_DISK_BYTES = 5e8
-_DRAW_MASK = "name a picture of the camera's size, white where no needle is, or polygons; or leave mask: out"
+_DRAW_MASK = "name a picture of the camera's size, white where no needle is, or leave mask: out"
 _OLD_DAYS = 30
 
 

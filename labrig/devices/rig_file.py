@@ -79,7 +79,7 @@ class CalibrationDescription(Model):
     name; labrig calibrate template makes it. null: not yet."""
     mask: FileName | None = None
     """Pixels that are never the needle (a clamp, a reflection), beside the rig file: a picture of the
-    camera's size, white there, or polygons as JSON. Every run keeps it. null: none."""
+    camera's size, white there. Every run keeps it. null: none."""
 
 
 class RecordingDescription(Model):

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from labrig.report.web_page import LOCALHOST
-from labrig.vision.camera_frame import UNKNOWN_CAMERA, CameraInUse, encode_frame
+from labrig.vision.calibration_file import UNKNOWN_CAMERA, CameraInUse, encode_frame
 from labrig.vision.drawing import Landmark
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.picture_quality import Score

@@ -4,7 +4,7 @@
 without a camera the world is asked instead (`labrig.runner.virtual_sight`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -24,10 +24,9 @@ from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.marker import MarkerFix, find_markers
-from labrig.vision.mask import Mask, load_mask
-from labrig.vision.picture import Picture
+from labrig.vision.picture import Mask, Picture, load_mask
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_check import GridCheck, check_grid
+from labrig.vision.plane_fit import GridCheck, check_grid
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template import TipTemplate, load_template
 
@@ -96,9 +95,9 @@ class Sight(Protocol):
         """Measure ruled paper. Raises `CalibrationRefusedError`."""
 
     def find_markers(
-        self, taken: TakenPicture, dictionary: str, last_px: Mapping[int, FloatArray | None]
+        self, taken: TakenPicture, dictionary: str, marker_ids: Iterable[int]
     ) -> Sequence[MarkerFix]:
-        """Find printed markers by their ids, near the corners (4, 2) where each was last seen."""
+        """Find printed markers by their ids."""
 
 
 class PictureSight:
@@ -166,11 +165,11 @@ class PictureSight:
         return check_grid(taken.image, self.plane, pitch_mm)
 
     def find_markers(
-        self, taken: TakenPicture, dictionary: str, last_px: Mapping[int, FloatArray | None]
+        self, taken: TakenPicture, dictionary: str, marker_ids: Iterable[int]
     ) -> Sequence[MarkerFix]:
         """Find the markers. Raises `CameraError` for a dark picture."""
         require_light(taken.image)
-        return find_markers(taken.image, dictionary, last_px)
+        return find_markers(taken.image, dictionary, marker_ids)
 
 
 def load_tip_template(rig: RigDescription, plane: PlaneMap) -> TipTemplate:

@@ -10,7 +10,7 @@ towards the rim of the picture, and length and end are off.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
@@ -33,7 +33,7 @@ from labrig.vision.error_budget import PlaceErrors
 from labrig.vision.marker import MarkerFix
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_check import GridCheck
+from labrig.vision.plane_fit import GridCheck
 from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
 from labrig.vision.tip import TipFix
@@ -408,11 +408,11 @@ class WorldSight:
         return GridCheck(1.0, 1.0, 0.0, 0)
 
     def find_markers(
-        self, taken: TakenPicture, dictionary: str, last_px: Mapping[int, FloatArray | None]
+        self, taken: TakenPicture, dictionary: str, marker_ids: Iterable[int]
     ) -> Sequence[MarkerFix]:
         """Return the corners of the markers that the world has."""
         del taken
-        return tuple(self._find_marker(marker_id, dictionary) for marker_id in last_px)
+        return tuple(self._find_marker(marker_id, dictionary) for marker_id in marker_ids)
 
     def _find_marker(self, marker_id: int, dictionary: str) -> MarkerFix:
         found = self.world.locate_markers().get(marker_id)

@@ -11,8 +11,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.tip import TipState
-from labrig.vision.mask import Mask
-from labrig.vision.picture import Picture
+from labrig.vision.picture import Mask, Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.template import TipTemplate
 from labrig.vision.tip import TipFix, locate_tip, next_region_px

@@ -1,30 +1,187 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
-Corners and the board's warp come from `boards`, camera and covariance from `lens_fit`. Bad views are
-left out by `lens_views`, the result is judged by `lens_judgement`.
+Camera, warp of the board and covariance come from `lens_fit`, which leaves out bad views; the result is judged by
+`lens_judgement`. Boards are chessboards, and ChArUco boards, which the frame may cut. Decisions, with figures measured
+on OpenCV's own thirteen photographs of a board:
+
+- `findChessboardCorners` finds whole boards. The newer `findChessboardCornersSB`, in its accurate and exhaustive mode,
+  misses a board that the classic function finds and takes thirty times as long.
+- `cornerSubPix` refines every corner with a window of a third of the smallest corner spacing. Half the spacing reaches
+  neighbouring corners (RMS 0.35 px, fx 1.9 px off); a third gives RMS 0.170 px. ChArUco corners are refined in the
+  same way, because OpenCV's own were half a pixel off in some versions.
 """
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.boards import BoardWarp, Charuco, WarpModel, board_points_mm, find_board
-from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.lens_fit import Fit, ObservedView, widen_by_views
+from labrig.vision.intrinsics import BoardWarp, Intrinsics, ViewResidual
+from labrig.vision.lens_fit import (
+    BadView,
+    Fit,
+    ObservedView,
+    Selection,
+    WarpModel,
+    measure_rms_px,
+    select_views,
+    widen_by_views,
+)
 from labrig.vision.lens_judgement import judge_lens
-from labrig.vision.lens_views import BadView, Selection, measure_rms_px, select_views
-from labrig.vision.picture import Picture, size_of
+from labrig.vision.marker import load_dictionary
+from labrig.vision.picture import Picture, as_grey, require_contrast, size_of
 
 _FloatArray = NDArray[np.float64]
 
 _LEAST_CORNERS = 6
 # Of more bad views than this share of all, the rest is no evidence.
 _LARGEST_BAD_SHARE = 1.0 / 3.0
+
+
+_CORNER_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+_SMALLEST_WINDOW_PX = 2
+_LARGEST_WINDOW_PX = 11
+_WINDOW_PER_SPACING = 1.0 / 3.0
+# The fewest corners of a ChArUco board.
+_LEAST_PART = 12
+
+
+@dataclass(frozen=True)
+class Charuco:
+    """What makes a chessboard a ChArUco board.
+
+    Attributes
+    ----------
+    dictionary : str
+        OpenCV's name of the markers' dictionary, for example "DICT_5X5_100".
+    marker_share : float
+        Side of a marker over the side of a square.
+    """
+
+    dictionary: str
+    marker_share: float
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """The corners found.
+
+    Attributes
+    ----------
+    corners : ndarray of int (N,)
+        Which corners of the board they are, row by row, as in `board_points_mm`.
+    pixels : ndarray (N, 2)
+        (u, v).
+    """
+
+    corners: NDArray[np.int64]
+    pixels: _FloatArray
+
+
+def board_points_mm(columns: int, rows: int, square_mm: float) -> _FloatArray:
+    """Return the inner corners (columns * rows, 2) of a board [mm], row by row.
+
+    Raises
+    ------
+    InputError
+        If the board has fewer than 3 x 3 inner corners, or `square_mm` is not positive.
+    """
+    if columns < 3 or rows < 3:
+        raise InputError(
+            f"the board has {columns} x {rows} inner corners", "at least 3 x 3 are needed; count corners"
+        )
+    if not (np.isfinite(square_mm) and square_mm > 0.0):
+        raise InputError(f"the board's squares are {square_mm} mm", "measure a square with a ruler")
+    row, column = np.mgrid[0:rows, 0:columns].astype(np.float64)
+    return np.column_stack((column.ravel(), row.ravel())) * float(square_mm)
+
+
+def find_board(image: Picture, columns: int, rows: int, charuco: Charuco | None = None) -> BoardView:
+    """Find the inner corners of a board, or of the visible part of a ChArUco board, to a fraction of a pixel.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (H, W) or (H, W, 3)
+    columns, rows : int
+        Inner corners, not squares.
+    charuco : Charuco, optional
+        Without it, a plain chessboard.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        If the picture shows no board or too little of it, or its corners are too close to be told apart.
+    InputError
+        If the ChArUco board is impossible.
+    """
+    grey = as_grey(image)
+    require_contrast(grey)
+    if charuco is not None:
+        found = _find_charuco(grey, columns, rows, charuco)
+    else:
+        found = _find_chessboard(grey, columns, rows)
+    if found is None:
+        raise MeasurementRefusedError(
+            f"no board of {columns} x {rows} inner corners",
+            "show the whole board, evenly lit, with its white margin; of a ChArUco board a part is enough",
+        )
+    return _refine(grey, found, columns)
+
+
+def _find_chessboard(grey: Picture, columns: int, rows: int) -> BoardView | None:
+    found, corners = cv2.findChessboardCorners(grey, (columns, rows), flags=_CORNER_FLAGS)
+    if not found:
+        return None
+    return BoardView(np.arange(columns * rows), np.asarray(corners, dtype=np.float64).reshape(-1, 2))
+
+
+def _find_charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> BoardView | None:
+    """Return the corners of a ChArUco board that have visible markers."""
+    markers = load_dictionary(board.dictionary)
+    if not 0.0 < board.marker_share < 1.0:
+        raise InputError(
+            f"a marker's side is {board.marker_share:g} of a square's, and has to be below 1",
+            "measure marker and square with a ruler",
+        )
+    sheet = cv2.aruco.CharucoBoard((columns + 1, rows + 1), 1.0, board.marker_share, markers)
+    corners, numbers, _, _ = cv2.aruco.CharucoDetector(sheet).detectBoard(grey)
+    if corners is None or len(corners) < _LEAST_PART:
+        return None
+    return BoardView(
+        np.asarray(numbers, dtype=np.int64).ravel(), np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    )
+
+
+def _refine(grey: Picture, found: BoardView, columns: int) -> BoardView:
+    """Refine the corners in windows that do not reach their neighbours; refuse them if one of them moves far."""
+    spacing = _smallest_spacing(found, columns)
+    window = int(np.clip(spacing * _WINDOW_PER_SPACING, _SMALLEST_WINDOW_PX, _LARGEST_WINDOW_PX))
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
+    rough = found.pixels.astype(np.float32).reshape(-1, 1, 2)
+    fine = cv2.cornerSubPix(grey, rough, (window, window), (-1, -1), stop)
+    pixels = np.asarray(fine.reshape(-1, 2), dtype=np.float64)
+    moved = float(np.linalg.norm(pixels - found.pixels, axis=1).max())
+    if moved > 0.5 * spacing:
+        raise MeasurementRefusedError(
+            f"a corner moved {moved:.1f} px in refinement, corners are {spacing:.1f} px apart",
+            "hold the board closer",
+        )
+    return BoardView(found.corners, pixels)
+
+
+def _smallest_spacing(found: BoardView, columns: int) -> float:
+    """Return the least distance [px] between corners that are neighbours on the board."""
+    cells = np.column_stack((found.corners % columns, found.corners // columns))
+    neighbours = np.abs(cells[:, None] - cells[None]).sum(axis=2) == 1
+    if not neighbours.any():
+        raise MeasurementRefusedError(
+            "no two neighbouring corners of the board are seen", "show more of the board"
+        )
+    return float(np.linalg.norm(found.pixels[:, None] - found.pixels[None], axis=2)[neighbours].min())
 
 
 def calibrate_from_pictures(
@@ -180,8 +337,6 @@ def _check_views(
         )
     if not labels:
         raise InputError("no views to calibrate from", "give at least one array of corners")
-    if min(size) < 1:
-        raise InputError(f"the picture's size is {size[0]} x {size[1]}", "give width and height in pixels")
     views = [_check_view(*view) for view in zip(labels, boards, pixels, strict=True)]
     for view in views:
         if (view.pixels < -0.5).any() or (view.pixels > np.array(size) - 0.5).any():
@@ -200,10 +355,6 @@ def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> ObservedView:
         raise InputError(f"{name}: {len(flat)} corners, at least {_LEAST_CORNERS} are needed")
     if not (np.isfinite(flat).all() and np.isfinite(seen).all()):
         raise InputError(f"{name}: a corner is not finite")
-    for points, what in ((flat, "board points"), (seen, "pixels")):
-        extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if extents[1] <= 1e-6 * extents[0]:
-            raise InputError(f"{name}: the {what} lie on one line", "give corners of more than one row")
     return ObservedView(name, np.column_stack((flat, np.zeros(len(flat)))), seen, np.empty((len(flat), 0)))
 
 

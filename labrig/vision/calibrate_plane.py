@@ -126,7 +126,8 @@ def calibrate_plane(
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
     gross_mm = _GROSS * pitch_mm * max(1.0, _GROSS_PX / found.spacing_px)
-    sheet = _Sheet(found, ideal, found.lines * float(pitch_mm), gross_mm, intrinsics)
+    middle = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
+    sheet = _Sheet(found, ideal, found.lines * float(pitch_mm), gross_mm, intrinsics, middle)
     fit = sheet.fit()
     frame = _SteeringFrame(undistort(fit.radial, ideal_origin), direction, fit.homography)
     flat = PlaneMap(
@@ -161,17 +162,22 @@ def find_px_per_mm(lens: Intrinsics, distance_mm: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Sheet:
-    """The points of the paper, their ideal pixels (N, 2), and the places (N, 2) to which they are fitted."""
+    """The points of the paper, their ideal pixels (N, 2), and the places (N, 2) to which they are fitted.
+
+    `middle_px` is the picture's middle, about which the radial term of an unknown lens is fitted.
+    """
 
     found: PaperPoints
     ideal: FloatArray
     paper_mm: FloatArray
     gross_mm: float
     lens: Intrinsics | None
+    middle_px: tuple[float, float]
 
     def fit(self, part: NDArray[np.bool_] | slice = slice(None)) -> PlaneFit:
         """Fit the points, or a part of them."""
-        return fit_plane(self.ideal[part], self.paper_mm[part], self.gross_mm, with_radial=self.lens is None)
+        about = None if self.lens is not None else self.middle_px
+        return fit_plane(self.ideal[part], self.paper_mm[part], self.gross_mm, about)
 
     def number_blocks(self) -> NDArray[np.int64]:
         """Return the column and row (N, 2) of each point's block of neighbours."""

@@ -1,30 +1,71 @@
 """Calibrations on disk: JSON with all digits, the kind of file, its provenance and its evidence.
 
 A plane file identifies its lens by a fingerprint: a map that was fitted with one lens and used with another is wrong
-by an amount that no later check can notice.
+by an amount that no later check can notice. The provenance has the camera and its settings. Test frames are PNG files
+that carry the camera as JSON in a text chunk, for the calibration that is made of them.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
+from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+import cv2
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import parse_json, read_file
-from labrig.vision.camera_frame import CAMERA, CameraInUse
 from labrig.vision.intrinsics import LENS, Intrinsics
+from labrig.vision.picture import MAX_PICTURE_BYTES, Picture
 from labrig.vision.plane import PlaneMap
 
-_INTRINSICS = "labrig-intrinsics"
-_PLANE = "labrig-plane"
-_SCHEMA_VERSION = 1
-_MADE_BY = {_INTRINSICS: "`labrig calibrate intrinsics`", _PLANE: "`labrig calibrate plane`"}
+CAMERA = "camera"
+"""Its key in the provenance of a calibration."""
+_KEYWORD = "labrig camera"
+
+
+class CameraInUse(BaseModel):
+    """A camera and its settings.
+
+    Attributes
+    ----------
+    driver, device : str or None
+        Its driver and its address, as the rig file has them.
+    settings : dict
+        Every setting that the camera read back or reported.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    driver: str | None = None
+    device: str | None = None
+    settings: dict[str, str | int | float]
+
+    @classmethod
+    def parse(cls, document: Any) -> "CameraInUse | None":
+        """Return the camera of a document; None if it describes none."""
+        try:
+            return cls.model_validate(document)
+        except ValidationError:
+            return None
+
+
+UNKNOWN_CAMERA = CameraInUse(settings={})
+"""A camera of which nothing is known."""
+
+
+class _Kind(BaseModel):
+    """What every calibration file says of itself."""
+
+    kind: str
+    schema_version: Literal[1]
 
 
 class _PlaneDocument(PlaneMap):
@@ -34,6 +75,8 @@ class _PlaneDocument(PlaneMap):
 
 
 _PLANE_DOCUMENT = TypeAdapter(_PlaneDocument)
+_INTRINSICS, _PLANE = "labrig-intrinsics", "labrig-plane"
+_MADE_BY = {_INTRINSICS: "`labrig calibrate intrinsics`", _PLANE: "`labrig calibrate plane`"}
 _Document = TypeVar("_Document")
 
 
@@ -107,19 +150,22 @@ def load_px_per_mm(path: Path) -> float:
 
 def read_creation_time(path: Path) -> datetime | None:
     """Return when a calibration was made, from its provenance; None if that is unknown."""
-    with suppress(ValueError, KeyError, TypeError):
-        document: Any = parse_json(_read(path))
-        created = datetime.fromisoformat(document["provenance"]["created"])
+    with suppress(ValueError, TypeError):
+        created = datetime.fromisoformat(_read_provenance(path).get("created", ""))
         return created if created.tzinfo else None
     return None
 
 
 def read_camera(path: Path) -> CameraInUse | None:
     """Return the camera with which a calibration was made, from its provenance; None if it is unknown."""
+    return CameraInUse.parse(_read_provenance(path).get(CAMERA))
+
+
+def _read_provenance(path: Path) -> dict[str, Any]:
     with suppress(ValueError, KeyError, TypeError):
         document: Any = parse_json(_read(path))
-        return CameraInUse.parse(document["provenance"][CAMERA])
-    return None
+        return dict(document["provenance"])
+    return {}
 
 
 def _name_lens(fingerprint: str | None) -> str:
@@ -131,7 +177,7 @@ def _remake_hint(kind: str) -> str:
 
 
 def _save(path: Path, kind: str, values: dict[str, Any], provenance: Mapping[str, Any]) -> None:
-    document = {"kind": kind, "schema_version": _SCHEMA_VERSION, **values, "provenance": dict(provenance)}
+    document = {"kind": kind, "schema_version": 1, **values, "provenance": dict(provenance)}
     write_atomically(path, to_json_text(document).encode())
 
 
@@ -143,20 +189,20 @@ def to_json_text(document: Mapping[str, Any]) -> str:
 def _load(path: Path, kind: str, documents: TypeAdapter[_Document]) -> _Document:
     content = _read(path)
     try:
-        document = parse_json(content, finite=False)
-    except json.JSONDecodeError as error:
-        problem = Problem(
-            f"{path}:{error.lineno}:{error.colno}", f"is not JSON: {error.msg}", _remake_hint(kind)
-        )
-        raise FileFormatError((problem,)) from error
-    except ValueError as error:
-        raise FileFormatError((Problem(str(path), f"is not JSON: {error}", _remake_hint(kind)),)) from error
-    _check_kind(path, kind, document)
-    try:
+        found = _Kind.model_validate_json(content).kind
+        if found != kind:
+            problem = Problem(
+                f"{path} kind", f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
+            )
+            raise FileFormatError((problem,))
         return documents.validate_json(content)
     except ValidationError as error:
         problems = tuple(
-            Problem(f"{path} {'.'.join(map(str, fault['loc']))}", fault["msg"], _remake_hint(kind))
+            Problem(
+                " ".join((str(path), ".".join(map(str, fault["loc"])))).strip(),
+                fault["msg"],
+                _remake_hint(kind),
+            )
             for fault in error.errors()
         )
         raise FileFormatError(problems) from error
@@ -164,24 +210,35 @@ def _load(path: Path, kind: str, documents: TypeAdapter[_Document]) -> _Document
 
 def _read(path: Path) -> bytes:
     try:
-        content = read_file(path)
-        content.decode("utf-8")
-        return content
-    except (OSError, UnicodeDecodeError) as error:
-        if isinstance(error, FileNotFoundError):
-            fault = "does not exist"
-        else:
-            fault = f"cannot be read: {error.strerror}" if isinstance(error, OSError) else "is not text"
-        raise FileFormatError((Problem(str(path), fault, "check the path"),)) from error
+        return read_file(path)
+    except FileNotFoundError as error:
+        raise FileFormatError((Problem(str(path), "does not exist", "check the path"),)) from error
+    except OSError as error:
+        problem = Problem(str(path), f"cannot be read: {error.strerror}", "check the path")
+        raise FileFormatError((problem,)) from error
 
 
-def _check_kind(path: Path, kind: str, document: object) -> None:
-    keys = document if isinstance(document, dict) else {}
-    found, version = keys.get("kind"), keys.get("schema_version")
-    if found != kind:
-        fault, hint = f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
-        raise FileFormatError((Problem(f"{path} kind", fault, hint),))
-    if version != _SCHEMA_VERSION:
-        fault = f"is {version!r}, this labrig reads {_SCHEMA_VERSION}"
-        hint = "read it with the labrig that wrote it, or calibrate again"
-        raise FileFormatError((Problem(f"{path} schema_version", fault, hint),))
+def encode_frame(image: Picture, camera: CameraInUse) -> bytes:
+    """Return the content of a PNG file with a picture and its camera."""
+    text, content = PngInfo(), BytesIO()
+    text.add_text(_KEYWORD, json.dumps(camera.model_dump()))
+    shown = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    Image.fromarray(shown).save(content, "PNG", pnginfo=text, compress_level=1)
+    return content.getvalue()
+
+
+def read_common_camera(paths: Sequence[Path]) -> CameraInUse | None:
+    """Return the camera that all these files carry; None if one carries none or another."""
+    cameras = [_read_camera(path) for path in paths]
+    return cameras[0] if cameras and all(camera == cameras[0] for camera in cameras) else None
+
+
+def _read_camera(path: Path) -> CameraInUse | None:
+    content = read_file(path, MAX_PICTURE_BYTES) if path.is_file() else b""
+    with suppress(OSError, SyntaxError, ValueError), Image.open(BytesIO(content), formats=("PNG",)) as frame:
+        return (
+            CameraInUse.parse(parse_json(str(frame.info[_KEYWORD]).encode()))
+            if _KEYWORD in frame.info
+            else None
+        )
+    return None

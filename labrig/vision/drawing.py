@@ -97,7 +97,7 @@ _AXIS_MM = 10.0
 # The sheath's arrow is longer than the axis, and its text is clear of the text of the axes.
 _SHEATH_MM = 24.0
 _BELOW_PX = np.array([-90.0, 60.0])
-_RING_PX = 5.0
+_RING_PX = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,21 +140,22 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
 def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], heading_rad: float) -> None:
     """Draw the sheath that was found: a ring at its tip, an arrow along its heading, and both as text."""
     along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
-    start, _ = _draw_arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
-    turn = np.linspace(0.0, 2.0 * np.pi, 40)
-    _draw_polyline(drawn, start + _RING_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
+    tip, _ = _draw_arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
+    cv2.circle(drawn, _fix(tip), _RING_PX << _SUBPIXEL_BITS, _SHEATH, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
     found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
     for width, colour in ((3, _OUTLINE), (1, _SHEATH)):
-        _draw_name(drawn, found, start + _BELOW_PX, colour, width)
+        _draw_name(drawn, found, tip + _BELOW_PX, colour, width)
 
 
-def _draw_arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArray, FloatArray]:
+def _draw_arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> FloatArray:
     """Draw an arrow between two pixels (2, 2), and return them."""
-    start, end = ends
-    tip = 0.85 * (end - start)
-    aside = 0.07 * np.array([-(end - start)[1], (end - start)[0]])
-    _draw_polyline(drawn, np.array([start, end, start + tip + aside, start + tip - aside, end]), colour)
-    return start, end
+    cv2.arrowedLine(drawn, _fix(ends[0]), _fix(ends[1]), colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS, 0.15)
+    return ends
+
+
+def _fix(place: FloatArray) -> tuple[int, int]:
+    u, v = np.rint(place * 2**_SUBPIXEL_BITS).astype(int).tolist()
+    return u, v
 
 
 def _draw_name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:

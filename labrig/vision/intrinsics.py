@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, TypeAdapter
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.vision.boards import BoardWarp
 
 _FloatArray = NDArray[np.float64]
 SigmaSource = Literal["corners", "views"]
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 """The order of `Intrinsics.parameters` and of its covariance."""
 
+# The views tell the warp of the board if they reduce its standard deviation to this share.
+_TOLD = 0.5
 # OpenCV undoes the distortion by iteration: until a pixel moves by less, or so many steps.
 _UNDISTORTION = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
 # Largest distance between a pixel and itself after undistortion and distortion [px].
@@ -73,6 +74,40 @@ class LensEffect:
         return (
             f"The calibration makes lengths in the plane uncertain by {length:.3f} %, radii by {radius:.3f} %, and the "
             f"distance from the camera to the plane by {distance:.2f} % (1 sigma)."
+        )
+
+
+@dataclass(frozen=True)
+class BoardWarp:
+    """How far the middle of the board stands above its edges, towards the camera, along its rows and its columns.
+
+    Attributes
+    ----------
+    row_mm, column_mm : float
+        Height of the middle of a row over its ends, and of the middle of a column over its ends.
+    sigma_row_mm, sigma_column_mm : float
+        Their standard deviations.
+    prior_mm : float
+        The standard deviation of both before the views are seen.
+    """
+
+    row_mm: float
+    column_mm: float
+    sigma_row_mm: float
+    sigma_column_mm: float
+    prior_mm: float
+
+    def sentence(self) -> str:
+        """Return the warp in words."""
+        heights = (
+            f"the middle of its rows stands {self.row_mm:+z.3f} ± {self.sigma_row_mm:.3f} mm, that of its columns "
+            f"{self.column_mm:+z.3f} ± {self.sigma_column_mm:.3f} mm towards the camera (1 sigma)"
+        )
+        if max(self.sigma_row_mm, self.sigma_column_mm) <= _TOLD * self.prior_mm:
+            return f"Warp of the board: {heights}."
+        return (
+            f"The views hardly tell the warp of the board: {heights}. It is taken to be within {self.prior_mm:.3f} mm "
+            "(1 sigma), which is in the uncertainty of the lens; more tilted views would tell it."
         )
 
 

@@ -29,8 +29,7 @@ from labrig.vision.intrinsics import (
     undistort_by_each,
     vary_lens,
 )
-from labrig.vision.lens_fit import Fit, ObservedView
-from labrig.vision.lens_views import LEAST_VIEWS
+from labrig.vision.lens_fit import LEAST_VIEWS, Fit, ObservedView
 from labrig.vision.rounding import round_down, round_up
 
 _FloatArray = NDArray[np.float64]
@@ -47,7 +46,6 @@ LARGEST_PROJECTION_SIGMA_PX = 1.0
 _LARGEST_EFFECT, _LARGEST_DISTANCE_EFFECT = 0.002, 0.01
 # Arcs by which lengths and radii are judged: radius over the picture's longer side, angle, and places on a grid.
 _ARC_RADIUS, _ARC_RAD, _ARC_PLACES = 0.2, np.deg2rad(82.0), (5, 4)
-_WORKING_SHAPE = (9, 7)
 # Columns and rows of the map from corner to corner, and of the grid over which rotation, shift and paper are fitted.
 _MAP_SHAPE = (9, 7)
 _FIT_SHAPE = (16, 12)
@@ -77,7 +75,7 @@ def judge_lens(
         tilt_spread_deg=float(np.rad2deg(spread)),
     )
     found = replace(bare, projection_sigma_px=_map_projection(bare, seen), effect=measure_effect(bare))
-    reasons = (*_judge_poses(found, normals, seen), *_judge_numbers(found, seen))
+    reasons = (*_judge_poses(found, normals, seen), *_judge_numbers(found))
     return replace(found, accepted=not reasons, reasons=reasons)
 
 
@@ -169,7 +167,7 @@ def _count_different(normals: _FloatArray, centres: _FloatArray) -> int:
     return len(kept)
 
 
-def _judge_numbers(found: Intrinsics, seen: _FloatArray) -> list[str]:
+def _judge_numbers(found: Intrinsics) -> list[str]:
     """Return which numbers of the calibration are not good enough."""
     reasons = _judge_effect(found)
     holdout = found.holdout_rms_px
@@ -181,7 +179,7 @@ def _judge_numbers(found: Intrinsics, seen: _FloatArray) -> list[str]:
         )
     try:
         found.undistort_px(picture_grid(found.image_size, (33, 25)))
-        reasons += _judge_projection(found, seen)
+        reasons += _judge_projection(found)
     except MeasurementRefusedError:
         reasons.append(
             "the lens model folds inside the picture: photograph the board near the picture's edges"
@@ -209,18 +207,18 @@ def _judge_effect(found: Intrinsics) -> list[str]:
     ]
 
 
-def _judge_projection(found: Intrinsics, seen: _FloatArray) -> list[str]:
+def _judge_projection(found: Intrinsics) -> list[str]:
     """Return where in the working area the lens is too uncertain."""
-    if found.covariance is None:
+    if found.projection_sigma_px is None:
         return []
-    places = picture_grid(found.image_size, _WORKING_SHAPE, WORKING_MARGIN)
-    sigma = projection_sigma_px(found, places, seen)
-    worst = int(np.argmax(sigma))
-    if sigma[worst] <= LARGEST_PROJECTION_SIGMA_PX:
+    inner = np.array(found.projection_sigma_px)[1:-1, 1:-1]
+    places = picture_grid(found.image_size, _MAP_SHAPE).reshape(*_MAP_SHAPE[::-1], 2)[1:-1, 1:-1]
+    worst = np.unravel_index(np.argmax(inner), inner.shape)
+    if inner[worst] <= LARGEST_PROJECTION_SIGMA_PX:
         return []
     u, v = places[worst]
     reason = (
-        f"the lens is uncertain by {round_up(sigma[worst], 2)} px at ({u:.0f}, {v:.0f}), the limit is "
+        f"the lens is uncertain by {round_up(inner[worst], 2)} px at ({u:.0f}, {v:.0f}), the limit is "
         f"{LARGEST_PROJECTION_SIGMA_PX:.2f} px: photograph the board there, so close that it fills that part"
     )
     return [reason]

@@ -1,4 +1,4 @@
-"""Pictures from files: the only place where labrig reads a picture, and what it refuses.
+"""Pictures and masks from files: the only place where labrig reads a picture, and what it refuses.
 
 A picture is a uint8 array, (H, W) grey or (H, W, 3) blue-green-red, of the sensor's own pixels. A picture whose EXIF
 orientation is not upright is refused: viewers turn or mirror it, so a pixel or a direction that a person reads in a
@@ -11,6 +11,7 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from labrig.errors import MeasurementRefusedError, PictureError
 from labrig.input_file import read_file
 
 Picture = NDArray[np.uint8]
+BoolArray = NDArray[np.bool_]
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"})
 """Suffixes of picture files."""
@@ -38,6 +40,11 @@ _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, struct.error)
 Image.MAX_IMAGE_PIXELS = None
 # Least range of grey levels of a picture that shows something.
 _LEAST_RANGE = 8
+# Masked pixels are at least as light as this.
+_WHITE = 128
+# Sides of the boxes [px] whose mean fills a masked pixel, and the least visible share of a box.
+_BOXES_PX = (15, 61, 241, 961)
+_LEAST_SEEN = 0.2
 _CONVERT = "save it as an 8-bit PNG or JPEG"
 # How viewers show a picture, by the value of the tag (CIPA DC-008, 4.6.5.1).
 _SHOWN = {
@@ -117,6 +124,41 @@ def require_contrast(image: Picture) -> None:
             f"the picture is {looks}: its grey levels lie between {darkest:.0f} and {brightest:.0f}",
             "look at the lamp, the lens cap and the exposure",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """Pixels that a person marks as not the needle: a grey picture (H, W), white there, and the name of its file."""
+
+    picture: Picture
+    source: str
+
+    def find_masked(self, image: Picture) -> BoolArray:
+        """Return which pixels (H, W) of a picture are masked. Raises PictureError for one of another size."""
+        require_size(image, size_of(self.picture), f"the mask {self.source}")
+        return np.asarray(self.picture >= _WHITE)
+
+
+def load_mask(path: Path) -> Mask:
+    """Read a mask. Raises as `read_picture`."""
+    return Mask(as_grey(read_picture(path)), path.name)
+
+
+def fill_masked(picture: Picture, masked: BoolArray | None) -> Picture:
+    """Return a grey picture whose masked pixels have the grey value of their surroundings."""
+    if masked is None or not masked.any():
+        return picture
+    seen = (~masked).astype(np.float32)
+    result = picture.copy()
+    missing = masked
+    # Ever larger boxes, until enough of the surroundings is visible.
+    for side in _BOXES_PX:
+        weight = cv2.blur(seen, (side, side))
+        mean = cv2.blur(picture.astype(np.float32) * seen, (side, side)) / np.maximum(weight, 1e-6)
+        known = missing & (weight > _LEAST_SEEN)
+        result[known] = np.rint(mean[known]).astype(np.uint8)
+        missing = missing & ~known
+    return result
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -4,8 +4,12 @@ Focus is the width of the edges: the contrast across an edge over its steepest s
 of standard deviation s blurs is 2.5 s wide; a sharp one is 2 px wide, as slopes are taken over two pixels. A thin line
 is a step up and a step down, and its edges are a third narrower. The median of the strongest edges is stated, so noise
 in even grey and soft reflections take no part.
+
+Flicker is the variation of the mean brightness, without its slow drift. Lamps on the mains flicker with twice its
+frequency; pictures at a lower rate show a beat of that.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -49,14 +53,6 @@ class PictureQuality:
     mean_grey: float
 
 
-@dataclass(frozen=True)
-class Flicker:
-    """Standard deviation of the mean brightness over its mean, and its period [s]; None where it has none."""
-
-    variation: float
-    period_s: float | None
-
-
 def measure_quality(image: Picture) -> PictureQuality:
     """Measure a picture, (H, W) or (H, W, 3)."""
     grey = as_grey(image)
@@ -97,6 +93,18 @@ def _estimate_noise(grey: Picture) -> float:
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     curved = cv2.filter2D(grey, cv2.CV_32F, mask)
     return float(np.sqrt(0.5 * np.pi) * np.abs(curved).mean() / 6.0)
+
+
+def measure_flicker(times_s: Sequence[float], means: Sequence[float]) -> float | None:
+    """Return the standard deviation, over the mean, of the mean grey levels of successive pictures, drift apart.
+
+    None for fewer than eight pictures.
+    """
+    t_s, grey = np.asarray(times_s, float), np.asarray(means, float)
+    if len(grey) < FEWEST_FOR_FLICKER or not grey.mean() > 0.0:
+        return None
+    drift = np.polynomial.Polynomial.fit(t_s, grey, 1)(t_s) if np.ptp(t_s) > 0.0 else grey.mean()
+    return float((grey - drift).std() / grey.mean())
 
 
 MOST_EDGE_WIDTH_PX = 6.0
@@ -142,19 +150,18 @@ class Score:
     hint: str = ""
 
 
-def judge_quality(quality: PictureQuality, flicker: Flicker | None) -> tuple[Score, ...]:
+def judge_quality(quality: PictureQuality, flicker: float | None) -> tuple[Score, ...]:
     """Return the scores of the newest picture, and of the flicker in those before it."""
     width_px = quality.edge_width_px
     if width_px is None:
         focus_text, focus_hint = "no sharp edges in the picture", "show the camera graph paper or the needle"
     else:
         focus_text, focus_hint = f"edges are {width_px:.1f} px wide", _SHARPEN
-    variation = None if flicker is None else flicker.variation
-    flicker_text = f"known from {FEWEST_FOR_FLICKER} pictures on"
-    if flicker is not None:
-        period = "" if flicker.period_s is None else f", with a period of {flicker.period_s:.2g} s"
-        beyond = flicker.variation > MOST_FLICKER
-        flicker_text = f"brightness varies by {100 * flicker.variation:.1f} %{period if beyond else ''}"
+    flicker_text = (
+        f"known from {FEWEST_FOR_FLICKER} pictures on"
+        if flicker is None
+        else f"brightness varies by {100 * flicker:.1f} %"
+    )
     least, most = MEDIAN_GREY
     median = quality.median_grey
     exposure_text = (
@@ -176,7 +183,7 @@ def judge_quality(quality: PictureQuality, flicker: Flicker | None) -> tuple[Sco
             exposure_text,
             _BRIGHTEN if median < least else _DARKEN if median > most else "",
         ),
-        _score("flicker", variation, (MOST_FLICKER, "%"), flicker_text, "" if variation is None else _STEADY),
+        _score("flicker", flicker, (MOST_FLICKER, "%"), flicker_text, "" if flicker is None else _STEADY),
     )
 
 

@@ -18,8 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.vision.boards import board_points_mm
-from labrig.vision.calibrate_lens import calibrate_intrinsics
+from labrig.vision.calibrate_lens import board_points_mm, calibrate_intrinsics
 from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature

@@ -6,8 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.vision.boards import board_points_mm, find_board
-from labrig.vision.calibrate_lens import calibrate_from_pictures, calibrate_intrinsics
+from labrig.vision.calibrate_lens import (
+    board_points_mm,
+    calibrate_from_pictures,
+    calibrate_intrinsics,
+    find_board,
+)
 from labrig.vision.intrinsics import PARAMETERS, Intrinsics
 from labrig.vision.lens_judgement import measure_effect, projection_sigma_px
 from labrig.vision.picture import read_picture

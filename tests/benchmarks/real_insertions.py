@@ -155,7 +155,7 @@ def _find_papers() -> Papers:
             continue
         if len(found.pixels) >= LEAST_POINTS:
             paper_mm = PITCH_MM * found.lines
-            fit = fit_plane(found.pixels, paper_mm, GROSS_MM, with_radial=False)
+            fit = fit_plane(found.pixels, paper_mm, GROSS_MM)
             papers[f"{path.parent.name}/{path.name}"] = (size_of(picture), fit)
     return papers
 

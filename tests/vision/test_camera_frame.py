@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.vision.camera_frame import CameraInUse, encode_frame, read_common_camera
+from labrig.vision.calibration_file import CameraInUse, encode_frame, read_common_camera
 from labrig.vision.picture import read_picture
 
 IMAGE = np.arange(30 * 40, dtype=np.uint32).astype(np.uint8).reshape(30, 40)

@@ -103,7 +103,7 @@ def test_ruled_lines_behind_the_gel_have_the_scale_that_the_eye_sees():
     assert len(marks) == 10
     for path, places in marks.items():
         found = find_paper(read_picture(path), 5.0 * PX_PER_MM)
-        fit = fit_plane(found.pixels, 5.0 * found.lines, 1.25, with_radial=False)
+        fit = fit_plane(found.pixels, 5.0 * found.lines, 1.25)
         lines = np.array(places)
         ours = np.linalg.norm(np.diff(fit.paper_mm(lines[[0, -1], 1:]), axis=0))
         assert ours == pytest.approx(10.0 * lines[-1, 0], rel=0.005), path

@@ -23,11 +23,9 @@ from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCal
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.reader import Run
-from labrig.vision.boards import find_board
-from labrig.vision.calibrate_lens import calibrate_from_pictures
+from labrig.vision.calibrate_lens import calibrate_from_pictures, find_board
 from labrig.vision.calibrate_plane import calibrate_plane, find_px_per_mm
-from labrig.vision.calibration_file import load_px_per_mm, save_intrinsics, save_plane
-from labrig.vision.camera_frame import CAMERA, CameraInUse
+from labrig.vision.calibration_file import CAMERA, CameraInUse, load_px_per_mm, save_intrinsics, save_plane
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap

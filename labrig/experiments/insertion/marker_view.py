@@ -1,7 +1,7 @@
 """The markers of an insertion in its pictures: a live insertion and its analysis find and follow them by this."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self, TypeAlias
 
@@ -15,7 +15,6 @@ from labrig.steering.marker_tracking import TrackedMarker, follow_marker
 from labrig.steering.moving import Displacement, Displacements, displace_problem
 from labrig.steering.policy import Halt, SteeringSettings
 from labrig.vision.marker import (
-    FloatArray,
     MarkerFix,
     MarkerPlace,
     count_bits,
@@ -25,8 +24,8 @@ from labrig.vision.marker import (
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 
-SearchMarkers: TypeAlias = Callable[[str, Mapping[int, FloatArray | None]], Sequence[MarkerFix]]
-"""(dictionary, last corners by id) -> what one picture shows of them; see `labrig.vision.marker.find_markers`."""
+SearchMarkers: TypeAlias = Callable[[str, Iterable[int]], Sequence[MarkerFix]]
+"""(dictionary, ids) -> what one picture shows of them; see `labrig.vision.marker.find_markers`."""
 
 # A marker that is seen larger or smaller by more lies beside where markers.x_mm puts it, or was printed otherwise.
 _SIDE_SHARE = 0.05
@@ -113,11 +112,10 @@ class MarkerView:
         """The ids of all markers, in order."""
         return sorted({marker_id for marker_id in self.bound if marker_id is not None})
 
-    def search(self, search: SearchMarkers, last_px: Mapping[int, FloatArray | None]) -> "dict[int, _Seen]":
-        """Find markers in a picture by their ids, near where they were last seen."""
-        return {
-            fix.marker_id: _Seen(fix, self.locate(fix)) for fix in search(self.markers.dictionary, last_px)
-        }
+    def search(self, search: SearchMarkers) -> "dict[int, _Seen]":
+        """Find all markers in a picture."""
+        found = search(self.markers.dictionary, self.marker_ids)
+        return {fix.marker_id: _Seen(fix, self.locate(fix)) for fix in found}
 
     def locate(self, fix: MarkerFix) -> MarkerPlace | None:
         """Return where a marker is; None if it was not found."""
@@ -136,14 +134,10 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class MarkersFollowed:
-    """The markers of an insertion after a picture: where each was seen last, how far it has moved, and what was seen.
-
-    `last_px` has the corners (4, 2) by which each was last seen, `seen` what this picture shows.
-    """
+    """The markers of an insertion after a picture: how far each has moved, and what this picture shows."""
 
     view: MarkerView
     tracked: tuple[TrackedMarker, ...]
-    last_px: Mapping[int, FloatArray] = field(default_factory=dict)
     seen: Mapping[int, _Seen] = field(default_factory=dict)
 
     @property
@@ -201,7 +195,7 @@ def find_start(search: SearchMarkers, view: MarkerView) -> MarkersFollowed:
     TargetMissedError
         When one is not seen, or is seen in another size than the protocol says.
     """
-    return _begin(view.search(search, dict.fromkeys(view.marker_ids)), view)
+    return _begin(view.search(search), view)
 
 
 def recall_start(event: MarkersSought, view: MarkerView) -> MarkersFollowed:
@@ -215,16 +209,12 @@ def _begin(seen: Mapping[int, "_Seen"], view: MarkerView) -> MarkersFollowed:
         TrackedMarker(marker_id, _require_marker(marker.fix, marker.place, view).centre_mm)
         for marker_id, marker in seen.items()
     )
-    return MarkersFollowed(view, tracked, _list_corners(seen), seen)
+    return MarkersFollowed(view, tracked, seen)
 
 
 def follow_markers(followed: MarkersFollowed, search: SearchMarkers, inserted_mm: float) -> MarkersFollowed:
     """Find the markers in another picture, at an insertion length, and return how far they have moved."""
-    view = followed.view
-    seen = view.search(
-        search, {marker.marker_id: followed.last_px[marker.marker_id] for marker in followed.tracked}
-    )
-    return _take_in(followed, seen, inserted_mm)
+    return _take_in(followed, followed.view.search(search), inserted_mm)
 
 
 def place_settings(
@@ -258,16 +248,7 @@ def _take_in(followed: MarkersFollowed, seen: Mapping[int, _Seen], inserted_mm: 
         for marker in followed.tracked
         for place in (seen[marker.marker_id].place,)
     )
-    last_px = {**followed.last_px, **_list_corners(seen)}
-    return replace(followed, tracked=tracked, last_px=last_px, seen=seen)
-
-
-def _list_corners(seen: Mapping[int, _Seen]) -> dict[int, FloatArray]:
-    return {
-        marker_id: marker.fix.corners_px
-        for marker_id, marker in seen.items()
-        if marker.fix.corners_px is not None
-    }
+    return replace(followed, tracked=tracked, seen=seen)
 
 
 def _require_marker(fix: MarkerFix, place: MarkerPlace | None, view: MarkerView) -> MarkerPlace:

@@ -66,7 +66,7 @@ def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_p
     plane = load_plane(folder / "plane.json", lens)
     wall = Layer(index="acrylic", thickness_mm=2.0)
     assert plane.gel == Gel(index=1.35, depth_mm=10.0, paper_at="surface", depth_sigma_mm=0.5, layers=(wall,))
-    assert len(plane.variants("surface")) == 2
+    assert len(plane.map_by_variants([(0.0, 0.0)])["surface"]) == 2
     assert content.plane is not None
     assert content.plane["assumptions"] == list(plane.gel.assumptions())
     on_paper = plane.at_paper().to_mm([(320.0, 200.0), (321.0, 200.0)])

@@ -1,5 +1,6 @@
 """How numbers and counts are printed."""
 
+import math
 from collections.abc import Sequence
 
 
@@ -29,3 +30,15 @@ def ordinal(count: int) -> str:
 def format_count(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural if needed."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def round_down(value: float, decimals: int) -> str:
+    """Return a value that is too small, or an upper limit, rounded down, as text."""
+    step = 10.0**decimals
+    return f"{math.floor(value * step) / step:.{decimals}f}"
+
+
+def round_up(value: float, decimals: int) -> str:
+    """Return a value that is too large, rounded up, as text."""
+    step = 10.0**decimals
+    return f"{math.ceil(value * step) / step:.{decimals}f}"

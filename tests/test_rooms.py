@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf
 CONTRACTS = {contract["name"]: contract for contract in PROJECT["tool"]["importlinter"]["contracts"]}
 ROOMS = sorted(door.parent.name for door in ROOT.glob("*/__init__.py"))
 ANALYSES = [
-    "labrig.analysis.batch",
+    "labrig.analysis.run",
     *(f"labrig.experiments.{path.parent.name}.analysis" for path in ROOT.glob("experiments/*/analysis.py")),
 ]
 RECORDS = ROOT.parent / "tests" / "records"

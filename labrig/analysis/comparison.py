@@ -12,9 +12,9 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
-from labrig.analysis.calibration import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.groups import Unit, choose_unit, group_rows, order_groups
 from labrig.analysis.measurements import LeftOut, Measured, UsedRun, join_measurements
+from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.statistics import (
     TWO_SIDED_95,
     Interval,

@@ -1,7 +1,7 @@
 """The interface between the analysis engine and an experiment."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
@@ -75,3 +75,22 @@ class MeasuredExperiment(ABC):
     def analyze(self) -> Analyze:
         """The function that makes the result of a run."""
         return cast("Analyze", self.part("analyze"))
+
+
+@dataclass(frozen=True)
+class TaskOutcome:
+    """What came of one task: how it ended, and its quantities.
+
+    Attributes
+    ----------
+    exit_status : str
+        success, failed or aborted, as in the manifest of a run.
+    reason : str or None
+        As in the manifest, such as target_missed or blocked; None for a success.
+    values : mapping of str to float, int, bool, str or None
+        Quantities by name, units in the names; None where one has no value.
+    """
+
+    exit_status: str
+    reason: str | None
+    values: Mapping[str, float | int | bool | str | None]

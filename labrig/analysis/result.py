@@ -207,6 +207,22 @@ AnyResult: TypeAlias = AnalysisResult[Result]
 
 
 @dataclass(frozen=True)
+class TextTable:
+    """A table for a terminal: its heads, and rows with a cell for each."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[object, ...], ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A result in a few lines, and the values that are compared with those of another result."""
+
+    lines: tuple[str | TextTable, ...]
+    values: Mapping[str, object]
+
+
+@dataclass(frozen=True)
 class Findings:
     """The output of an analysis: the result, and a call that saves further files into the result's folder."""
 

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, create_model
 
-from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
-from labrig.analysis.result import Findings, Result, Rows
-from labrig.analysis.summary import Summary, TextTable
+from labrig.analysis.pictures import load_plane_map
+from labrig.analysis.result import Findings, Result, Rows, Summary, TextTable
 from labrig.errors import LabrigError, MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol

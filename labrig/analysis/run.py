@@ -1,24 +1,31 @@
-"""Make the result of a run."""
+"""Make the result of a run, or of many at once with the same workers: those of one run after another."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+import platform
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from datetime import datetime
 from difflib import get_close_matches
+from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.calibration import MASK_FILE, load_mask_of_run
-from labrig.analysis.engine import DEFAULT_WORKERS
+from labrig.analysis.engine import DEFAULT_WORKERS, Pool, run_in_order
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
-from labrig.analysis.pictures import Progress
+from labrig.analysis.pictures import MASK_FILE, Progress, load_mask_of_run
 from labrig.analysis.result import AnyResult, LeftOutTrials, Stamp, load_result, write_result
-from labrig.errors import AnswerIsNoError, InputError, Problem, RecordError
+from labrig.errors import AnswerIsNoError, InputError, LabrigError, Problem, RecordError, WorkersError
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import find_damage
-from labrig.record.layout import hash_file
-from labrig.record.reader import Run
+from labrig.record.layout import MANIFEST, hash_file
+from labrig.record.pictures import count_pictures
+from labrig.record.reader import Run, open_run
+
+RunsProgress = Callable[[int, int, Path], None]
+ExperimentOf = Callable[[Run], MeasuredExperiment]
+Outcome = AnyResult | LabrigError
 
 
 def analyze_run(
@@ -148,3 +155,75 @@ def _hash_inputs(run: Run) -> dict[str, str]:
     ]
     names += [f"calibration/{name}" for name in kept]
     return {name: hash_file(run.own(name)) for name in names if run.own(name).is_file()}
+
+
+def analyze_runs(
+    runs: Sequence[Path],
+    find_experiment: ExperimentOf,
+    pool: Pool,
+    *,
+    overrides: Sequence[str] = (),
+    progress: RunsProgress | None = None,
+    created: datetime,
+    provenance: Mapping[str, Any],
+) -> Generator[tuple[Path, Outcome], None, None]:
+    """Analyse runs, each into a new numbered result; a failure does not stop the others.
+
+    Each worker analyses whole runs, so that memory does not grow with their number.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Their folders, each once.
+    find_experiment : callable
+        Returns the experiment of a run; it is pickled by name.
+    pool : Pool
+        The workers. Those of a cluster read and write the same folders, by absolute paths.
+    progress : callable or None
+        Called with the number of finished pictures, the number in all runs, and the run at hand. A run without
+        pictures, such as a design, counts as one.
+    overrides, created, provenance
+        As for `analyze_run`.
+
+    Yields
+    ------
+    tuple
+        Each run, in the order given, and its result, or the error; a `MachineError` where workers die of a run again.
+
+    Raises
+    ------
+    WorkersError
+        When the pool can do no further task, or a worker does not see a run. What is done stays done.
+    """
+    task = partial(
+        _analyze,
+        find_experiment=find_experiment,
+        overrides=tuple(overrides),
+        created=created,
+        provenance=dict(provenance),
+    )
+    sizes = [max(1, count_pictures(run)) for run in runs]
+    seen = ((run, (run / MANIFEST).is_file()) for run in runs)
+    with closing(run_in_order(pool, task, seen)) as outcomes:
+        for run, outcome, done in zip(runs, outcomes, accumulate(sizes), strict=True):
+            if progress is not None:
+                progress(done, sum(sizes), run)
+            yield run, outcome
+
+
+def _analyze(seen: tuple[Path, bool], *, find_experiment: ExperimentOf, **how: Any) -> AnyResult:
+    """Analyse a run, which this computer sees or not, in a worker.
+
+    Raises
+    ------
+    WorkersError
+        When the worker does not see what this computer does: each of its pictures would be called missing.
+    """
+    run, is_there = seen
+    if is_there and not (run / MANIFEST).is_file():
+        raise WorkersError(
+            f"a worker on {platform.node()} does not see {run / MANIFEST}",
+            "keep runs in a folder that this computer and all workers have under the same name",
+        )
+    opened = open_run(run)
+    return analyze_run(opened, find_experiment(opened), workers=1, **how)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.statistics import WidthRule, require_measure
 from labrig.campaign.store import CampaignStore
 from labrig.campaign.tasks import CampaignTasks, TaskOrder, list_values

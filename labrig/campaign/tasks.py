@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 
 from labrig.analysis.campaign_rows import FIXED
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile, show_value
 from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration
 from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms

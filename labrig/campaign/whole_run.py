@@ -3,7 +3,7 @@
 import tempfile
 from pathlib import Path
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.analysis.result import AnyResult, list_quantities
 from labrig.analysis.run import analyze_run
 from labrig.devices.clocks import SystemClock

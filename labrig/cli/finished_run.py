@@ -2,7 +2,7 @@
 
 import shlex
 
-from labrig.analysis.summary import Summary, TextTable
+from labrig.analysis.result import Summary, TextTable
 from labrig.cli.output import (
     failure_document,
     failure_lines,

@@ -44,7 +44,7 @@ def curvature(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every picture has a radius, 1 otherwise, 2 when no picture could be read."""
-    from labrig.analysis.calibration import list_not_in_interval
+    from labrig.analysis.pictures import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
     from labrig.vision.curvature import CurvatureSettings, measure_curvature
     from labrig.vision.picture import read_picture
@@ -88,7 +88,7 @@ def tip(
     """Exit with 0 when every picture has a tip, 1 otherwise, 2 when no picture could be used."""
     import numpy as np
 
-    from labrig.analysis.calibration import list_not_in_interval
+    from labrig.analysis.pictures import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
     from labrig.vision.error_budget import PlaceErrors, budget_place
     from labrig.vision.picture import read_picture, require_size

@@ -91,7 +91,7 @@ def _cut_from_run(
     MeasurementRefusedError
         When the picture does not show one shaft.
     """
-    from labrig.analysis.calibration import load_plane_map
+    from labrig.analysis.pictures import load_plane_map
     from labrig.experiments.registry import load_run_protocol
     from labrig.experiments.shared.needle_events import NeedleRole
     from labrig.record.reader import open_run

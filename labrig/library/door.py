@@ -14,11 +14,10 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from labrig.analysis.batch import analyze_runs
 from labrig.analysis.comparison import Comparison, compare_runs
 from labrig.analysis.measurements import load_runs, open_measured_runs
 from labrig.analysis.result import AnyResult
-from labrig.analysis.run import analyze_run, name_damage
+from labrig.analysis.run import analyze_run, analyze_runs, name_damage
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError, RecordError
 from labrig.experiments.registry import (

@@ -1,6 +1,6 @@
 """The accuracy of the lens and the steering plane of a run, as rows of its page."""
 
-from labrig.analysis.calibration import load_lens, load_plane_map
+from labrig.analysis.pictures import load_lens, load_plane_map
 from labrig.record.reader import Run
 from labrig.report.formatting import Rows, number, signed
 from labrig.vision.intrinsics import Intrinsics

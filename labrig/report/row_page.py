@@ -8,7 +8,7 @@ import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from labrig.analysis.calibration import PLANE_FILE
+from labrig.analysis.pictures import PLANE_FILE
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.row_table import RowTable
 from labrig.protocol.sections import ExperimentProtocol

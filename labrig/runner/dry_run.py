@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.devices.needle_state import NEW, NeedleState
 from labrig.devices.operator import PickPixel
 from labrig.devices.rig_file import RigDescription

@@ -17,9 +17,8 @@ from labrig.plugins import EXPERIMENTS, INTERFACE, Plugin, find_plugin
 from labrig.protocol.sections import ExperimentProtocol
 
 if TYPE_CHECKING:  # an analysis imports its experiment's package, and must load nothing that moves or draws
-    from labrig.analysis.outcome import TaskOutcome
-    from labrig.analysis.result import AnyResult
-    from labrig.analysis.summary import Summary
+    from labrig.analysis.experiment import TaskOutcome
+    from labrig.analysis.result import AnyResult, Summary
     from labrig.protocol.specimen_file import TracksBySpecimen
     from labrig.record.events import Event
     from labrig.record.reader import Run

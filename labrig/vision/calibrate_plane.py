@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
+from labrig.text import round_down, round_up
 from labrig.vision.gel import Gel
 from labrig.vision.intrinsics import Intrinsics, vary_lens
 from labrig.vision.paper import PaperPoints, find_paper
@@ -29,7 +30,6 @@ from labrig.vision.plane import (
     undistort,
 )
 from labrig.vision.plane_fit import PlaneFit, find_bent_homographies, fit_homography, fit_plane, raise_paper
-from labrig.vision.rounding import round_down, round_up
 
 FloatArray = NDArray[np.float64]
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
+from labrig.text import round_down
 from labrig.vision.circle import Circle, fit_circle
 from labrig.vision.error_budget import (
     LEAST_LIGHT_SHIFT_PX,
@@ -33,7 +34,6 @@ from labrig.vision.error_budget import (
 from labrig.vision.out_of_plane import BendingPlane, combine_turns
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
-from labrig.vision.rounding import round_down
 from labrig.vision.shaft import Shaft, locate_shaft
 from labrig.vision.shaft_tip import budget_tip
 from labrig.vision.sheath import measure_heading

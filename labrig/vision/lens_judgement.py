@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import MeasurementRefusedError
+from labrig.text import round_down, round_up
 from labrig.vision.intrinsics import (
     PARAMETERS,
     Intrinsics,
@@ -30,7 +31,6 @@ from labrig.vision.intrinsics import (
     vary_lens,
 )
 from labrig.vision.lens_fit import LEAST_VIEWS, Fit, ObservedView
-from labrig.vision.rounding import round_down, round_up
 
 _FloatArray = NDArray[np.float64]
 

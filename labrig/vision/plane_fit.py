@@ -29,7 +29,7 @@ from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
 from labrig.vision.paper import find_paper
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap, Radial, apply_homography
-from labrig.vision.rounding import round_up
+from labrig.text import round_up
 
 FloatArray = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
+from labrig.text import round_down
 from labrig.vision.picture import Picture, as_grey, fill_masked, require_contrast
 from labrig.vision.plane import PlaneMap
-from labrig.vision.rounding import round_down
 from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft, find_only_shaft
 from labrig.vision.shaft_edges import (
     LEAST_POINTS,

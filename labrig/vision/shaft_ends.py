@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.rounding import round_down
+from labrig.text import round_down
 from labrig.vision.shaft_edges import (
     Edges,
     measure_gel_level,

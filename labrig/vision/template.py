@@ -20,10 +20,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, PictureError, Problem
 from labrig.input_file import read_file
+from labrig.text import round_down
 from labrig.vision.calibration_file import to_json_text
 from labrig.vision.picture import Picture, as_grey, read_picture
 from labrig.vision.plane import PICTURE_AXES, Insertion, check_frame
-from labrig.vision.rounding import round_down
 from labrig.vision.tip_fit import FitTemplate
 
 LEAST_SIDE_PX = 9

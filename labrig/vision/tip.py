@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, PictureError
+from labrig.text import round_down
 from labrig.vision.picture import Picture
-from labrig.vision.rounding import round_down
 from labrig.vision.template import LEAST_SIDE_PX, TipTemplate, remove_glints, require_grey, wrap_angle
 from labrig.vision.tip_fit import Placement
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis.batch import Outcome, analyze_runs
 from labrig.analysis.divergence import compare_results
 from labrig.analysis.engine import Pool, open_process_pool
 from labrig.analysis.result import AnalysisResult
+from labrig.analysis.run import Outcome, analyze_runs
 from labrig.errors import FileFormatError, RecordError, WorkersError
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.agreement import Verdict

@@ -14,12 +14,11 @@ import dask
 import pytest
 from dask.distributed import Client, LocalCluster
 
-from labrig.analysis.batch import analyze_runs
 from labrig.analysis.cluster import open_cluster
 from labrig.analysis.divergence import compare_results
 from labrig.analysis.engine import run_in_order
 from labrig.analysis.result import AnalysisResult
-from labrig.analysis.run import analyze_run
+from labrig.analysis.run import analyze_run, analyze_runs
 from labrig.errors import InputError, MachineError, WorkersError
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.agreement import Verdict

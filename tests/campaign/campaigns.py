@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.campaign_file import load_campaign_file
 from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
 from labrig.campaign.tasks import TaskOrder

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.run import open_store

@@ -130,7 +130,7 @@ def test_the_sentences_of_a_result_are_folded_between_words() -> None:
     """No word of a result is cut at the edge of the terminal."""
     sentence = "Our contour is not the paper's: it shows trends, and is not for cutting."
     code = (
-        "from labrig.analysis.summary import Summary\n"
+        "from labrig.analysis.result import Summary\n"
         "from labrig.cli.finished_run import print_summary\n"
         f"print_summary(Summary(({sentence!r},), {{}}))\n"
     )

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.calibration import load_plane_map
-from labrig.analysis.pictures import Unreadable, measure_picture
+from labrig.analysis.pictures import Unreadable, load_plane_map, measure_picture
 from labrig.errors import ConditionMetError
 from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
 from labrig.experiments.steerability.analysis import make_order

@@ -7,9 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.calibration import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.pictures import Progress
+from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE, Progress
 from labrig.analysis.result import Findings, Point
 from labrig.errors import (
     CalibrationRefusedError,

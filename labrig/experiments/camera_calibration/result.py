@@ -5,8 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import FiniteFloat
 
-from labrig.analysis.result import Point, Result, ResultPart, require_part
-from labrig.analysis.summary import Summary
+from labrig.analysis.result import Point, Result, ResultPart, Summary, require_part
 
 
 class _GraphPaper(ResultPart):

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from labrig.analysis.summary import Summary, TextTable
+from labrig.analysis.result import Summary, TextTable
 from labrig.experiments.hinge_design.result import DesignStudy
 from labrig.needle.design_search import STEEPEST_CUT_DEG
 from labrig.needle.equations import RadiusTolerance

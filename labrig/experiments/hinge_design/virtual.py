@@ -6,7 +6,7 @@ cut; equations (3) and (1) then give the radius. How far equation (3) itself is 
 
 import math
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.errors import FileFormatError, InputError
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.study import find_problems

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis.calibration import list_not_in_interval, load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins
+from labrig.analysis.pictures import list_not_in_interval, load_plane_map
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole, PathSought

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from labrig.analysis.summary import Summary, TextTable
+from labrig.analysis.result import Summary, TextTable
 from labrig.experiments.shared.specimen_result import summarise_maps
 from labrig.text import interval, number
 

@@ -11,7 +11,7 @@ import rerun as rr
 from shapely import LineString
 from shapely import Point as PlanePoint
 
-from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, Point
 from labrig.experiments.insertion.colours import OBSTACLE, PLAN, TAKEN, TARGET
 from labrig.experiments.insertion.events import (

@@ -4,10 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins, lateral_offset_mm
-from labrig.analysis.pictures import measure_pictures
+from labrig.analysis.pictures import load_plane_map, measure_pictures
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError

@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from labrig.analysis.result import Result, Rows, Sentinel, TrialOrigin, make_origin_table
-from labrig.analysis.summary import Summary
+from labrig.analysis.result import Result, Rows, Sentinel, Summary, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
 from labrig.text import number
 

@@ -6,10 +6,15 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from labrig.analysis.calibration import list_not_in_interval, load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import ReadFrame, find_origins
-from labrig.analysis.pictures import Measured, Unreadable, measure_pictures
+from labrig.analysis.pictures import (
+    Measured,
+    Unreadable,
+    list_not_in_interval,
+    load_plane_map,
+    measure_pictures,
+)
 from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import check_sentinel
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnyResult, CentreLines, load_centre_lines
 from labrig.experiments.shared.curvature_result import (
     CurvatureResult,

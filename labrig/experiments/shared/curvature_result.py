@@ -11,11 +11,12 @@ from labrig.analysis.result import (
     ResultPart,
     Rows,
     Sentinel,
+    Summary,
+    TextTable,
     TrialOrigin,
     make_origin_table,
     require_part,
 )
-from labrig.analysis.summary import Summary, TextTable
 from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table, summarise_maps
 from labrig.protocol.model import Model
 from labrig.text import interval, number

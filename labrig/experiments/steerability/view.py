@@ -11,8 +11,7 @@ from functools import partial
 
 import rerun as rr
 
-from labrig.analysis.calibration import load_mask_of_run, load_plane_map
-from labrig.analysis.pictures import measure_picture
+from labrig.analysis.pictures import load_mask_of_run, load_plane_map, measure_picture
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.shared.curvature import MEASURED_ROLES, describe_picture
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult, SpecimenResult

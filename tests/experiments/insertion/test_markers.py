@@ -7,7 +7,7 @@ from tempfile import mkdtemp
 
 import pytest
 
-from labrig.analysis.calibration import load_plane_map
+from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword

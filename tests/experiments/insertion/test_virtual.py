@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis.outcome import TaskOutcome
+from labrig.analysis.experiment import TaskOutcome
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.vision.rounding import round_down, round_up
+from labrig.text import round_down, round_up
 
 
 @given(st.floats(0.0, 34.999999))

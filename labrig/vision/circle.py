@@ -1,20 +1,16 @@
 """The circle through points, by orthogonal distances.
 
-There are two methods, chosen by name, which both start from the best of many circles through three points. "robust" is
-an M-estimate with Tukey's biweight; use it for points measured in a picture. "geometric" minimises the sum of squared
-orthogonal distances: the same, with the scale of the biweight infinite.
+The fit is an M-estimate with Tukey's biweight, from the best of many circles through three points. That of least
+squares is the same with an infinite scale.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from labrig.errors import InputError, MeasurementRefusedError
-
-CircleMethod = Literal["robust", "geometric"]
 
 _FloatArray = NDArray[np.float64]
 
@@ -25,8 +21,8 @@ _LEAST_FLATNESS = 1e-8
 _LARGEST_RADIUS = 1e6
 # Relative change at which the search ends.
 _SETTLED = 1e-15
-# Reweighted steps in which the scale follows the residuals.
-_SCALE_STEPS = 10
+# Reweighted steps in which the scale follows the residuals, and those after the search.
+_SCALE_STEPS, _LAST_STEPS = 10, 6
 _TRIPLES = 128
 _POINTS_JUDGING_A_TRIPLE = 128
 _TRIPLE_SEED = 20_090_816
@@ -52,10 +48,10 @@ class Circle:
     residual_rms : float
         Root mean square of the orthogonal distances of the inliers.
     inliers : ndarray of bool (N,)
-        Points with a weight above zero: all points, unless the method is "robust".
+        Points with a weight above zero: all points of a fit by least squares.
     influences : ndarray (N,)
         The residuals as far as they move the fit: psi over the mean of psi' (Huber 1981, Robust Statistics, section
-        7.6); the residuals themselves, unless the method is "robust". That of an outlier is zero.
+        7.6). That of an outlier is zero.
     """
 
     centre: tuple[float, float]
@@ -82,38 +78,53 @@ def _find_slopes(model: _FloatArray, points: _FloatArray) -> _FloatArray:
     return np.column_stack((-offsets / distances[:, None], -np.ones(len(points))))
 
 
-def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
+def fit_circle(points: ArrayLike, *, robust: bool = True) -> Circle:
     """Fit a circle to points in the plane.
 
     Parameters
     ----------
     points : array_like (N, 2)
         N >= 3, any unit.
-    method : "robust" or "geometric"
-        "robust" tolerates outliers (fewer than half) and is for points measured in a picture. It is
-        deterministic; the order of the points changes only rounding and the choice of its start.
-        "geometric" is the least-squares answer, tested against certified values.
+    robust : bool
+        Tolerate outliers (fewer than half), as among points measured in a picture. The order of the points changes only
+        rounding and the choice of the start. Otherwise the answer of least squares, tested against certified values.
 
     Raises
     ------
     InputError
-        If the array is not (N, 2) or the method is unknown.
+        If the array is not (N, 2).
     MeasurementRefusedError
         If there are fewer than three points, a point is not finite, or the points are collinear or coincide.
     """
     array = _check_points(points)
-    if method not in get_args(CircleMethod):
-        raise InputError(
-            f"circle method {method!r} is unknown", f"one of {', '.join(get_args(CircleMethod))}"
-        )
     centroid = array.mean(axis=0)
-    scale = float(np.sqrt(np.mean(np.sum((array - centroid) ** 2, axis=1))))
-    normal = (array - centroid) / scale
-    start = _find_least_median(normal)
-    model, weights = _fit_robustly(normal, start) if method == "robust" else _fit_squares(normal, start)
+    unit = float(np.sqrt(np.mean(np.sum((array - centroid) ** 2, axis=1))))
+    normal = (array - centroid) / unit
+    model, scale = _find_least_median(normal), np.inf
+    # The scale follows the residuals for some steps and is then held, so that a minimum exists.
+    for _ in range(_SCALE_STEPS if robust else 0):
+        scale = _robust_scale(_find_residuals(model, normal))
+        model = _step(normal, model, scale)
+    # Steps alone converge slowly if many points are close to being outliers. A search ends where the loss changes no
+    # more, which leaves half of the digits; further steps find the others.
+    model = _search(normal, model, scale)
+    for _ in range(_LAST_STEPS):
+        model = _step(normal, model, scale)
     if not model[2] < _LARGEST_RADIUS:
         raise _collinear_error(len(array))
-    return _restore_units(model, normal, weights, centroid, scale)
+    residuals = _find_residuals(model, normal)
+    weights = _biweight(residuals, scale)
+    root, inliers = np.sqrt(weights), weights > 0.0
+    # psi = r (1 - q)^2 with q = (r / c)^2, so psi' = (1 - q)(1 - 5 q).
+    slope = float(np.mean(root * (5.0 * root - 4.0)))
+    centre = centroid + unit * model[:2]
+    return Circle(
+        centre=(float(centre[0]), float(centre[1])),
+        radius=float(unit * model[2]),
+        residual_rms=unit * float(np.sqrt(np.mean(residuals[inliers] ** 2))),
+        inliers=inliers,
+        influences=unit * weights * residuals / max(slope, _LEAST_SLOPE),
+    )
 
 
 def _check_points(points: ArrayLike) -> _FloatArray:
@@ -144,74 +155,36 @@ def _find_least_median(points: _FloatArray) -> _FloatArray:
     """Return the circle through three of the points with the least median absolute residual."""
     generator = np.random.default_rng(_TRIPLE_SEED)
     triples = points[generator.integers(0, len(points), size=(_TRIPLES, 3))]
-    centres, radii = _find_circumcircles(triples)
-    judges = points[np.linspace(0, len(points) - 1, min(len(points), _POINTS_JUDGING_A_TRIPLE)).astype(int)]
-    offsets = judges[None, :, :] - centres[:, None, :]
-    residuals = np.abs(np.hypot(offsets[..., 0], offsets[..., 1]) - radii[:, None])
-    medians = np.median(residuals, axis=1)
-    if not len(medians) or not np.isfinite(medians).any():
+    origins, sides = triples[:, 0], triples[:, 1:] - triples[:, :1]
+    kept = np.abs(np.linalg.det(sides)) > _LEAST_FLATNESS
+    if not kept.any():
         raise _collinear_error(len(points))
-    best = int(np.nanargmin(medians))
-    return np.append(centres[best], radii[best])
+    halves = 0.5 * np.sum(sides[kept] ** 2, axis=2, keepdims=True)
+    offsets = np.linalg.solve(sides[kept], halves)[..., 0]
+    models = np.column_stack((origins[kept] + offsets, np.hypot(*offsets.T)))
+    judges = points[np.linspace(0, len(points) - 1, min(len(points), _POINTS_JUDGING_A_TRIPLE)).astype(int)]
+    away = np.linalg.norm(judges[None] - models[:, None, :2], axis=2) - models[:, 2:]
+    return np.asarray(models[int(np.argmin(np.median(np.abs(away), axis=1)))])
 
 
-def _find_circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
-    """Return centres and radii of the circles through triples (K, 3, 2), leaving out collinear ones."""
-    origin = triples[:, 0]
-    p, q = triples[:, 1] - origin, triples[:, 2] - origin
-    double_area = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
-    kept = np.abs(double_area) > _LEAST_FLATNESS
-    origin, p, q, double_area = origin[kept], p[kept], q[kept], double_area[kept]
-    pp, qq = np.sum(p * p, axis=1), np.sum(q * q, axis=1)
-    offset = np.column_stack((q[:, 1] * pp - p[:, 1] * qq, p[:, 0] * qq - q[:, 0] * pp)) / (
-        2.0 * double_area[:, None]
-    )
-    return origin + offset, np.hypot(offset[:, 0], offset[:, 1])
+def _step(points: _FloatArray, model: _FloatArray, scale: float) -> _FloatArray:
+    """Return the circle after a Gauss-Newton step with the weights of the biweight."""
+    residuals = _find_residuals(model, points)
+    root = np.sqrt(_biweight(residuals, scale))
+    slopes = root[:, None] * _find_slopes(model, points)
+    return np.asarray(model - np.linalg.lstsq(slopes, root * residuals, rcond=None)[0])
 
 
-def _fit_squares(points: _FloatArray, start: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
-    """Return the circle of least squares, and weights (N,) of one.
-
-    A search ends where the sum of squares changes no more, which leaves half of the digits; two steps find the others.
-    """
-    weights = np.ones(len(points))
-    model = _search(points, start, "linear", 1.0)
-    for _ in range(2):
-        model = _step(points, model, weights)
-    return model, weights
-
-
-def _fit_robustly(points: _FloatArray, start: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
-    """Return the circle that minimises Tukey's biweight, and the weights (N,).
-
-    The scale follows the residuals for the first, reweighted steps and is then held, so that a minimum exists.
-    Reweighting alone converges slowly if many points are close to being outliers.
-    """
-    model, scale = start, 0.0
-    for _ in range(_SCALE_STEPS):
-        residuals = _find_residuals(model, points)
-        scale = _robust_scale(residuals)
-        model = _step(points, model, _biweight(residuals, scale))
-    model = _search(points, model, _lose_by_tukey, _TUKEY_CONSTANT * scale)
-    return model, _biweight(_find_residuals(model, points), scale)
-
-
-def _step(points: _FloatArray, model: _FloatArray, weights: _FloatArray) -> _FloatArray:
-    """Return the circle after a weighted Gauss-Newton step."""
-    root = np.sqrt(weights)
-    slopes, residuals = _find_slopes(model, points), _find_residuals(model, points)
-    return np.asarray(model - np.linalg.lstsq(root[:, None] * slopes, root * residuals, rcond=None)[0])
-
-
-def _search(points: _FloatArray, start: _FloatArray, loss: Any, scale: float) -> _FloatArray:
+def _search(points: _FloatArray, start: _FloatArray, scale: float) -> _FloatArray:
     """Return the circle of least loss near a start; raises MeasurementRefusedError if the search does not settle."""
+    robust = bool(np.isfinite(scale))
     found = least_squares(
         _find_residuals,
         start,
         _find_slopes,
         args=(points,),
-        loss=loss,
-        f_scale=scale,
+        loss=_lose_by_tukey if robust else "linear",
+        f_scale=_TUKEY_CONSTANT * scale if robust else 1.0,
         x_scale="jac",
         ftol=_SETTLED,
         xtol=_SETTLED,
@@ -240,23 +213,3 @@ def _robust_scale(residuals: _FloatArray) -> float:
 def _biweight(residuals: _FloatArray, scale: float) -> _FloatArray:
     ratio = np.minimum(np.abs(residuals) / (_TUKEY_CONSTANT * scale), 1.0)
     return np.asarray((1.0 - ratio * ratio) ** 2)
-
-
-def _restore_units(
-    model: _FloatArray, normal: _FloatArray, weights: _FloatArray, centroid: _FloatArray, scale: float
-) -> Circle:
-    inliers = weights > 0.0
-    residuals = _find_residuals(model, normal)
-    return Circle(
-        centre=(float(centroid[0] + scale * model[0]), float(centroid[1] + scale * model[1])),
-        radius=float(scale * model[2]),
-        residual_rms=scale * float(np.sqrt(np.mean(residuals[inliers] ** 2))),
-        inliers=inliers,
-        influences=scale * weights * residuals / max(float(np.mean(_slopes(weights))), _LEAST_SLOPE),
-    )
-
-
-def _slopes(weights: _FloatArray) -> _FloatArray:
-    """Return psi' (N,): psi = r (1 - q)^2 with q = (r / c)^2, so psi' = (1 - q)(1 - 5 q); unit weights have 1."""
-    root = np.sqrt(weights)
-    return np.asarray(root * (5.0 * root - 4.0))

@@ -300,7 +300,7 @@ def _fit_circle(
     rows = slice(*located.window)
     points = shaft.centre_mm[rows]
     try:
-        circle = fit_circle(points, method="robust")
+        circle = fit_circle(points)
         fit = _BlockedFit.of(circle, points, shaft.arc_mm[rows])
         budget, ci95 = _estimate_uncertainty(fit, _find_systematic(fit, shaft, rows, plane, settings))
     except MeasurementRefusedError as refusal:

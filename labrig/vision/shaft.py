@@ -33,7 +33,6 @@ from labrig.vision.shaft_edges import (
 from labrig.vision.shaft_ends import (
     LARGEST_HOLE_MM,
     WIDTH_TOLERANCE,
-    Diameters,
     find_longest_run,
     find_needle_end,
     find_sheath_end,
@@ -122,26 +121,22 @@ class Shaft:
     length_mm: float
 
 
-@dataclass(frozen=True)
-class _Projector:
-    """Maps points of the turned picture to the original picture and to the plane."""
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """The turned grey picture, masked pixels filled; the mask (uint8, 255 where masked), or None; and the plane."""
 
+    picture: Picture
+    masked: Picture | None
     orientation: Orientation
     plane: PlaneMap
 
     def px(self, points: FloatArray) -> FloatArray:
+        """Return points of the turned picture in the original one."""
         return self.orientation.original_px(points)
 
     def mm(self, points: FloatArray) -> FloatArray:
+        """Return points of the turned picture in the plane."""
         return self.plane.to_mm(self.px(points))
-
-
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """The turned grey picture, masked pixels filled; and the mask (uint8, 255 where masked), or None."""
-
-    picture: Picture
-    masked: Picture | None
 
     def edges(self, guide: Guide, widths: Widths) -> tuple[NDArray[np.float32], Edges]:
         """Return the strip along a guide and its edges; rows that a mask touches do not count."""
@@ -184,18 +179,19 @@ def locate_shaft(
         what it shows instead.
     """
     require_contrast(image)
-    view = _Projector(Orientation.of(image, plane.insertion), plane)
+    turn = Orientation.of(image, plane.insertion)
     scene = _Scene(
-        view.orientation.picture(fill_masked(as_grey(image), masked)),
-        None if masked is None else view.orientation.picture(masked.astype(np.uint8) * np.uint8(255)),
+        turn.picture(fill_masked(as_grey(image), masked)),
+        None if masked is None else turn.picture(masked.astype(np.uint8) * np.uint8(255)),
+        turn,
+        plane,
     )
-    diameters = Diameters(diameter_mm, sheath_diameter_mm)
-    widths = diameters.widths(1.0 / plane.mm_per_px)
+    widths = Widths(diameter_mm, sheath_diameter_mm, 1.0 / plane.mm_per_px)
     bars = filter_bars(scene.picture, widths)
     entering: tuple[Trace, ...] = ()
     try:
         entering = trace_shafts(bars)
-        trace = choose_shaft(entering, widths, view.px)
+        trace = choose_shaft(entering, widths, scene.px)
     except MeasurementRefusedError:
         traces = (*entering, *trace_shafts(bars, from_border=False))
         only = find_only_shaft(traces, scene.picture, widths)
@@ -204,19 +200,19 @@ def locate_shaft(
         trace = only
     # What hides a stretch of the shaft does not end it.
     hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
-    guide = _refine_guide(scene, trace, widths, diameters, hole_mm)
-    shaft, last, tip = _measure(scene, guide, widths, diameters, view, hole_mm=hole_mm)
+    guide = _refine_guide(scene, trace, widths, hole_mm)
+    shaft, last, tip = _measure(scene, guide, widths, hole_mm)
     _refuse_going_on(measure_beyond(bars, tip, last), shaft)
     return shaft
 
 
-def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters, hole_mm: float) -> Guide:
+def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, hole_mm: float) -> Guide:
     """Return a guide along the middle of the shaft's edges, from the border to beyond the tip."""
     scale = widths.px_per_mm
     coarse = fit_guide(trace.points, scale, 0.0, 0.0)
     _, edges = scene.edges(coarse, widths)
     run = find_longest_run(edges.counts, scale, hole_mm)
-    entry = find_sheath_end(edges.width / scale, run, scale, diameters)
+    entry = find_sheath_end(edges.width / scale, run, widths)
     rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
     rows = rows[rows < rows[-1] - _BEVEL_ONSET * widths.needle_px] if len(rows) else rows
     if len(rows) < max(scale * _LEAST_LENGTH_MM, LEAST_POINTS):
@@ -235,13 +231,7 @@ def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diamet
 
 
 def _measure(
-    scene: _Scene,
-    guide: Guide,
-    widths: Widths,
-    diameters: Diameters,
-    view: _Projector,
-    *,
-    hole_mm: float,
+    scene: _Scene, guide: Guide, widths: Widths, hole_mm: float
 ) -> tuple[Shaft, FloatArray, FloatArray]:
     """Measure the shaft in the strip along its refined guide.
 
@@ -255,36 +245,36 @@ def _measure(
     """
     strip, edges = scene.edges(guide, widths)
     grid = np.arange(len(guide.places), dtype=np.float64)
-    left_mm, right_mm = (view.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
+    left_mm, right_mm = (scene.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
     width_mm = np.hypot(*(right_mm - left_mm).T)
     run = find_longest_run(edges.counts, widths.px_per_mm, hole_mm)
-    entry = find_sheath_end(width_mm, run, widths.px_per_mm, diameters)
+    entry = find_sheath_end(width_mm, run, widths)
     even = run & _is_bar(width_mm, run, entry)
     sheath, bar = (even & (side > _STEP_BLUR * widths.needle_px) for side in (entry - grid, grid - entry))
     end = find_needle_end(strip, edges, np.flatnonzero(run), widths)
     tip = end.row
     if tip >= len(grid) - _LEAST_ROWS_BEYOND:
-        raise _no_tip_error(scene.picture, guide.places[-1], view)
+        raise _no_tip_error(scene, guide.places[-1])
     bar &= grid < tip
-    _check_needle(bar, width_mm, tip, diameters)
-    _refuse_hidden_tip(measure_brightening(strip, tip, widths), guide, tip, view)
-    arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))
+    _check_needle(bar, width_mm, tip, widths.needle_mm)
+    _refuse_hidden_tip(measure_brightening(strip, tip, widths), guide, tip, scene)
+    arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(scene.mm(guide.places), axis=0).T))))
     entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
     offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
     shift = split_light_shift(measure_light_shift(strip, edges, bar, widths.px_per_mm)[bar])
     mm_aside = (right_mm - left_mm)[bar] / edges.width[bar, None]
     turned_ends = guide.at(np.array([entry, tip]), np.array([offset, 0.0]))
-    ends = view.px(turned_ends)
+    ends = scene.px(turned_ends)
     last = np.flatnonzero(bar)[-round(_LAST_MM * widths.px_per_mm) :]
     shaft = Shaft(
-        centre_px=view.px(guide.at(grid[bar], edges.middle[bar] + shift.corrected)),
+        centre_px=scene.px(guide.at(grid[bar], edges.middle[bar] + shift.corrected)),
         centre_mm=0.5 * (left_mm + right_mm)[bar] + shift.corrected * mm_aside,
         arc_mm=arc_mm[bar] - entry_arc,
         light_shift_mm=shift.left[:, None] * mm_aside,
         widths_mm=width_mm[bar],
         width_mm=float(np.median(width_mm[bar])),
         entry_px=ends[0],
-        sheathed=diameters.sheath_mm is not None,
+        sheathed=widths.sheath_mm is not None,
         sheath_mm=0.5 * (left_mm + right_mm)[sheath],
         tip_px=ends[1],
         tip_fade_px=end.fade,
@@ -304,9 +294,9 @@ def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
-def _no_tip_error(picture: Picture, end: FloatArray, view: _Projector) -> MeasurementRefusedError:
-    u, v = view.px(end[None])[0]
-    margin = float(np.min([*(end + 0.5), *(np.array(picture.shape[::-1]) - 0.5 - end)]))
+def _no_tip_error(scene: _Scene, end: FloatArray) -> MeasurementRefusedError:
+    u, v = scene.px(end[None])[0]
+    margin = float(np.min([*(end + 0.5), *(np.array(scene.picture.shape[::-1]) - 0.5 - end)]))
     if margin < _BORDER_PX:
         return MeasurementRefusedError(
             f"the shaft runs out of the picture at ({u:.0f}, {v:.0f}) px, its tip is not seen"
@@ -316,10 +306,10 @@ def _no_tip_error(picture: Picture, end: FloatArray, view: _Projector) -> Measur
     )
 
 
-def _refuse_hidden_tip(brighter: float, guide: Guide, tip: float, view: _Projector) -> None:
+def _refuse_hidden_tip(brighter: float, guide: Guide, tip: float, scene: _Scene) -> None:
     """Refuse an end where the picture becomes brighter than the gel."""
     if brighter > _HIDING:
-        u, v = view.px(guide.at(np.array([tip]), np.zeros(1)))[0]
+        u, v = scene.px(guide.at(np.array([tip]), np.zeros(1)))[0]
         raise MeasurementRefusedError(
             f"the shaft ends at ({u:.0f}, {v:.0f}) px, where the picture becomes {100.0 * brighter:.0f} % brighter, "
             f"and {100.0 * _HIDING:.0f} % is the most for gel: a wall may hide the tip"
@@ -336,7 +326,7 @@ def _refuse_going_on(share: float, shaft: Shaft) -> None:
         )
 
 
-def _check_needle(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: Diameters) -> None:
+def _check_needle(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, needle_mm: float) -> None:
     """Refuse a shaft that is too short, too patchy, or too thick or thin for the needle."""
     rows = np.flatnonzero(bar)
     if len(rows) < 4:
@@ -348,9 +338,9 @@ def _check_needle(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diam
             f"and {100.0 * _LEAST_MEASURED:.0f} % is the least"
         )
     width = float(np.median(width_mm[rows]))
-    least, most = diameters.needle_mm / _DIAMETER_FACTOR, diameters.needle_mm * _DIAMETER_FACTOR
+    least, most = needle_mm / _DIAMETER_FACTOR, needle_mm * _DIAMETER_FACTOR
     if not least <= width <= most:
         raise MeasurementRefusedError(
-            f"the shaft is {width:.2f} mm wide, and a needle of {diameters.needle_mm} mm may look between "
+            f"the shaft is {width:.2f} mm wide, and a needle of {needle_mm} mm may look between "
             f"{least:.2f} and {most:.2f} mm wide"
         )

@@ -14,14 +14,10 @@ from labrig.vision.shaft_edges import (
     smooth_rows,
     take_sides,
 )
-from labrig.vision.shaft_trace import WIDE_SHEATH, Widths
+from labrig.vision.shaft_trace import Widths
 
 FloatArray = NDArray[np.float64]
 
-# A needle without a stated sheath may look thicker than stated by this factor.
-_WIDEST = 1.35
-# The first guide of a wide sheath may be off its middle by half of this excess.
-_WIDE_MARGIN = 1.3
 # A hole in the shaft longer than this ends it.
 LARGEST_HOLE_MM = 3.0
 # Sheath and needle must each be visible over this length to be distinguished.
@@ -33,7 +29,7 @@ WIDTH_TOLERANCE = 0.25
 _EVEN_SHEATH = 0.9
 # The tip is where the darkness falls to this share of that of the shaft's last stretch. The share is low because a
 # bevel fades before it ends. Beside something brighter than the gel by the first share, what is not darker than the
-# other side by the second share is gel. Smoothing and reach across are in needle diameters.
+# other side by the second share is gel. Smoothing and reach across are in needle stated.
 _TIP_LEVEL = 0.3
 _WALL, _GEL = 0.3, 0.15
 _TIP_REFERENCE_MM = 5.0
@@ -44,21 +40,6 @@ _TIP_REACH = 0.6
 _FADE_LEVEL = 0.5
 # Brightness steps between two levels over the first length each, the second apart, up to the third from the tip.
 _LEVEL_MM, _STEP_MM, _NEAR_TIP_MM = 1.0, 0.5, 2.5
-
-
-@dataclass(frozen=True)
-class Diameters:
-    """Stated diameters; the sheath is None if the picture shows none."""
-
-    needle_mm: float
-    sheath_mm: float | None
-
-    def widths(self, px_per_mm: float) -> Widths:
-        """Return the widths in pixels."""
-        widest = max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm)
-        if widest > WIDE_SHEATH * self.needle_mm:
-            widest *= _WIDE_MARGIN
-        return Widths(self.needle_mm * px_per_mm, widest * px_per_mm, px_per_mm)
 
 
 def find_longest_run(
@@ -74,9 +55,7 @@ def find_longest_run(
     return run
 
 
-def find_sheath_end(
-    width_mm: FloatArray, run: NDArray[np.bool_], px_per_mm: float, diameters: Diameters
-) -> float:
+def find_sheath_end(width_mm: FloatArray, run: NDArray[np.bool_], stated: Widths) -> float:
     """Return the fractional row at which the width drops from the sheath's to the needle's; 0 without a sheath.
 
     Raises
@@ -85,15 +64,15 @@ def find_sheath_end(
         If a sheath is stated and the width does not drop: no needle is out, or the picture shows no sheath. If the
         sheath's tip is hidden, or what is as wide as a sheath is not so evenly.
     """
-    if diameters.sheath_mm is None:
+    if stated.sheath_mm is None:
         return 0.0
     rows = np.flatnonzero(run)
     width = width_mm[rows]
-    piece = max(1, round(_LEAST_PIECE_MM * px_per_mm))
+    piece = max(1, round(_LEAST_PIECE_MM * stated.px_per_mm))
     step = _find_largest_step(width, piece)
-    ratio = np.sqrt(diameters.sheath_mm / diameters.needle_mm)
+    ratio = np.sqrt(stated.sheath_mm / stated.needle_mm)
     if step is None or np.median(width[:step]) < ratio * np.median(width[step:]):
-        raise _no_step_error(float(np.median(width)), diameters)
+        raise _no_step_error(float(np.median(width)), stated)
     usual = float(np.median(width[:step]))
     level = 0.5 * (usual + float(np.median(width[step:])))
     near = max(step - piece // 2, 1)
@@ -104,7 +83,7 @@ def find_sheath_end(
             f"{round_down(100.0 * even, 1)} % of the sheath's rows are {usual:.2f} mm wide within "
             f"{100.0 * WIDTH_TOLERANCE:.0f} %, and {100.0 * _EVEN_SHEATH:.0f} % is the least: something lies over it"
         )
-    hidden_mm = float(rows[after] - rows[after - 1]) / px_per_mm
+    hidden_mm = float(rows[after] - rows[after - 1]) / stated.px_per_mm
     if hidden_mm > LARGEST_HOLE_MM:
         raise MeasurementRefusedError(
             f"the sheath's tip is hidden: no edges are seen over {hidden_mm:.1f} mm, "
@@ -131,15 +110,15 @@ def _find_largest_step(width: FloatArray, piece: int) -> int | None:
     return piece + int(np.argmax(gain[piece - 1 : len(gain) - piece + 1]))
 
 
-def _no_step_error(width_mm: float, diameters: Diameters) -> MeasurementRefusedError:
-    stated = f"the sheath is {diameters.sheath_mm} mm wide and the needle {diameters.needle_mm} mm"
-    between = np.sqrt((diameters.sheath_mm or 0.0) * diameters.needle_mm)
+def _no_step_error(width_mm: float, stated: Widths) -> MeasurementRefusedError:
+    told = f"the sheath is {stated.sheath_mm} mm wide and the needle {stated.needle_mm} mm"
+    between = np.sqrt((stated.sheath_mm or 0.0) * stated.needle_mm)
     if width_mm > between:
         return MeasurementRefusedError(
-            f"no needle is seen beyond the sheath: the shaft is {width_mm:.2f} mm wide to its end; {stated}"
+            f"no needle is seen beyond the sheath: the shaft is {width_mm:.2f} mm wide to its end; {told}"
         )
     return MeasurementRefusedError(
-        f"no sheath is seen: the shaft is {width_mm:.2f} mm wide from the border on; {stated}"
+        f"no sheath is seen: the shaft is {width_mm:.2f} mm wide from the border on; {told}"
     )
 
 

@@ -3,8 +3,7 @@
 The trace works on optical density, in which uneven light is an additive, slow term, in a picture reduced until the
 needle is a few pixels wide. A bar of any direction shows there as the larger eigenvalue of the Hessian. A fan of short
 arcs follows the shaft. Each arc is judged by the bars under its whole length, so that a bubble or a weak stretch does
-not divert the trace. Where the trace ends at something brighter than the gel, such as a wall or its reflection, the
-shaft is searched for behind it.
+not divert the trace. Where the trace ends, at a wall, a reflection or a weak stretch, the shaft is searched for behind.
 
 In this file the insertion always points to the right (+u): `Orientation` turns pictures and points.
 """
@@ -35,8 +34,11 @@ _GLINT = 0.5
 # Width of the smoothing in needle diameters: between the best widths for the needle and for its sheath.
 _BAR_SIGMA = 0.6
 # A sheath wider than this many needle diameters is a bar of its own width; the smoothing for it, in its diameters.
-WIDE_SHEATH = 2.1
+_WIDE_SHEATH = 2.1
 _WIDE_SIGMA = 0.35
+# A needle without a stated sheath may look thicker than stated by this factor; the first guide of a wide sheath may be
+# off its middle by half of this excess.
+_WIDEST, _WIDE_MARGIN = 1.35, 1.3
 # The shaft is searched for this close to the border where it enters, as a straight bar of this length.
 _ENTRY_MM = 20.0
 _ENTRY_BAR_MM = 4.0
@@ -63,20 +65,15 @@ _GAP_MM = 2.0
 _USUAL_STEPS = 12
 # No needle turns as much as this over this length: the trace has gone over to something that crosses the shaft.
 _KINK_RAD, _KINK_STEPS = 0.7, 3
-# A shaft may be hidden by what lies at these distances behind the end of its trace, if its optical density is this much
-# below that of the gel over this length.
-_HIDDEN_FROM_MM, _HIDDEN_TO_MM, _HIDING_MM = 0.5, 4.0, 1.0
-_HIDING_SAMPLES = 8
-_HIDING = 0.12
-# The shaft is searched for again up to this far behind the end, over this length, at this share of its response; the
-# arcs of that fan; and the last stretch, whose heading it starts with. Where nothing hides it, a fainter shaft goes on:
-# ahead of the tips in 85 photographs of a real needle over ruled paper the share is 0.14 at most, at two places where
-# the needle leaves a dark holder 0.56 and 0.59.
+# The shaft is searched for again up to this far behind the end, over this length, at the first share of its response;
+# an end beyond which it has the second one is none. Then the arcs of that fan, and the last stretch, whose heading it
+# starts with. Ahead of the tips in 85 photographs of a real needle over ruled paper the share is 0.14 at most, in drawn
+# pictures 0.06, at two places where the needle leaves a dark holder 0.56 and 0.59.
 _LONGEST_HIDDEN_MM = 10.0
 _AGAIN_MM = 4.0
 _AGAIN_STEP_MM = 0.5
-_AGAIN = 0.6
-GOING_ON = 0.3
+_AGAIN = 0.3
+GOING_ON = 0.2
 _AGAIN_TURNS_RAD = np.linspace(-0.16, 0.16, 9)
 _AGAIN_CURVATURES_PER_MM = np.linspace(-0.07, 0.07, 29)
 _HEADING_MM = 6.0
@@ -85,11 +82,24 @@ _MOST_WALLS = 3
 
 @dataclass(frozen=True)
 class Widths:
-    """The stated widths of the shaft, in pixels."""
+    """The stated diameters of needle and sheath, and what they are in pixels; the sheath is None if none is shown."""
 
-    needle_px: float
-    widest_px: float
+    needle_mm: float
+    sheath_mm: float | None
     px_per_mm: float
+
+    @property
+    def needle_px(self) -> float:
+        """Width of the needle."""
+        return self.needle_mm * self.px_per_mm
+
+    @property
+    def widest_px(self) -> float:
+        """Width of the widest part of the shaft, as far as it may be off."""
+        widest_mm = max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm)
+        return (
+            widest_mm * self.px_per_mm * (_WIDE_MARGIN if widest_mm > _WIDE_SHEATH * self.needle_mm else 1.0)
+        )
 
     @property
     def glint_px(self) -> float:
@@ -142,7 +152,7 @@ class Trace:
     strength : float
         Median response from the place on at which the shaft was first seen.
     hidden_mm : float
-        Longest stretch that something brighter than the gel hides.
+        Longest stretch over which the shaft is not seen.
     """
 
     points: FloatArray
@@ -158,7 +168,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class BarMap:
-    """The response of the bar filter at each pixel of the reduced picture, and its optical density.
+    """The response of the bar filter at each pixel of the reduced picture.
 
     `straight` is the mean response of straight bars along the insertion, and `least` what stands out of the texture.
     """
@@ -166,7 +176,6 @@ class BarMap:
     any_direction: NDArray[np.float32]
     straight: NDArray[np.float32]
     least: float
-    density: NDArray[np.float32]
     factor: int
     needle_px: float
     widest_px: float
@@ -183,19 +192,9 @@ class BarMap:
 
     def at(self, places: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return the response at places u + iv, zero outside the picture."""
-        return _read_nearest(self.any_direction, places, cv2.BORDER_CONSTANT)
-
-    def density_at(self, places: NDArray[np.complex128]) -> NDArray[np.float32]:
-        """Return the optical density at places u + iv; outside the picture that of its border."""
-        return _read_nearest(self.density, places, cv2.BORDER_REPLICATE)
-
-
-def _read_nearest(
-    values: NDArray[np.float32], places: NDArray[np.complex128], border: int
-) -> NDArray[np.float32]:
-    u, v = places.real.astype(np.float32), places.imag.astype(np.float32)
-    read = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=border)
-    return np.asarray(read, dtype=np.float32).reshape(places.shape)
+        u, v = places.real.astype(np.float32), places.imag.astype(np.float32)
+        read = cv2.remap(self.any_direction, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+        return np.asarray(read, dtype=np.float32).reshape(places.shape)
 
 
 def trace_shafts(bars: BarMap, *, from_border: bool = True) -> tuple[Trace, ...]:
@@ -268,12 +267,12 @@ def filter_bars(picture: Picture, widths: Widths) -> BarMap:
     density = -np.log(reduced.astype(np.float32) + np.float32(_DARK_OFFSET))
     needle_px, widest_px = widths.needle_px / factor, widths.widest_px / factor
     ridge, along = _find_bars(density, _BAR_SIGMA * needle_px)
-    if widest_px > WIDE_SHEATH * needle_px:
+    if widest_px > _WIDE_SHEATH * needle_px:
         wide_ridge, wide_along = _find_bars(density, _WIDE_SIGMA * widest_px)
         ridge, along = np.maximum(ridge, wide_ridge), np.maximum(along, wide_along)
     px_per_mm = widths.px_per_mm / factor
     means, least = _average_bars(along, px_per_mm)
-    return BarMap(ridge, means, least, density, factor, needle_px, widest_px, px_per_mm)
+    return BarMap(ridge, means, least, factor, needle_px, widest_px, px_per_mm)
 
 
 def _find_bars(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -334,9 +333,9 @@ def _trace_from(bars: BarMap, seed: complex) -> Trace:
         again = _find_again(bars, places, responses)
         if again is None:
             break
-        start, heading, hidden = again
+        start, heading = again
         behind, behind_responses = _follow(bars, start, heading)
-        hidden_px = max(hidden_px, abs(start - places[-1]) if hidden else 0.0)
+        hidden_px = max(hidden_px, abs(start - places[-1]))
         places, responses = np.concatenate((places, behind)), np.concatenate((responses, behind_responses))
     return Trace(
         bars.full_px(np.concatenate((back[:0:-1], places))),
@@ -348,15 +347,14 @@ def _trace_from(bars: BarMap, seed: complex) -> Trace:
 
 def _find_again(
     bars: BarMap, places: NDArray[np.complex128], responses: FloatArray
-) -> tuple[complex, float, bool] | None:
-    """Return place and heading at which a shaft goes on, and whether something hid it; None if it does not."""
+) -> tuple[complex, float] | None:
+    """Return place and heading at which a shaft goes on; None if it does not."""
     last = places[-int(_HEADING_MM / _STEP_MM) :]
     if len(last) < _AGAIN_MM / _STEP_MM:
         return None
     heading = float(np.angle(last[-1] - last[len(last) // 2]))
-    hidden = _is_hidden(bars, last, heading)
     place, turned, share = _look_ahead(bars, last[-1], heading, float(np.median(responses[-_USUAL_STEPS:])))
-    return (place, turned, hidden) if share >= (_AGAIN if hidden else GOING_ON) else None
+    return (place, turned) if share >= _AGAIN else None
 
 
 def _look_ahead(bars: BarMap, last: complex, heading: float, usual: float) -> tuple[complex, float, float]:
@@ -383,18 +381,6 @@ def measure_beyond(bars: BarMap, tip: FloatArray, before: FloatArray) -> float:
     last = bars.reduced(before)
     heading = float(np.angle(last[-1] - last[0]))
     return _look_ahead(bars, complex(bars.reduced(tip[None])[0]), heading, float(np.median(bars.at(last))))[2]
-
-
-def _is_hidden(bars: BarMap, last: NDArray[np.complex128], heading: float) -> bool:
-    """Return whether something brighter than the gel lies behind the last places (N,) of a shaft."""
-    ahead = np.exp(1j * heading)
-    aside = 1j * ahead * (0.5 * bars.widest_px + bars.needle_px)
-    gel = float(np.median(bars.density_at(np.concatenate((last + aside, last - aside)))))
-    step_mm = _HIDING_MM / _HIDING_SAMPLES
-    along = np.arange(_HIDDEN_FROM_MM, _HIDDEN_TO_MM, step_mm) * bars.px_per_mm
-    beyond = bars.density_at(last[-1] + along * ahead)
-    lightest = float(np.convolve(beyond, np.full(_HIDING_SAMPLES, 1.0 / _HIDING_SAMPLES), mode="valid").min())
-    return gel - lightest > _HIDING
 
 
 def _make_arcs(

@@ -5,6 +5,7 @@ squares is the same with an infinite scale.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -178,12 +179,13 @@ def _step(points: _FloatArray, model: _FloatArray, scale: float) -> _FloatArray:
 def _search(points: _FloatArray, start: _FloatArray, scale: float) -> _FloatArray:
     """Return the circle of least loss near a start; raises MeasurementRefusedError if the search does not settle."""
     robust = bool(np.isfinite(scale))
+    loss: Any = _lose_by_tukey if robust else "linear"
     found = least_squares(
         _find_residuals,
         start,
         _find_slopes,
         args=(points,),
-        loss=_lose_by_tukey if robust else "linear",
+        loss=loss,
         f_scale=_TUKEY_CONSTANT * scale if robust else 1.0,
         x_scale="jac",
         ftol=_SETTLED,

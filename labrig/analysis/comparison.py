@@ -142,8 +142,8 @@ def compare_runs(
     left_out : sequence of LeftOut
         Runs that could not be opened, to be listed.
     quantity : str or None
-        A column of a table of the results, or `TABLE.COLUMN`; None: that of the campaigns' pages, if all are
-        campaigns and these agree, else the radius, or else the target error, that all runs have which measure anything.
+        A column of a table of the results, or `TABLE.COLUMN`; None: the radius, or else the target error,
+        that all runs have which measure anything.
     by : sequence of str
         Fields whose values make the groups: columns of the table, or keys of manifest and protocol. Empty: needle and
         gel; the runs where these are not known, or are the same in all of them.
@@ -184,7 +184,6 @@ def compare_runs(
             *unit_notes,
             *notes,
             *_note_shared_blocks(counted),
-            *_note_campaigns(used),
             *_note_settings(differing),
             *(sentence for run in used for sentence in _note_run(run.about)),
             *_note_groups(groups, {run.about.simulated for run in used}),
@@ -197,10 +196,8 @@ def compare_runs(
 
 def _choose_quantity(runs: Sequence[Measured]) -> str:
     measuring = [run for run in runs if run.quantities]
-    own: set[str] = {run.measure or "" for run in measuring}
-    candidates: list[str] = [*(own if len(own) == 1 else ()), *DEFAULT_QUANTITIES]
-    for name in candidates:
-        if name and measuring and all(run.find_column(name) is not None for run in measuring):
+    for name in DEFAULT_QUANTITIES:
+        if measuring and all(run.find_column(name) is not None for run in measuring):
             return name
     raise InputError(
         "these runs have no quantity in common that is compared by default", _hint_at_quantities(runs)
@@ -262,7 +259,7 @@ def _find_shared(
     """
     stem = quantity.rpartition(".")[2].rpartition("_")[0]
     lens, plane = (
-        rows["run"].map({run.name: run.calibration.get(file, run.name) for run in runs})
+        rows["run"].map({run.name: run.run.calibration_hashes.get(file, run.name) for run in runs})
         for file in (INTRINSICS_FILE, PLANE_FILE)
     )
     mounting = rows["run"] + "/" + rows.get("needle_id", rows["run"]).astype(str)
@@ -357,21 +354,6 @@ def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
         yield (
             f"{format_count(shared, 'specimen')} are in more than one group. What a specimen has in common cancels in "
             "their difference; these tests do not pair, and are too cautious."
-        )
-
-
-def _note_campaigns(runs: Sequence[Measured]) -> Iterable[str]:
-    """Yield what has to be read with the groups of campaigns."""
-    campaigns = [run for run in runs if run.run is None]
-    for campaign in campaigns:
-        if campaign.tasks_left:
-            done = len(campaign.read_measurements(""))
-            of = done + campaign.tasks_left
-            yield f"The campaign {campaign.name} is not finished: {done} of {of} tasks are done."
-    if campaigns:
-        yield (
-            f"The arms of {_list_some([run.name for run in campaigns])} share their seeds. Here they count as "
-            "independent; the campaign's own page has the differences of pairs, whose intervals are narrower."
         )
 
 

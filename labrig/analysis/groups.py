@@ -17,8 +17,6 @@ Unit = Literal["specimen", "insertion"]
 DEFAULT_FIELDS = ("needle_id", "gelatin_percent")
 ALIASES: Mapping[str, str] = {"needle": "needle_id", "gel": "gelatin_percent", "gel ratio": "gelatin_percent"}
 _FALLBACK = "run"
-_ARM = "arm"
-"""Of a campaign's task."""
 _NO_SPECIMEN = (
     "Some pictures name no specimen. If several show insertions into the same gel, they are no independent values:"
     " intervals are then too narrow, and p too small."
@@ -35,9 +33,8 @@ def group_rows(
 ) -> tuple[pd.DataFrame, tuple[str, ...], list[str]]:
     """Put measurements into groups by the values of some fields.
 
-    Without fields these are needle and gel, or the arm of a campaign. A measurement that names neither, as an imported
-    one, is in the group of its run, and so are all where needle and gel are the same in all runs. Arms of different
-    campaigns are different arms, whatever their names.
+    Without fields these are needle and gel. A measurement that names neither, as an imported one, is in the group of
+    its run, and so are all where needle and gel are the same in all runs.
 
     Returns
     -------
@@ -54,10 +51,8 @@ def group_rows(
     InputError
         When a field is not known, or there is only one group.
     """
-    usual = [name for name in (*DEFAULT_FIELDS, _ARM) if name in rows and rows[name].notna().any()]
+    usual = [name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any()]
     fields = [ALIASES.get(name, name) for name in by] or usual
-    if _ARM in fields and _FALLBACK not in fields and sum(run.run is None for run in runs) > 1:
-        fields.insert(fields.index(_ARM), _FALLBACK)
     notes = []
     grouped = _label_rows(rows, runs, fields)
     if not by:

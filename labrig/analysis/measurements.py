@@ -5,21 +5,19 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from pydantic import BaseModel, ValidationError
 
-from labrig.analysis.campaign_rows import BY_RULE, FIXED, is_campaign, make_table, read_rows
 from labrig.analysis.result import RESULT_FILE, TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.lab import choose_runs_dir
 from labrig.protocol.model import Model
 from labrig.record.catalogue import find_runs, manifest_fields
-from labrig.record.layout import CAMPAIGN
 from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run, open_run
 from labrig.record.tables import unescape_formula
@@ -39,10 +37,8 @@ _NOT_MEASURED = frozenset(
         "role",
         "reason",
         *_TEXT,
-        *FIXED,
     }
 )
-_TASKS = "tasks"
 
 
 @dataclass(frozen=True)
@@ -61,21 +57,6 @@ class _Stamp(BaseModel):
     not_in_interval: tuple[str, ...] = ()
 
 
-class _CampaignDocument(BaseModel):
-    """What decided the rows of a campaign; more is ignored."""
-
-    protocol: dict[str, Any] = {}
-    rig: Any = None
-    calibration: dict[str, str] = {}
-
-
-class _CampaignPlan(BaseModel):
-    """How many tasks a campaign is to have, and the quantity of its page; empty where it was not kept."""
-
-    tasks: int = 0
-    measure: str | None = None
-
-
 class UsedRun(Model):
     """A run of a comparison: which of its results, and what is to be known of it."""
 
@@ -90,46 +71,27 @@ class UsedRun(Model):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A run and its newest result, or a campaign, whose tables are read when they are asked for.
+    """A run and its newest result, whose tables are read when they are asked for.
 
     Attributes
     ----------
-    path : Path
-        Its folder.
+    run : Run
+        The run.
     about : UsedRun
         Its name (its path, where several have that name), and what has to be read with its numbers.
     settings : Mapping
         Of the measurement.
     not_in_interval : tuple of str
         Sources of error that the result knows nothing of.
-    calibration : Mapping
-        The SHA-256 of each calibration file.
     columns : Mapping
         Of each table that names trials, the columns.
-    read_fields : callable
-        Returns the values of manifest and protocol by dotted path.
-    read_rows : callable
-        Returns the rows of a table that count, one for each trial, imported picture or task. With the columns `started`
-        and `left_out` (why it is not to be evaluated; else empty).
-    run : Run or None
-        None for a campaign.
-    measure : str or None
-        The quantity that the page of a campaign compares.
-    tasks_left : int
-        How many tasks of a campaign are still to be done; 0 where its rule ended it.
     """
 
-    path: Path
+    run: Run
     about: UsedRun
     settings: Mapping[str, Any]
     not_in_interval: tuple[str, ...]
-    calibration: Mapping[str, str]
     columns: Mapping[str, tuple[str, ...]]
-    read_fields: Callable[[], Mapping[str, Sequence[object]]]
-    read_rows: Callable[[str], pd.DataFrame]
-    run: Run | None = None
-    measure: str | None = None
-    tasks_left: int = 0
 
     @property
     def name(self) -> str:
@@ -139,7 +101,13 @@ class Measured:
     @cached_property
     def fields(self) -> Mapping[str, Sequence[object]]:
         """The values of manifest and protocol by dotted path, and tags and verdict."""
-        return self.read_fields()
+        protocol = manifest_fields(dict(self.run.protocol))
+        return {
+            **manifest_fields(self.run.manifest),
+            **{f"protocol.{path}": values for path, values in protocol.items()},
+            "tag": list(self.run.annotations.tags),
+            "verdict": [self.run.annotations.verdict],
+        }
 
     def find_column(self, quantity: str) -> tuple[str, str] | None:
         """Return the first table and column of a quantity, `COLUMN` or `TABLE.COLUMN`; None without one."""
@@ -158,18 +126,33 @@ class Measured:
         ]
 
     def read_measurements(self, table: str) -> pd.DataFrame:
-        """Return the rows of a table that count; `run`, `experiment`, `result`, `started` and `left_out` come first.
+        """Return the rows of a table that count, one for each trial or imported picture.
+
+        Columns: `run`, `experiment`, `result`, `started` (UTC; of an import, of the run), `left_out` (why a person had
+        the trial not evaluated; else empty), those of the table, then those of the beginning of each trial that the
+        table lacks.
 
         Raises
         ------
         RecordError
             When the table cannot be read.
         """
-        rows = self.read_rows(table)
-        about = self.about
-        named = rows.assign(run=about.run, experiment=about.experiment, result=about.result)
+        about, trials = self.about, _read_trials(self.run)
+        path = self.run.path / f"analysis/{about.result:03d}/{table}.csv"
+        rows = _take_final_rows(_read_csv(path), trials)
+        if not trials.empty:
+            added = [name for name in trials.columns if name not in rows.columns or name == "trial"]
+            rows = rows.merge(trials[added], on="trial", how="left")
+        times = rows["start_t_s"] if "start_t_s" in rows else [None] * len(rows)
+        whole = rows.drop(columns=["start_t_s", "final_frame"], errors="ignore").assign(
+            run=about.run,
+            experiment=about.experiment,
+            result=about.result,
+            started=pd.Series([_find_time(self.run, t_s) for t_s in times], rows.index, dtype=object),
+            left_out=pd.Series(_explain_left_out(self.run, rows["trial"]), rows.index, dtype=object),
+        )
         first = ["run", "experiment", "result", "started", "left_out"]
-        return named[[*first, *(name for name in rows if name not in first)]]
+        return whole[[*first, *(name for name in whole if name not in first)]]
 
 
 def _open_run(path: Path) -> Measured:
@@ -192,41 +175,7 @@ def _open_run(path: Path) -> Measured:
         verdict=run.annotations.verdict,
         simulated=is_simulated(run.manifest),
     )
-    return Measured(
-        run.path,
-        about,
-        stamp.settings,
-        stamp.not_in_interval,
-        run.calibration_hashes,
-        _list_columns(folder),
-        partial(_read_fields, run),
-        partial(_read_trial_rows, run, folder),
-        run,
-    )
-
-
-def _read_fields(run: Run) -> Mapping[str, Sequence[object]]:
-    protocol = manifest_fields(dict(run.protocol))
-    return {
-        **manifest_fields(run.manifest),
-        **{f"protocol.{path}": values for path, values in protocol.items()},
-        "tag": list(run.annotations.tags),
-        "verdict": [run.annotations.verdict],
-    }
-
-
-def _read_trial_rows(run: Run, folder: Path, table: str) -> pd.DataFrame:
-    """Return a row for each trial or imported picture, with what the beginning of the trial says besides."""
-    trials = _read_trials(run)
-    rows = _take_final_rows(_read_csv(folder / f"{table}.csv"), trials)
-    if not trials.empty:
-        added = [name for name in trials.columns if name not in rows.columns or name == "trial"]
-        rows = rows.merge(trials[added], on="trial", how="left")
-    times = rows["start_t_s"] if "start_t_s" in rows else [None] * len(rows)
-    return rows.drop(columns=["start_t_s", "final_frame"], errors="ignore").assign(
-        started=pd.Series([_find_time(run, t_s) for t_s in times], rows.index, dtype=object),
-        left_out=pd.Series(_explain_left_out(run, rows["trial"]), rows.index, dtype=object),
-    )
+    return Measured(run, about, stamp.settings, stamp.not_in_interval, _list_columns(folder))
 
 
 def _read_csv(path: Path) -> pd.DataFrame:
@@ -244,64 +193,23 @@ def _read_csv(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _open_campaign(folder: Path) -> Measured:
-    """Read a campaign: its document, and the rows that are there. Raises `RecordError` when these are damaged."""
-    tasks = make_table(read_rows(folder))
-    try:
-        kept: Any = parse_json(read_file(folder / CAMPAIGN, MAX_RESULT_BYTES))
-        document, plan = _CampaignDocument(**kept["document"]), _CampaignPlan(**kept.get("plan", {}))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        hint = "restore it from a copy, or make the campaign again"
-        raise RecordError(f"{folder / CAMPAIGN} is damaged: {error}", hint) from error
-    left = 0 if kept.get("ended") == BY_RULE else max(0, plan.tasks - len(tasks))
-    about = UsedRun(
-        run=folder.resolve().name,
-        experiment=str(document.protocol.get("experiment")),
-        result=0,
-        overrides=(),
-        # As of a run that has not ended.
-        exit_status="incomplete" if left else "success",
-        verdict=None,
-        simulated=True,
-    )
-    # Each task is a measurement, and each simulated block of gel its own.
-    rows = tasks.assign(
-        started=None,
-        left_out=tasks["error"].astype(object).where(tasks["error"].notna(), None),
-        trial=tasks["task"],
-        specimen=tasks["task"].map("task {}".format),
-    )
-    return Measured(
-        folder,
-        about,
-        {},
-        (),
-        document.calibration,
-        {_TASKS: tuple(map(str, tasks.columns))},
-        lambda: manifest_fields({"protocol": document.protocol, "rig": document.rig}),
-        lambda _: rows,
-        measure=plan.measure,
-        tasks_left=left,
-    )
-
-
 def open_measured_runs(
     paths: Sequence[Path], progress: Callable[[float], None] = lambda _: None
 ) -> tuple[list[Measured], list[LeftOut]]:
-    """Open runs and campaigns, each once; those that cannot be used are returned with the reason, not raised."""
+    """Open runs, each once; those that cannot be used are returned with the reason, not raised."""
     measured: list[Measured] = []
     left_out = []
     once = list({path.resolve(): path for path in paths}.values())
     for done, path in enumerate(once, start=1):
         try:
-            measured.append(_open_campaign(path) if is_campaign(path) else _open_run(path))
+            measured.append(_open_run(path))
         except LabrigError as error:
             left_out.append(LeftOut(path, error))
         progress(done / len(once))
     names = Counter(run.name for run in measured)
     for place, run in enumerate(measured):
         if names[run.name] > 1:
-            about = run.about.model_copy(update={"run": str(run.path)})
+            about = run.about.model_copy(update={"run": str(run.run.path)})
             measured[place] = replace(run, about=about)
     return measured, left_out
 
@@ -316,7 +224,7 @@ def load_runs(
     where : str or None
         The condition that a run has to fit, as for `labrig runs --where`; None: every run.
     runs_dir : Path, str or None
-        Folder of the runs, or of one campaign; None: the runs that `labrig runs` lists.
+        Folder of the runs; None: the runs that `labrig runs` lists.
     table : str or None
         The table of the results; None: the first one that each lists, as `measurements` or `insertions`.
 
@@ -332,13 +240,14 @@ def load_runs(
     InputError
         When the condition cannot be read.
     """
-    measured, left_out = open_measured_runs(_find_runs(where, runs_dir))
+    folder = choose_runs_dir().path if runs_dir is None else Path(runs_dir)
+    measured, left_out = open_measured_runs([found.summary.run for found in find_runs(folder, where)])
     reasons = {str(run.run): run.error.message for run in left_out}
     tables = []
     for run in measured:
         wanted = next(iter(run.columns), None) if table is None else table
         if wanted is None or wanted not in run.columns:
-            reasons[str(run.path)] = "its result has no such table of measurements"
+            reasons[str(run.run.path)] = "its result has no such table of measurements"
         else:
             tables.append(run.read_measurements(wanted))
     if reasons:
@@ -346,18 +255,6 @@ def load_runs(
     joined = join_measurements(tables)
     joined.attrs["left_out"] = reasons
     return joined
-
-
-def _find_runs(where: str | None, runs_dir: Path | str | None) -> list[Path]:
-    folder = choose_runs_dir().path if runs_dir is None else Path(runs_dir)
-    if not is_campaign(folder):
-        return [found.summary.run for found in find_runs(folder, where)]
-    if where is not None:
-        raise InputError(
-            f"{folder} is a campaign, which has no runs to choose from",
-            "leave out the condition, and choose among the rows of the table",
-        )
-    return [folder]
 
 
 def join_measurements(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:

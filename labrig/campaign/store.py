@@ -15,7 +15,6 @@ from typing import Any, Self
 
 import pandas as pd
 
-from labrig.analysis.campaign_rows import BY_RULE, ROWS_FILE, TABLE_FILE, make_table, read_rows
 from labrig.analysis.engine import describe_installation, describe_kernels
 from labrig.durable import (
     disk_errors,
@@ -25,10 +24,47 @@ from labrig.durable import (
 )
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
-from labrig.record.json_lines import LineFile, encode_document, encode_line
+from labrig.record.json_lines import LineFile, encode_document, encode_line, read_lines
 from labrig.record.layout import CAMPAIGN, LOCK
 from labrig.record.lock import FileLock
 from labrig.record.processor import describe_change
+
+ROWS_FILE = "tasks.jsonl"
+TABLE_FILE = "table.parquet"
+BY_RULE = "by_rule"
+"""How a campaign ended that its rule ended before all of its tasks were done."""
+FIXED = ("task", "arm", "point", "repetition", "seed", "exit_status", "reason", "error")
+"""What every row has, in this order; varied keys and values follow in the order in which they first appear."""
+
+
+def read_rows(folder: Path) -> list[dict[str, Any]]:
+    """Return the rows of a campaign in order, without a torn last line; none before the first task.
+
+    Raises
+    ------
+    RecordError
+        When a line is damaged; names it.
+    """
+    path = folder / ROWS_FILE
+    return read_lines(path) if path.exists() else []
+
+
+def make_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Return rows as a table, a column of one type for each of their names; what a row lacks is missing."""
+    names = dict.fromkeys([*FIXED, *(name for row in rows for name in row)])
+    return pd.DataFrame({name: _make_column([row.get(name) for row in rows]) for name in names})
+
+
+def _make_column(values: Sequence[Any]) -> "pd.Series[Any]":
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {bool}:
+        return pd.Series(values, dtype="boolean")
+    if kinds == {int}:
+        return pd.Series(values, dtype="Int64")
+    if kinds and kinds <= {int, float}:
+        return pd.Series(values, dtype="float64")
+    return pd.Series([None if value is None else str(value) for value in values], dtype="string")
+
 
 _ELSEWHERE = "name another folder with --out"
 

@@ -5,13 +5,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 
-from labrig.analysis.campaign_rows import FIXED
 from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile, show_value
 from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration
 from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms
 from labrig.campaign.statistics import require_measure
-from labrig.campaign.store import CampaignPlan
+from labrig.campaign.store import FIXED, CampaignPlan
 from labrig.campaign.whole_run import run_whole
 from labrig.errors import LabrigError
 from labrig.experiments.registry import find_experiment

@@ -14,7 +14,7 @@ from labrig.cli.progress import show_working
 from labrig.cli.several_runs import find_matching_runs, require_runs_or_condition
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
-from labrig.lab import CAMPAIGNS, COMPARISONS, find_in_lab
+from labrig.lab import COMPARISONS, find_in_lab
 from labrig.library.names import require_run_folder
 from labrig.text import interval
 
@@ -22,9 +22,7 @@ from labrig.text import interval
 def compare(
     run_paths: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="RUN...", help="Folders of runs or campaigns, their names in the lab folder, or last."
-        ),
+        typer.Argument(metavar="RUN...", help="Folders of runs, their names in the lab folder, or last."),
     ] = None,
     where: Annotated[
         str | None,
@@ -34,8 +32,7 @@ def compare(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="A column of the results' tables, or TABLE.COLUMN. Default: that of a campaign's page; of runs "
-            "radius_mm, else target_error_mm.",
+            help="A column of the results' tables, or TABLE.COLUMN. Default: radius_mm, else target_error_mm.",
         ),
     ] = None,
     by: Annotated[
@@ -82,28 +79,19 @@ def compare(
 
 
 def _list_differences(measured: Sequence[Any]) -> list[dict[str, object]] | None:
-    """Return each value in which two runs differ; None of more runs, and of campaigns."""
+    """Return each value in which two runs differ; None of more runs."""
     from labrig.library.door import differences
 
-    runs = [one.run for one in measured if one.run is not None]
-    if len(measured) != 2 or len(runs) != 2:
+    if len(measured) != 2:
         return None
-    return [asdict(difference) for difference in differences(*runs)]
+    return [asdict(difference) for difference in differences(*(one.run for one in measured))]
 
 
 def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> list[Path]:
     require_runs_or_condition(named, where, "compare")
     if where is None:
-        return [_find_campaign(run) or require_run_folder(run, runs_dir) for run in named]
+        return [require_run_folder(run, runs_dir) for run in named]
     return find_matching_runs(runs_dir, where)
-
-
-def _find_campaign(named: Path) -> Path | None:
-    """Return the folder of a campaign that is given by its folder, or by its name in the lab folder."""
-    from labrig.analysis.campaign_rows import is_campaign
-
-    in_lab = find_in_lab(CAMPAIGNS) / named
-    return next((folder for folder in (named, in_lab) if is_campaign(folder)), None)
 
 
 def _write(compared: Any, out: Path | None) -> Path:

@@ -6,10 +6,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from labrig.analysis.campaign_rows import make_table
 from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
+from labrig.campaign.store import make_table
 from labrig.campaign.tasks import CampaignTasks, TaskOrder
 from tests.campaign.campaigns import Law, computing, load, write_campaign
 from tests.report.conftest import HOSTILE

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from labrig.analysis.campaign_rows import ROWS_FILE, TABLE_FILE
-from labrig.campaign.store import CampaignPlan, CampaignStore
+from labrig.campaign.store import ROWS_FILE, TABLE_FILE, CampaignPlan, CampaignStore
 from labrig.errors import DiskError, InputError, LockedError, OutputExistsError, RecordError
 from labrig.record.layout import CAMPAIGN as CAMPAIGN_FILE
 from tests.disks import full_disk

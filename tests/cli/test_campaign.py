@@ -10,7 +10,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from labrig.analysis import load_runs
 from tests.campaign.campaigns import PROTOCOLS, write_campaign
 from tests.cli.conftest import RIG, ROOT, Labrig
 
@@ -97,22 +96,8 @@ def test_the_order_of_workers_changes_nothing(labrig: Labrig, made: Path) -> Non
         assert (
             labrig("campaign", file, "--set", f"rig={RIG}", "--out", out, "--workers", workers).exit_code == 0
         )
-        tables.append(load_runs(runs_dir=out).drop(columns=["run"]))
-    pd.testing.assert_frame_equal(*tables)
-
-
-def test_a_campaign_is_compared_as_runs_are(labrig: Labrig, made: Path, tmp_path: Path) -> None:
-    """Its arms are the groups, and it is said that they share their seeds."""
-    labrig("campaign", made / "campaign-tried.yaml", "--set", f"rig={RIG}", "--out", made / "out")
-    quantity = ("--quantity", "true_target_error_mm", "--out", tmp_path / "compared", "--json")
-    done = labrig("compare", made / "out", *quantity)
-    assert done.exit_code == 0, done.err
-    document = done.json()
-    assert [group["name"] for group in document["groups"]] == [
-        "arm replan_every_mm=10",
-        "arm replan_every_mm=40",
-    ]
-    assert any("share their seeds" in sentence for sentence in document["warnings"])
+        tables.append(pd.read_parquet(out / "table.parquet"))
+    pd.testing.assert_frame_equal(tables[0], tables[1])
 
 
 def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_path: Path) -> None:
@@ -140,7 +125,7 @@ def test_whole_insertions_give_a_table_like_that_of_virtual_ones(labrig: Labrig,
         file, out = write_campaign(tmp_path, **ARMS, depth=depth, set=TINY), tmp_path / depth
         done = labrig("campaign", file, "--set", f"rig={RIG}", "--out", out, "--workers", 2)
         assert done.exit_code == 0, done.err
-        tables.append(load_runs(runs_dir=out))
+        tables.append(pd.read_parquet(out / "table.parquet"))
     rig, world = tables
     assert len(rig) == len(world) == 2
     same = ["arm", "seed", "exit_status", "true_target_error_mm", "replans", "length_mm"]
@@ -232,7 +217,7 @@ def test_every_example_gives_a_table_and_a_page(labrig: Labrig, tmp_path: Path, 
     assert done.exit_code == 0, done.err
     document = done.json()
     assert (document["done"], document["failed"], document["ended"]) == (document["tasks"], 0, "complete")
-    assert len(load_runs(runs_dir=tmp_path / "out")) == document["tasks"] > 0
+    assert len(pd.read_parquet(tmp_path / "out" / "table.parquet")) == document["tasks"] > 0
     assert Path(document["report"]).is_file()
 
 

@@ -373,14 +373,16 @@ def _look_ahead(bars: BarMap, last: complex, heading: float, usual: float) -> tu
 
 
 def measure_beyond(bars: BarMap, tip: FloatArray, before: FloatArray) -> float:
-    """Return how strongly a shaft is seen to go on beyond its end.
+    """Return how strongly a shaft is seen to go on beyond its end; 0 if what lies ahead does not stand out.
 
     It is the response over some length ahead, as a share of that before the end: the median over `before` (N, 2), the
     last places of the shaft in the turned picture; `tip` (2,) is the end.
     """
     last = bars.reduced(before)
     heading = float(np.angle(last[-1] - last[0]))
-    return _look_ahead(bars, complex(bars.reduced(tip[None])[0]), heading, float(np.median(bars.at(last))))[2]
+    usual = float(np.median(bars.at(last)))
+    share = _look_ahead(bars, complex(bars.reduced(tip[None])[0]), heading, usual)[2]
+    return share if share * usual >= bars.least else 0.0
 
 
 def _make_arcs(

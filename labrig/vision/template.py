@@ -219,7 +219,6 @@ def require_grey(image: Picture) -> Picture:
     return as_grey(image)
 
 
-_KIND, _SCHEMA_VERSION = "labrig-template", 1
 _AGAIN = "make it again with `labrig calibrate template`"
 
 
@@ -228,8 +227,6 @@ class _Document(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
-    kind: str = _KIND
-    schema_version: int = _SCHEMA_VERSION
     tip_px: tuple[float, float]
     heading_rad: float | None = None
     heading_deg: float | None = None
@@ -240,10 +237,6 @@ class _Document(BaseModel):
     def _has_one_heading(self) -> "_Document":
         if (self.heading_rad is None) == (self.heading_deg is None):
             raise ValueError("must hold either heading_rad or heading_deg")
-        if self.kind != _KIND or self.schema_version != _SCHEMA_VERSION:
-            raise ValueError(
-                f"is {self.kind!r}, version {self.schema_version}, not {_KIND!r}, {_SCHEMA_VERSION}"
-            )
         return self
 
     @property
@@ -272,8 +265,6 @@ def save_template(path: Path, template: TipTemplate, provenance: Mapping[str, An
             f"a template is written as {path.stem}.png, not as {path.name}", "end the name in .png"
         )
     document = {
-        "kind": _KIND,
-        "schema_version": _SCHEMA_VERSION,
         "tip_px": list(template.tip_px),
         "heading_rad": template.heading_rad,
         "insertion": template.insertion,

@@ -44,37 +44,12 @@ _PLACES = 3
 _MOST_MOVED = 0.25
 # Two places within this share of the template's side are the same.
 _SAME_PLACE = 0.6
+# An accepted place has this correlation with the refined template, 1 at best, and so much more than the next best one.
+# A predicted heading is refined by no more than this turn.
+_LEAST_SCORE, _LEAST_DISTINCTNESS = 0.9, 0.05
+_MOST_TURNED_RAD = math.radians(15.0)
 # Headings tried if none is predicted, from -96 to 96 degrees.
 _HEADINGS_RAD = tuple(math.radians(12.0 * step) for step in range(-8, 9))
-
-
-@dataclass(frozen=True)
-class TipSettings:
-    """The conditions for accepting a place as the tip.
-
-    Parameters
-    ----------
-    min_score : float
-        Correlation of the refined template with the picture, 1 at best.
-    min_distinctness : float
-        Least difference between the score and that of the next best place.
-    max_turn_rad : float
-        Largest difference between refined and predicted heading.
-
-    Raises
-    ------
-    InputError
-        For a setting out of its range.
-    """
-
-    min_score: float = 0.9
-    min_distinctness: float = 0.05
-    max_turn_rad: float = math.radians(15.0)
-
-    def __post_init__(self) -> None:
-        for name, highest in (("min_score", 1.0), ("min_distinctness", 1.0), ("max_turn_rad", math.pi)):
-            if not 0.0 <= getattr(self, name) <= highest:
-                raise InputError(f"{name} is {getattr(self, name):g}, must be between 0 and {highest:.4g}")
 
 
 @dataclass(frozen=True)
@@ -114,7 +89,6 @@ def next_region_px(region_px: float, misses: int, growth: float = 1.6) -> float:
 def locate_tip(
     image: Picture,
     template: TipTemplate,
-    settings: TipSettings | None = None,
     *,
     near_px: _Point | None = None,
     heading_rad: float | None = None,
@@ -128,8 +102,6 @@ def locate_tip(
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
     template : TipTemplate
-    settings : TipSettings or None
-        None: the defaults.
     near_px : (float, float) or None
         Predicted pixel of the tip. None: the whole picture is searched.
     heading_rad : float or None
@@ -153,7 +125,7 @@ def locate_tip(
     InputError
         For a prediction that is not finite, or a region that is not positive.
     """
-    rules, grey = settings or TipSettings(), require_grey(image)
+    grey = require_grey(image)
     _check(grey, template, mask, (*(near_px or ()), heading_rad or 0.0, roll_rad or 0.0), region_px)
     region = _Region.around(grey, template, near_px, region_px, mask)
     if region is None:
@@ -178,7 +150,7 @@ def locate_tip(
     apart = (_is_apart(place, best) for place in places)
     rival = max((score for score, far in zip(others, apart, strict=True) if far), default=0.0)
     reached = _get_fitted_score((best, fit)) if several else best.score
-    reason = _judge(fit, best, reached - rival, rules, predicted=heading_rad is not None)
+    reason = _judge(fit, best, reached - rival, predicted=heading_rad is not None)
     score, distinctness = best.score if fit is None else fit.score, reached - rival
     if fit is None or reason is not None:
         return TipFix(accepted=False, reason=reason, score=score, distinctness=distinctness)
@@ -386,24 +358,22 @@ def _get_fitted_score(tried: tuple[_Match, _RefinedMatch | None]) -> float:
     return 0.0 if tried[1] is None else tried[1].score
 
 
-def _judge(
-    fit: _RefinedMatch | None, start: _Match, distinctness: float, rules: TipSettings, *, predicted: bool
-) -> str | None:
+def _judge(fit: _RefinedMatch | None, start: _Match, distinctness: float, *, predicted: bool) -> str | None:
     """Return why the refined place is not accepted as the tip, or None."""
     if fit is None:
         return "The template cannot be fitted to the best place."
-    if fit.score < rules.min_score:
-        return f"The score is {round_down(fit.score, 3)}, and {rules.min_score:g} is the least."
-    if distinctness < rules.min_distinctness:
+    if fit.score < _LEAST_SCORE:
+        return f"The score is {round_down(fit.score, 3)}, and {_LEAST_SCORE:g} is the least."
+    if distinctness < _LEAST_DISTINCTNESS:
         return (
             f"The best place scores {round_down(distinctness, 3)} more than the next, "
-            f"and {rules.min_distinctness:g} is the least: they cannot be told apart."
+            f"and {_LEAST_DISTINCTNESS:g} is the least: they cannot be told apart."
         )
     # A heading that was only tried may be far from the needle's; a predicted heading may not.
     turned_rad = abs(wrap_angle(fit.place.turn_rad - start.view.turn_rad)) if predicted else 0.0
     most_moved = _MOST_MOVED if predicted else 2.0 * _MOST_MOVED
     moved_px = math.dist(fit.place.lands_px, start.tip_px)
-    if turned_rad > rules.max_turn_rad or moved_px > most_moved * min(start.view.template.picture.shape):
+    if turned_rad > _MOST_TURNED_RAD or moved_px > most_moved * min(start.view.template.picture.shape):
         return (
             f"The fit went {moved_px:.1f} px and {math.degrees(turned_rad):.1f} degrees away from the best place, "
             "so it is not to be trusted."

@@ -189,7 +189,6 @@ def test_a_template_may_be_written_by_hand(tmp_path: Path) -> None:
         '{"tip_px": [20], "heading_rad": 0}',
         '{"tip_px": [20, 900], "heading_rad": 0}',
         '{"tip_px": [20, 20], "heading_rad": NaN}',
-        '{"tip_px": [20, 20], "heading_rad": 0, "kind": "labrig-plane"}',
         '{"tip_px": [20, 20], "heading_rad": 0, "insertion": "sideways"}',
     ],
 )

@@ -112,7 +112,7 @@ def find_origins(
         Lines of the pictures that show only the sheath; those without a trial are skipped.
     """
     found = [_read_origin(read, line, plane, sheath) for line in lines if line.trial is not None]
-    return _mark_lasting_shift(_compare_with_others(found, sheath))
+    return tuple(_compare_with_others(found, sheath))
 
 
 def find_sheath(
@@ -194,17 +194,3 @@ def _add_comparison(origin: TrialOrigin, off: _Deviation, sheath: Sheath) -> Tri
     if origin.accepted and reasons:
         update |= {"accepted": False, "reason": " ".join(reasons)}
     return origin.model_copy(update=update)
-
-
-def _mark_lasting_shift(origins: Sequence[TrialOrigin]) -> tuple[TrialOrigin, ...]:
-    """Extend the reasons of the last trials if all of them are refused: a single slip does not last."""
-    found = [origin for origin in origins if origin.tip_mm is not None]
-    last_good = max((index for index, origin in enumerate(found) if origin.accepted), default=-1)
-    lasts = len(found) - last_good > _LEAST_TRIALS
-    since = {origin.trial for origin in found[last_good + 1 :]} if lasts else set()
-    return tuple(
-        origin.model_copy(update={"reason": f"{origin.reason} So it is in every trial from {min(since)} on."})
-        if origin.trial in since and origin.tip_mm is not None
-        else origin
-        for origin in origins
-    )

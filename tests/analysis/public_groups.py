@@ -1,9 +1,8 @@
-"""Three public data sets of R, with what pingouin 0.7.0 (and R, where it is named) makes of them.
+"""Two public data sets of R, with what pingouin 0.7.0 (and R, where it is named) makes of them.
 
 PlantGrowth: Dobson, An Introduction to Statistical Modelling (1983), dried weight of plants. InsectSprays: Beall,
-Biometrika 32 (1942), insects counted after six sprays. chickwts: McNeil, Interactive Data Analysis (1977), weights of
-chicks on six feeds. `pingouin.welch_anova` and `pingouin.pairwise_gameshowell` printed the numbers; R's `oneway.test`
-prints the same F, degrees of freedom and p in its five digits.
+Biometrika 32 (1942), insects counted after six sprays. `pingouin.welch_anova` and `pingouin.pairwise_gameshowell`
+printed the numbers; R's `oneway.test` prints the same F, degrees of freedom and p in its five digits.
 """
 
 from dataclasses import dataclass
@@ -45,23 +44,4 @@ INSECT_SPRAYS = PublicGroups(
     7.999379455673353e-12,
     {("A", "B"): 0.9972482341, ("A", "D"): 0.0001255901, ("C", "D"): 0.0556677695, ("D", "E"): 0.6005952535},
 )
-CHICK_WEIGHTS = PublicGroups(
-    {
-        "casein": [368, 390, 379, 260, 404, 318, 352, 359, 216, 222, 283, 332],
-        "horsebean": [179, 160, 136, 227, 217, 168, 108, 124, 143, 140],
-        "linseed": [309, 229, 181, 141, 260, 203, 148, 169, 213, 257, 244, 271],
-        "meatmeal": [325, 257, 303, 315, 380, 153, 263, 242, 206, 344, 258],
-        "soybean": [243, 230, 248, 327, 329, 250, 193, 271, 316, 267, 199, 171, 158, 248],
-        "sunflower": [423, 340, 392, 339, 341, 226, 320, 295, 334, 322, 297, 318],
-    },
-    19.66172436083694,
-    29.95203638610415,
-    1.1770597160664972e-08,
-    {
-        ("casein", "linseed"): 0.0031015798,
-        ("casein", "sunflower"): 0.9999000381,
-        ("horsebean", "linseed"): 0.0649384324,
-        ("linseed", "meatmeal"): 0.2209306574,
-    },
-)
-PUBLIC = {"PlantGrowth": PLANT_GROWTH, "InsectSprays": INSECT_SPRAYS, "chickwts": CHICK_WEIGHTS}
+PUBLIC = {"PlantGrowth": PLANT_GROWTH, "InsectSprays": INSECT_SPRAYS}

@@ -138,15 +138,6 @@ def test_slip_that_a_zero_set_by_eye_hides_is_found_by_the_other_trials() -> Non
     assert "the other trials" in (found[3].reason or "")
 
 
-def test_bump_that_stays_is_told_from_a_single_slip() -> None:
-    """A camera that moved stays moved: the reason of each later trial states it."""
-    found = origins([0, 0, 20, 20, 20], [15.0] * 5, SheathOrigin())
-    assert [origin.accepted for origin in found] == [True, True, False, False, False]
-    assert all("every trial from 2 on" in (origin.reason or "") for origin in found[2:])
-    (_, slip, *_) = origins([0, 20, 0, 0], [15.0] * 4, SheathOrigin())
-    assert "from 1 on" not in (slip.reason or "")
-
-
 def test_sheath_that_went_as_far_as_its_encoder_says_is_no_other() -> None:
     """A trial with another travel is expected where that travel puts it."""
     found = origins([0, round(2.0 * PX_PER_MM), 0, 0], [15.0, 17.0, 15.0, 15.0], SheathOrigin())

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
+from labrig.text import round_up
 from labrig.vision.paper import find_paper
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap, Radial, apply_homography
-from labrig.text import round_up
 
 FloatArray = NDArray[np.float64]
 

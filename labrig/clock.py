@@ -17,8 +17,5 @@ class Clock(Protocol):
     def sleep(self, duration_s: float) -> None:
         """Let `duration_s` seconds of rig time pass."""
 
-    def suspended_s(self) -> float:
-        """Return for how long the computer has been suspended since; rig time leaves that out [s]."""
-
     def utc(self) -> datetime:
         """Return the calendar time, aware, in UTC."""

@@ -58,7 +58,6 @@ def open_rig_for_person(
             seed=seed,
             person=TerminalOperator(interrupted, sys.stdin, rings=attention.rings),
             interrupted=interrupted,
-            insisted=interrupted.insist,
             doing=doing,
             opening=opening or Opening(),
             alert=say,

@@ -3,7 +3,7 @@
 A shell starts background jobs with INT ignored, and `nohup` ignores HUP. Both are handled here all the same, because a
 needle may be in tissue. While a rig is open, a signal is only noted: the rig checks for it between bus transactions,
 stops the axes and raises `InterruptedRunError` itself. While a run is made at a terminal, the first INT is noted as a
-request to pause, and stops only if no safe point can come: at a question, or while a device keeps labrig waiting.
+request to pause, and stops only at a question, where no safe point can come.
 """
 
 import signal

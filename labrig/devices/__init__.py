@@ -39,7 +39,7 @@ What is decided here
   `worker`): one reads the camera, one does the rest, which is disk and long computations. The recorder has a third for
   its fsyncs. A supervisor that hangs sends no beat, and the drives stop. Simulated time stands still while something
   blocks, so that such a rig has no workers; a rehearsal, in real time, has one for the disk.
-- A camera that does not answer is given up and named; a suspended computer shows in the kernel's clocks, and is named
-  when it goes on. A bit rate at which the drives cannot be looked after does not open.
+- A camera that does not answer is given up and named; rig time goes on while a computer is suspended, so that the
+  gap in its heartbeat is named when it wakes. A bit rate at which the drives cannot be looked after does not open.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can has one on a real bus).
 """

@@ -1,12 +1,11 @@
 """One axis of the rig: its limits, its reference and its moves, for any kind of drive."""
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drives.drive import Drive, DriveReading, Homing
+from labrig.devices.drives.drive import Drive, DriveReading, Homing, Setpoint
 from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
 from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError, SafetyStopError
 
@@ -19,48 +18,11 @@ _SAME_TARGET = 1e-6
 
 
 @dataclass(frozen=True)
-class Setpoint:
-    """A move as requested and as sent.
-
-    Parameters
-    ----------
-    asked_position, asked_speed : float
-        What was asked [mm or rad, per s].
-    sent : mapping of str to int
-        What went over the wire, by the names of its drive.
-    position, speed : float
-        What that amounts to [mm or rad, per s]; differs by rounding.
-    """
-
-    asked_position: float
-    asked_speed: float
-    sent: Mapping[str, int]
-    position: float
-    speed: float
-
-    def document(self) -> dict[str, float]:
-        """Return it as in an event of the record."""
-        asked = {"asked_position": self.asked_position, "asked_speed": self.asked_speed}
-        return {**asked, **self.sent, "position": self.position, "speed": self.speed}
-
-
-@dataclass(frozen=True)
 class _Place:
     """Where an axis is [mm or rad], read at or after `t_s`."""
 
     t_s: float
     position: float
-
-
-@dataclass(frozen=True, slots=True)
-class AxisReadback(DriveReading):
-    """A reading of an axis: that of its drive, whether the move is done, and the speed [mm/s or rad/s].
-
-    The speed is computed from this position and the one before; the drive's own is quantised to tens of rpm. NaN where
-    it is not known.
-    """
-
-    speed: float = math.nan
 
 
 class Axis:
@@ -102,7 +64,6 @@ class Axis:
         self._then: tuple[float, float] | None = None
         self._due_s: float | None = None
         self._inside_since_s: float | None = None
-        self._last: tuple[float, float] | None = None
 
     # Moving
 
@@ -141,7 +102,7 @@ class Axis:
         here = self._place()
         self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed, here.position)
         self._go(here, position, speed, beyond)
-        return Setpoint(position, speed, move.sent, move.position, move.speed)
+        return move
 
     def start_jog(self, distance: float, speed: float) -> float:
         """Start a relative move, referenced or not; `read` tells when it is done.
@@ -220,7 +181,7 @@ class Axis:
         window_s = self.description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
 
-    def read(self) -> AxisReadback:
+    def read(self) -> DriveReading:
         """Read statusword and position.
 
         `target_reached` means that the last move is done: the drive says so, and the position that was read
@@ -247,15 +208,7 @@ class Axis:
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        return AxisReadback(
-            read.position,
-            read.statusword,
-            read.state,
-            reached,
-            read.current_ma,
-            read.inputs,
-            speed=self._speed(read.position),
-        )
+        return replace(read, target_reached=reached)
 
     def require_target(self) -> None:
         """Require that the drive has the target that was last sent; the first that is read after homing counts as sent.
@@ -295,13 +248,6 @@ class Axis:
         if self._inside_since_s is None:
             self._inside_since_s = now_s
         return now_s - self._inside_since_s >= self.description.position_window_time_ms / 1000
-
-    def _speed(self, position: float) -> float:
-        """Return the speed since the previous position; zero for the first."""
-        now_s = self._clock.now_s()
-        then_s, before = self._last or (now_s, position)
-        self._last = (now_s, position)
-        return (position - before) / (now_s - then_s) if now_s > then_s else 0.0
 
     # Stopping
 
@@ -370,7 +316,7 @@ class Axis:
             return {f"position_{self.unit}": self.drive.position()}
         read = self.read()
         position = {f"position_{self.unit}": read.position}
-        return {**position, "statusword": read.statusword, "drive_state": read.state.name}
+        return {**position, "statusword": read.statusword}
 
     def describe(self) -> dict[str, object]:
         """Return the conversion of the axis and its drive, for the record."""

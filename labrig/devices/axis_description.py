@@ -4,12 +4,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
-from canopen.objectdictionary import ODVariable
 from pydantic import Field, PrivateAttr
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
-from labrig.devices.can_description import HeartbeatDescription, NodeId
+from labrig.devices.can_description import NodeId
 from labrig.devices.check_result import CheckResult
 from labrig.devices.drives.drive import Drive
 from labrig.devices.input_channel import ChannelName, InputChannel
@@ -34,8 +33,6 @@ _A_SCREW: Mapping[str, object] = {
 """An axis without a gear."""
 
 Positive = Annotated[float, Field(gt=0)]
-
-_INT32 = 2**31
 
 
 class HomingDescription(Model):
@@ -150,15 +147,9 @@ class AxisDescription(Model):
         """Return the drive of the axis of this name; the section may be incomplete."""
         raise NotImplementedError
 
-    def check(
-        self, link: CanLink, axis: str, clock: Clock, heartbeat: HeartbeatDescription
-    ) -> Iterable[CheckResult]:
+    def check(self, link: CanLink, axis: str, clock: Clock) -> Iterable[CheckResult]:
         """Yield results of `labrig devices check`; nothing is written, and no `LabrigError` raised."""
         raise NotImplementedError
-
-    def find_object(self, index: int, subindex: int) -> ODVariable | None:  # noqa: ARG002 - for drives that have some
-        """Return an object of the drive, None if unknown: a foreign command is named by it."""
-        return None
 
     def simulate(
         self,
@@ -178,7 +169,7 @@ class AxisDescription(Model):
         """The files beside the rig file that this section names, by its keys; every run keeps a copy of each."""
         return {}
 
-    def problems(self, heartbeat: HeartbeatDescription) -> Iterator[Conflict]:  # noqa: ARG002 - for kinds that have some
+    def problems(self) -> Iterator[Conflict]:
         """Yield what is wrong with files that this section names, or with its settings for such a drive."""
         yield from ()
 
@@ -264,7 +255,7 @@ class AxisDescription(Model):
             )
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield limits in the wrong order, a lead where there is none, and what a drive cannot hold."""
+        """Yield limits in the wrong order, a lead where there is none, and inputs that the drive does not have."""
         low, high = self.limits
         if low >= high:
             yield Conflict(
@@ -282,12 +273,6 @@ class AxisDescription(Model):
             )
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
-        yield from self._input_conflicts()
-        if not self.unknown:
-            yield from self.scale_conflicts(self.scale())
-
-    def _input_conflicts(self) -> Iterator[Conflict]:
-        """Yield channels at inputs that the drive does not have."""
         known = (*self.analog_inputs, *self.digital_inputs)
         for name, channel in self.inputs.items():
             if channel.source not in known:
@@ -296,20 +281,3 @@ class AxisDescription(Model):
                     f"{channel.source} is no input of this drive",
                     f"it has {', '.join(known) or 'none that labrig knows'}",
                 )
-
-    def scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
-        """Yield limits and speeds that the drive's numbers cannot hold."""
-        farthest = max(map(abs, self.limits)) * scale.counts_per_unit
-        if farthest >= _INT32:
-            yield Conflict(
-                "limits",
-                f"limits reach {farthest:.3g} {self.count_unit}, the drive's counter holds {_INT32}",
-                "check encoder, gear_ratio, lead_mm and limits",
-            )
-        if self.max_speed * scale.speed_units_per_speed < 0.5:
-            slowest = scale.to_speed(1)
-            yield Conflict(
-                "max_speed",
-                f"max_speed is {self.max_speed:g}, below 1 {self.speed_unit}, {slowest:.3g}",
-                "check gear_ratio, lead_mm and max_speed",
-            )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from labrig.devices.axis import AxisReadback
+from labrig.devices.drives.drive import DriveReading
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,6 @@ class AxisPositions:
         )
 
 
-def collect_axis_positions(states: Mapping[str, AxisReadback]) -> AxisPositions:
+def collect_axis_positions(states: Mapping[str, DriveReading]) -> AxisPositions:
     """Return the positions in the states that `Rig.read_states` returns."""
     return AxisPositions(states["insertion"].position, states["rotation"].position, states["linear"].position)

@@ -18,8 +18,7 @@ from collections.abc import Mapping
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.commands import CommandFormatter
-from labrig.devices.drives.objects import MODE
+from labrig.devices.drives.objects import MODE, Place
 from labrig.errors import NOT_OPERATIONAL, DriveStrayedError, SecondMasterError
 
 _NMT, _NMT_ALL = 0x000, 0
@@ -27,7 +26,7 @@ _RECEIVE_PDOS = (0x200, 0x300, 0x400, 0x500)
 _SDO_READS = frozenset({2, 3, 4, 5})
 """Command specifiers of SDO requests that write nothing: upload, its segments, abort, block upload."""
 
-_SDO_INITIATES = frozenset({1, 2})
+_SDO_INITIATES = {1: "writes", 2: "reads"}
 """Command specifiers of SDO requests that name their object: download and upload."""
 
 _WRITES_MODE = struct.pack("<BHB", 0x2F, MODE.index, MODE.subindex)
@@ -57,8 +56,6 @@ class BusWatch:
         Node id of each drive -> its axis.
     heartbeat : HeartbeatDescription
         Under which node id labrig itself beats, and how often.
-    describe : CommandFormatter
-        Describes a command in words.
 
     Attributes
     ----------
@@ -68,17 +65,10 @@ class BusWatch:
         Axes whose mode another program has changed: it may have homed them, and nobody knows their zero.
     """
 
-    def __init__(
-        self,
-        link: CanLink,
-        axes: Mapping[int, str],
-        heartbeat: HeartbeatDescription,
-        describe: CommandFormatter,
-    ) -> None:
+    def __init__(self, link: CanLink, axes: Mapping[int, str], heartbeat: HeartbeatDescription) -> None:
         self.link = link
         self._axes = axes
         self._period_s = heartbeat.period_ms / 1000
-        self._describe = describe
         self._command: _Frame | None = None
         self._request: _Frame | None = None
         self._states: dict[int, int] = {}
@@ -143,10 +133,12 @@ class BusWatch:
         node = can_id & 0x7F
         if can_id > 0x700:
             return f"it sends the heartbeat of node {node}, as labrig does"
-        if 0x600 < can_id < 0x680 and (len(data) != 8 or data[0] >> 5 not in _SDO_INITIATES):
-            return f"SDO request {can_id:03X}#{data.hex().upper()} to axis {self._axes[node]}"
-        to = f" to axis {self._axes[node]}" if 0x200 < can_id < 0x580 else ""
-        return f"{self._describe(can_id, data)}{to}"
+        if can_id == _NMT:
+            return f"NMT command 0x{data[0]:02X} to node {data[1]}"
+        if can_id > 0x600 and len(data) == 8 and data[0] >> 5 in _SDO_INITIATES:
+            place, does = Place(int.from_bytes(data[1:3], "little"), data[3]), _SDO_INITIATES[data[0] >> 5]
+            return f"it {does} object {place} of axis {self._axes[node]}"
+        return f"CAN frame {can_id:03X}#{data.hex().upper()} to axis {self._axes[node]}"
 
     def _on_nmt(self, can_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) == 2 and (data[1] == _NMT_ALL or data[1] in self._axes):

@@ -16,7 +16,6 @@ from labrig.devices.camera import Camera, require_calibrated_camera
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed, passed, warned
 from labrig.devices.clocks import SystemClock
-from labrig.devices.commands import CommandFormatter
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import motion_log_path, read_last_motion
@@ -93,14 +92,14 @@ def check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iter
     stack.callback(link.close)
     yield _listen(rig, link, hardware.clock, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from axis.check(link, name, hardware.clock, rig.can.heartbeat)
+        yield from axis.check(link, name, hardware.clock)
 
 
 def _listen(rig: RigDescription, link: CanLink, clock: Clock, bus: str) -> CheckResult:
     """Listen for another master: no rig is opened beside one."""
     nodes = {axis.node_id: name for name, axis in rig.axes.items()}
     try:
-        BusWatch(link, nodes, rig.can.heartbeat, CommandFormatter(rig)).listen(clock)
+        BusWatch(link, nodes, rig.can.heartbeat).listen(clock)
     except SecondMasterError as error:
         return warned("bus", f"{bus}; {error.message}", error.hint)
     return passed("bus", bus)

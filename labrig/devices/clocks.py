@@ -11,47 +11,36 @@ from datetime import UTC, datetime
 MAX_STEP_S = 0.1
 """Longest simulated time that passes at once; the simulated world integrates over such steps."""
 
-_READINGS = 3
-"""Readings of the two clocks when rig time begins, of which one is not held up."""
-
 _TOLD_EVERY_S = 0.005
 """Longest time of a sleep after which simulated devices are told of it; an axis goes 0.1 mm at 20 mm/s."""
 
 _MAX_STEP_US = round(MAX_STEP_S * 1e6)
 
 
+def _read_clock_s() -> float:
+    """Return the computer's monotonic time [s]; on Linux it goes on while the computer is suspended, as drives do."""
+    if sys.platform.startswith("linux"):
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.monotonic()
+
+
 class SystemClock:
     """Rig time is the computer's monotonic time since the clock was made."""
 
     def __init__(self) -> None:
-        self._zero_s = time.monotonic()
-        self._suspended_zero_s = max(_read_suspended_s() for _ in range(_READINGS))
+        self._zero_s = _read_clock_s()
 
     def now_s(self) -> float:
         """Return the rig time [s]."""
-        return time.monotonic() - self._zero_s
+        return _read_clock_s() - self._zero_s
 
     def sleep(self, duration_s: float) -> None:
         """Sleep for `duration_s` seconds."""
         time.sleep(max(0.0, duration_s))
 
-    def suspended_s(self) -> float:
-        """Return for how long the computer has been suspended since [s]; 0 outside Linux, which alone can tell."""
-        return _read_suspended_s() - self._suspended_zero_s
-
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""
         return datetime.now(UTC)
-
-
-def _read_suspended_s() -> float:
-    """Return for how long the computer has been suspended since it was started [s]: CLOCK_MONOTONIC stands then.
-
-    It is read last, so that a program that is held up between the two finds less, and no suspension that was none.
-    """
-    if not sys.platform.startswith("linux"):
-        return 0.0
-    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
 
 class SimulatedClock:
@@ -81,10 +70,6 @@ class SimulatedClock:
             for listener in self._listeners:
                 listener()
 
-    def suspended_s(self) -> float:
-        """Return 0: simulated time stands still with the computer."""
-        return 0.0
-
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""
         return datetime.now(UTC)
@@ -100,10 +85,6 @@ class WatchedClock(SimulatedClock):
     def now_s(self) -> float:
         """Return the rig time [s]."""
         return self._computer.now_s()
-
-    def suspended_s(self) -> float:
-        """Return for how long the computer has been suspended since [s]."""
-        return self._computer.suspended_s()
 
     def tell(self) -> None:
         """Tell the listeners that time has passed."""

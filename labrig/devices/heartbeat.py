@@ -10,19 +10,16 @@ is no supervision.
 """
 
 import math
-from dataclasses import dataclass
 from datetime import datetime
 from threading import get_ident
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.errors import HEARTBEAT_LOST, InterruptedRunError, MachineError, SafetyStopError, fault_of
+from labrig.errors import HEARTBEAT_LOST, InterruptedRunError, MachineError, fault_of
 
 Ended = InterruptedRunError | MachineError
 """Whatever ends what a rig does."""
-
-_STAY_AWAKE = "keep the computer awake, as by: systemd-inhibit labrig run ...; then start again"
 
 _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6
@@ -34,25 +31,6 @@ The longest one starts three axes at once: 19 SDO transactions and waits each, 1
 
 _RECENT_S = 5.0
 """A gap that ended longer ago explains nothing any more [s]."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A time without a heartbeat.
-
-    Parameters
-    ----------
-    duration_s : float
-        How long [s].
-    suspended_s : float
-        For how much of it the computer was suspended [s].
-    """
-
-    duration_s: float
-    suspended_s: float
-
-
-NO_GAP = Gap(0.0, 0.0)
 
 
 class HeartbeatClock:
@@ -75,8 +53,7 @@ class HeartbeatClock:
         self._timeout_s = heartbeat.timeout_ms / 1000
         self._can_id = 0x700 + heartbeat.computer_node_id
         self._last_s = -math.inf
-        self._gap_end_s, self._gap = -math.inf, NO_GAP
-        self._suspended_s = clock.suspended_s()
+        self._gap_end_s, self._gap_s = -math.inf, 0.0
         self._is_silent = self._has_lost_drives = False
         self._supervised_s = clock.now_s()
         self._thread = get_ident()
@@ -84,10 +61,6 @@ class HeartbeatClock:
     def now_s(self) -> float:
         """Return the rig time [s]."""
         return self._clock.now_s()
-
-    def suspended_s(self) -> float:
-        """Return for how long the computer has been suspended since rig time began [s]."""
-        return self._clock.suspended_s()
 
     def utc(self) -> datetime:
         """Return the calendar time in UTC."""
@@ -131,55 +104,37 @@ class HeartbeatClock:
             return
         if get_ident() != self._thread:
             return
-        gap = self._find_gap(now_s)
-        if gap.duration_s > self._timeout_s:
-            self._gap_end_s, self._gap = now_s, gap
-        self._last_s, self._suspended_s = now_s, self.suspended_s()
+        if (gap_s := self._since_beat_s(now_s)) > self._timeout_s:
+            self._gap_end_s, self._gap_s = now_s, gap_s
+        self._last_s = now_s
         self._link.send(self._can_id, _OPERATIONAL)
-
-    def require_awake(self) -> None:
-        """Raise `SafetyStopError` once the computer has been suspended for longer than the drives bear."""
-        if self._last_s >= 0 and self.suspended_s() - self._suspended_s > self._timeout_s:
-            raise SafetyStopError(_tell_suspension(self.find_gap()), _STAY_AWAKE)
 
     def explain(self, error: Ended) -> Ended:
         """Blame what a gap in labrig's own heartbeat has caused on what held labrig up, not on wiring or drives."""
-        fault, gap = fault_of(error), self.find_gap()
-        if fault is None or not gap.duration_s:
-            return error
-        if gap.suspended_s > self._timeout_s:
-            return error.reword(f"{_tell_suspension(gap)}: {error.message}", _STAY_AWAKE)
-        if fault.code != HEARTBEAT_LOST.code:
+        fault, gap_s = fault_of(error), self.find_gap_s()
+        if fault is None or fault.code != HEARTBEAT_LOST.code or not gap_s:
             return error
         return error.reword(
-            f"labrig itself stood still for {gap.duration_s:.1f} s, so the drives stopped by themselves: "
-            f"{error.message}",
-            "find out what held labrig up: Ctrl+Z, a debugger, a suspended computer, a disk that hangs; then start "
-            "again",
+            f"labrig itself stood still for {gap_s:.1f} s, so the drives stopped by themselves: {error.message}",
+            "find out what held labrig up: Ctrl+Z, a debugger, a suspended computer (systemd-inhibit keeps it awake), "
+            "a disk that hangs; then start again",
         )
 
-    def find_gap(self) -> Gap:
-        """Return the gap in labrig's own heartbeat, now or just before, if the drives stop at that.
+    def find_gap_s(self) -> float:
+        """Return the gap in labrig's own heartbeat, now or just before; 0 if the drives do not stop at that [s].
 
         A program that is stopped, a computer that is suspended, and a labrig that waits for a disk show in it.
         """
         now_s = self.now_s()
-        gap = self._find_gap(now_s)
-        if now_s - self._gap_end_s <= _RECENT_S and self._gap.duration_s > gap.duration_s:
-            gap = self._gap
-        return gap if gap.duration_s > self._timeout_s else NO_GAP
+        gap_s = self._since_beat_s(now_s)
+        if now_s - self._gap_end_s <= _RECENT_S:
+            gap_s = max(gap_s, self._gap_s)
+        return gap_s if gap_s > self._timeout_s else 0.0
 
-    def _find_gap(self, now_s: float) -> Gap:
-        """Return what has passed since the last heartbeat."""
-        if self._last_s < 0:
-            return NO_GAP
-        suspended_s = self.suspended_s() - self._suspended_s
-        return Gap(now_s - self._last_s + suspended_s, suspended_s)
+    def _since_beat_s(self, now_s: float) -> float:
+        """Return for how long no heartbeat was sent [s]; 0 before the first one."""
+        return 0.0 if self._last_s < 0 else now_s - self._last_s
 
     def silence(self) -> None:
         """Send no more heartbeats, so that every drive stops by itself: the last resort if stopping may have failed."""
         self._is_silent = True
-
-
-def _tell_suspension(gap: Gap) -> str:
-    return f"the computer was suspended for {gap.suspended_s:.0f} s, so the drives stopped by themselves"

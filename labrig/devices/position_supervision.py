@@ -1,4 +1,4 @@
-"""Where each axis has to be, and whether it is there: pure functions of (state, reading).
+"""Where each axis has to be, and whether it is there.
 
 What is decided here
 --------------------
@@ -15,7 +15,7 @@ What is decided here
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drives.drive import STILL_COUNTS
@@ -28,38 +28,6 @@ TIME_MARGIN_S = 0.05
 _WINDOWS_AT_REST = 2
 _LOOK_FOR_MASTER = "find out what moves it: another program on the bus, or a force on the axis"
 _LOOK_AT_ENCODER = "check the encoder and its cable, and whether another program has homed the drive"
-
-
-@dataclass(frozen=True)
-class AxisBounds:
-    """What bounds the readings of an axis.
-
-    Parameters
-    ----------
-    name, unit : str
-        The axis, mm or rad.
-    window : float
-        Its position window, at least the dither of a servo [mm or rad].
-    max_speed, max_following_error : float
-        As in its section of the rig file.
-    """
-
-    name: str
-    unit: str
-    window: float
-    max_speed: float
-    max_following_error: float
-
-    @classmethod
-    def of(cls, name: str, description: AxisDescription) -> Self:
-        """Return the bounds of an axis whose section is complete."""
-        return cls(
-            name,
-            description.unit,
-            max(description.position_window, STILL_COUNTS / description.scale().counts_per_unit),
-            description.max_speed,
-            description.max_following_error,
-        )
 
 
 @dataclass(frozen=True)
@@ -108,24 +76,6 @@ class PositionReading(NamedTuple):
     position: float
 
 
-class SupervisionState(NamedTuple):
-    """What is remembered of an axis.
-
-    Parameters
-    ----------
-    expected : Expected or None
-        What it had to do at the last reading.
-    rest : float or None
-        Where it has to stay [mm or rad], if it rests where it was first read.
-    last : PositionReading or None
-        The last reading; None since the zero of its positions has changed.
-    """
-
-    expected: Expected | None = None
-    rest: float | None = None
-    last: PositionReading | None = None
-
-
 def expect_move(
     description: AxisDescription,
     before: Expected | None,
@@ -160,90 +110,93 @@ def expect_move(
     return InMotion(profile, ahead_s, give, target[1])
 
 
-def supervise_position(
-    axis: AxisBounds,
-    state: SupervisionState,
-    expected: Expected | None,
-    reading: PositionReading,
-) -> tuple[SupervisionState, DriveStrayedError | None]:
-    """Judge a reading of one axis.
+class PositionWatch:
+    """Judges the readings of one axis, whose section is complete.
 
     Parameters
     ----------
-    axis : AxisBounds
+    name : str
         The axis.
-    state : SupervisionState
-        What is remembered of it.
-    expected : Expected or None
-        What it has to do; a new object whenever that changes. None: nobody can tell.
-    reading : PositionReading
-        Where it is.
-
-    Returns
-    -------
-    SupervisionState, DriveStrayedError or None
-        What is remembered for the next reading, and the error if the axis is not where it has to be.
+    axis : AxisDescription
+        Its section of the rig file.
     """
-    if expected is None:
-        return SupervisionState(), None
-    rest, last = state.rest, state.last
-    if expected is not state.expected:
-        rest = expected.position if isinstance(expected, AtRest) else None
-        last = None if expected == AtRest() else last
-    if isinstance(expected, InMotion):
-        low, high = _bounds_in_motion(axis, expected, reading)
-    else:
-        rest = reading.position if rest is None else rest
-        slack = _WINDOWS_AT_REST * axis.window
-        low, high = rest - slack, rest + slack
-    margin_s = TIME_MARGIN_S if isinstance(expected, InMotion) else 0.0
-    error = _find_jump(axis, last, reading, margin_s)
-    if error is None and not low <= reading.position <= high:
-        error = _strayed(axis, expected, (low, high), reading.position)
-    return SupervisionState(expected, rest, reading), error
+
+    def __init__(self, name: str, axis: AxisDescription) -> None:
+        self._name = name
+        self._axis = axis
+        self._window = max(axis.position_window, STILL_COUNTS / axis.scale().counts_per_unit)
+        self._expected: Expected | None = None
+        self._rest: float | None = None
+        self._last: PositionReading | None = None
+
+    def judge(self, expected: Expected | None, reading: PositionReading) -> DriveStrayedError | None:
+        """Return the error if the axis is not where it has to be.
+
+        Parameters
+        ----------
+        expected : Expected or None
+            What it has to do; a new object whenever that changes. None: nobody can tell.
+        reading : PositionReading
+            Where it is.
+        """
+        if expected is not self._expected:
+            self._expected = expected
+            self._rest = expected.position if isinstance(expected, AtRest) else None
+            if expected is None or expected == AtRest():  # its positions may count from another zero
+                self._last = None
+        if expected is None:
+            return None
+        if isinstance(expected, InMotion):
+            margin_s, (low, high) = TIME_MARGIN_S, self._bounds_in_motion(expected, reading)
+        else:
+            self._rest = reading.position if self._rest is None else self._rest
+            margin_s, slack = 0.0, _WINDOWS_AT_REST * self._window
+            low, high = self._rest - slack, self._rest + slack
+        last, self._last = self._last, reading
+        error = self._find_jump(last, reading, margin_s)
+        if error is None and not low <= reading.position <= high:
+            return self._tell_strayed(expected, (low, high), reading.position)
+        return error
+
+    def _bounds_in_motion(self, expected: InMotion, reading: PositionReading) -> tuple[float, float]:
+        low, high = _profile_range(expected, reading)
+        lag, beyond = self._axis.max_following_error + expected.give, self._window + expected.give
+        return max(low - lag, expected.way[0] - beyond), min(high + lag, expected.way[1] + beyond)
+
+    def _find_jump(
+        self, last: PositionReading | None, reading: PositionReading, margin_s: float
+    ) -> DriveStrayedError | None:
+        if last is None:
+            return None
+        longest_s, unit = reading.until_s - last.from_s + margin_s, self._axis.unit
+        reach = self._axis.max_speed * longest_s + _WINDOWS_AT_REST * self._window
+        if abs(reading.position - last.position) <= reach:
+            return None
+        return DriveStrayedError(
+            f"the position of axis {self._name} jumped from {last.position:.4g} to {reading.position:.4g} {unit} "
+            f"within {longest_s:.3f} s, faster than the axis can move ({self._axis.max_speed:.4g} {unit}/s)",
+            _LOOK_AT_ENCODER,
+            fault=POSITION_JUMPED,
+        )
+
+    def _tell_strayed(
+        self, expected: Expected, bounds: tuple[float, float], position: float
+    ) -> DriveStrayedError:
+        unit = self._axis.unit
+        if isinstance(expected, InMotion):
+            way = f"on its way to {expected.profile.end_position:.4f} {unit}"
+            should = f"should be between {bounds[0]:.4f} and {bounds[1]:.4f} {unit} {way}"
+        else:
+            should = f"should stand at {sum(bounds) / 2:.4f} {unit}"
+        return DriveStrayedError(
+            f"axis {self._name} {should}, and is at {position:.4f} {unit}", _LOOK_FOR_MASTER, fault=STRAYED
+        )
 
 
 def bound_lag(expected: InMotion, reading: PositionReading) -> float:
     """Return the largest following error that an axis in motion may have by a reading of its position [mm or rad]."""
     low, high = _profile_range(expected, reading)
     return max(high - reading.position, reading.position - low) + expected.give
-
-
-def _find_jump(
-    axis: AxisBounds, last: PositionReading | None, reading: PositionReading, margin_s: float
-) -> DriveStrayedError | None:
-    if last is None:
-        return None
-    longest_s = reading.until_s - last.from_s + margin_s
-    reach = axis.max_speed * longest_s + _WINDOWS_AT_REST * axis.window
-    if abs(reading.position - last.position) <= reach:
-        return None
-    return DriveStrayedError(
-        f"the position of axis {axis.name} jumped from {last.position:.4g} to {reading.position:.4g} {axis.unit} "
-        f"within {longest_s:.3f} s, faster than the axis can move ({axis.max_speed:.4g} {axis.unit}/s)",
-        _LOOK_AT_ENCODER,
-        fault=POSITION_JUMPED,
-    )
-
-
-def _strayed(
-    axis: AxisBounds, expected: Expected, bounds: tuple[float, float], position: float
-) -> DriveStrayedError:
-    name, unit = axis.name, axis.unit
-    if isinstance(expected, InMotion):
-        way = f"on its way to {expected.profile.end_position:.4f} {unit}"
-        should = f"should be between {bounds[0]:.4f} and {bounds[1]:.4f} {unit} {way}"
-    else:
-        should = f"should stand at {sum(bounds) / 2:.4f} {unit}"
-    return DriveStrayedError(
-        f"axis {name} {should}, and is at {position:.4f} {unit}", _LOOK_FOR_MASTER, fault=STRAYED
-    )
-
-
-def _bounds_in_motion(axis: AxisBounds, expected: InMotion, reading: PositionReading) -> tuple[float, float]:
-    low, high = _profile_range(expected, reading)
-    lag, beyond = axis.max_following_error + expected.give, axis.window + expected.give
-    return max(low - lag, expected.way[0] - beyond), min(high + lag, expected.way[1] + beyond)
 
 
 def _profile_range(expected: InMotion, reading: PositionReading) -> tuple[float, float]:

@@ -7,14 +7,13 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import NoReturn, TypeVar
 
-from labrig.devices.axis import Axis, AxisReadback, Setpoint
+from labrig.devices.axis import Axis
 from labrig.devices.axis_positions import collect_axis_positions
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
-from labrig.devices.commands import CommandFormatter
-from labrig.devices.drives.drive import Homing, Identity, try_all, wait_for_all
+from labrig.devices.drives.drive import DriveReading, Homing, Identity, Setpoint, try_all, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
@@ -27,7 +26,7 @@ from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorR
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, check_axis_move, require_complete
-from labrig.devices.supervisor import Interrupted, RigSupervisor
+from labrig.devices.supervisor import Interrupted, Supervisor
 from labrig.errors import (
     CameraError,
     DiskError,
@@ -65,9 +64,6 @@ class Rig:
         Answers if the hardware has no operator of its own.
     interrupted : callable
         Called between two bus transactions; returns a signal that has arrived.
-    insisted : callable or None
-        The same while a device keeps labrig waiting: a signal that only asks for a pause stops then, since no safe
-        point may come. By default `interrupted`.
     opening : Opening
         Which parts are opened, and how.
     doing : str
@@ -90,7 +86,6 @@ class Rig:
         source: PictureSource | None,
         person: Operator,
         interrupted: Interrupted,
-        insisted: Interrupted | None = None,
         opening: Opening = WHOLE,
         doing: str = "labrig",
         alert: Callable[[str], None] = lambda _text: None,
@@ -101,7 +96,6 @@ class Rig:
         self._link = link
         self._person = person
         self._interrupted = interrupted
-        self._insisted = insisted or interrupted
         self._alert = alert
         self.clock = hardware.clock
         self.operator = hardware.operator or person
@@ -119,9 +113,9 @@ class Rig:
         if source is not None:
             self._camera = Camera(source, description.camera, self._heartbeat, hardware.camera_worker)
         nodes = {axis.description.node_id: axis.name for axis in self.axes}
-        self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
-        self._supervisor = RigSupervisor(self._axes, self._watch, self._heartbeat, interrupted, opening)
-        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._supervisor.readings.positions)
+        self._watch = BusWatch(link, nodes, description.can.heartbeat)
+        self._supervisor = Supervisor(self._axes, self._watch, self._heartbeat, interrupted, opening)
+        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._supervisor.positions)
         self._unknown_motion = ""
         self._stopped_for: Ended | None = None
         self._is_ending = self._is_stopping = False
@@ -211,7 +205,7 @@ class Rig:
 
     # Moving
 
-    def read_states(self) -> dict[str, AxisReadback]:
+    def read_states(self) -> dict[str, DriveReading]:
         """Read every axis, all at one instant: that of a SYNC.
 
         Raises
@@ -222,7 +216,7 @@ class Rig:
         try:
             for axis in self.axes:
                 axis.drive.expect_report()
-            return self._supervisor.readings.take(Axis.read, lambda: self._link.send(_SYNC, b""))
+            return self._supervisor.read(Axis.read, lambda: self._link.send(_SYNC, b""))
         except MachineError as error:
             self._stop_because_of(error)
 
@@ -238,9 +232,9 @@ class Rig:
             Also when the picture is identical to the last one although needle or sheath has moved.
         DriveError, BusError
         """
-        before, before_s = collect_axis_positions(self.read_states()), self._supervisor.readings.last_s
-        frame = self.camera.capture(self._make_meanwhile(self._insisted))
-        after, after_s = collect_axis_positions(self.read_states()), self._supervisor.readings.last_s
+        before, before_s = collect_axis_positions(self.read_states()), self._supervisor.last_s
+        frame = self.camera.capture(self._make_meanwhile())
+        after, after_s = collect_axis_positions(self.read_states()), self._supervisor.last_s
         self.camera.require_new(frame, (after.insertion_mm, after.linear_mm))
         frame = frame.between(before_s, after_s)
         positions = before.interpolate_to(after, 0.5 if frame.fraction is None else frame.fraction)
@@ -275,7 +269,7 @@ class Rig:
         DriveError
             When a drive has reported a fault or has restarted; the axes have been stopped.
         """
-        steps = max(1, math.ceil(duration_s / min(self._step_s, self._supervisor.stalls.period_s)))
+        steps = max(1, math.ceil(duration_s / min(self._step_s, self._supervisor.period_s)))
         try:
             self.supervise()
             for _ in range(steps):
@@ -319,17 +313,16 @@ class Rig:
         """
         return self._hardware.disk_worker.do(call, self._make_meanwhile())
 
-    def _make_meanwhile(self, interrupted: Interrupted | None = None) -> Callable[[], None]:
+    def _make_meanwhile(self) -> Callable[[], None]:
         """Return what is to be called again and again while something is done aside that begins now.
 
         Once the run is ending, the axes only stand still: if anything is wrong then, the beat ends.
         """
         prompt_s = self.clock.now_s() + _PROMPT_S
-        requests = self._supervisor.requests
 
         def supervise() -> None:
             is_prompt = self._is_ending or self.clock.now_s() <= prompt_s
-            requests.heeded = None if is_prompt else interrupted or self._interrupted
+            self._supervisor.heeded = None if is_prompt else self._interrupted
             try:
                 self.supervise()
             except (InterruptedRunError, MachineError) as error:
@@ -337,7 +330,7 @@ class Rig:
                     self._stop_because_of(error)
                 self._heartbeat.silence()
             finally:
-                requests.heeded = self._interrupted
+                self._supervisor.heeded = self._interrupted
 
         return supervise
 
@@ -442,7 +435,7 @@ class Rig:
 
     def _forget_lost_zeros(self) -> None:
         """Remember which axes have lost their reference. Raises `DiskError`."""
-        self.needle.forget_references(self._supervisor.positions.jumped | self._watch.without_zero)
+        self.needle.forget_references(self._supervisor.jumped | self._watch.without_zero)
 
     def locate_needle(self) -> NeedleLocation:
         """Return where the needle is: positions that are read now, also from drives in fault, or else the last ones."""
@@ -606,7 +599,6 @@ def open_rig(
     seed: int,
     person: Operator,
     interrupted: Interrupted,
-    insisted: Interrupted | None = None,
     doing: str = "labrig",
     opening: Opening = WHOLE,
     alert: Callable[[str], None] = lambda _text: None,
@@ -623,8 +615,6 @@ def open_rig(
         Answers on a bench, and where one is rehearsed; any other simulated rig answers by itself.
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
-    insisted : callable or None
-        The same while a device keeps labrig waiting, see `Rig`.
     doing : str
         What the rig is used for; another labrig that wants the rig shows it.
     opening : Opening
@@ -658,7 +648,6 @@ def open_rig(
             source=source,
             person=hardware.accompany(person),
             interrupted=interrupted,
-            insisted=insisted,
             opening=opening,
             doing=doing,
             alert=alert,

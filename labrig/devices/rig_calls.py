@@ -25,9 +25,9 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from labrig.clock import Clock
-from labrig.devices.axis import AxisReadback, Setpoint
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.camera import Picture
+from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
@@ -78,7 +78,7 @@ class RigCalls(Protocol):
     def referenced(self) -> frozenset[str]:
         """The axes that have their reference."""
 
-    def read_states(self) -> Mapping[str, AxisReadback]:
+    def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis, all at one instant. Raises `DriveError`, `BusError`, `SafetyStopError`."""
 
     def take_picture(self) -> Photograph:

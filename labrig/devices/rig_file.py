@@ -303,7 +303,7 @@ def unknown_entries(rig: RigDescription) -> dict[str, str]:
 def section_problems(rig: RigDescription) -> Iterator[tuple[str, Conflict]]:
     """Yield what is wrong with files and settings of each axis, with the key at which it is."""
     for name, axis in rig.axes.items():
-        for conflict in axis.problems(rig.can.heartbeat):
+        for conflict in axis.problems():
             yield f"axes.{name}.{conflict.key}", conflict
 
 

@@ -1,4 +1,4 @@
-"""Whether an axis is stalled, from its motor current and its following error: a pure function of (state, reading).
+"""Whether an axis is stalled, from its motor current and its following error.
 
 What is decided here
 --------------------
@@ -9,14 +9,18 @@ What is decided here
 - A blocked axis lags by its speed times the time. It is looked at `READINGS_TO_FAULT` times until its drive would fail
   by its following error, but not more often than every `SHORTEST_PERIOD_S`: a faster axis is stopped by its drive
   first, which says following error (0x8611).
+- The following error is asked for first, and the current only of an axis that lags. A position that was read anyway
+  and shows no lag spares a look.
 - An axis for which nobody has named a current limit has no stall, only the drive's following error: its drive's own
   limit is often one that the motor never reaches, and looking costs time.
 """
 
 import math
-from dataclasses import dataclass
+from contextlib import suppress
 
-from labrig.errors import STALLED, ForceGuardError
+from labrig.devices.axis import Axis
+from labrig.devices.position_supervision import TIME_MARGIN_S, InMotion, PositionReading, bound_lag
+from labrig.errors import STALLED, ForceGuardError, MachineError
 
 CURRENT_FRACTION = 0.8
 """Of the current limit in force."""
@@ -26,75 +30,77 @@ LAG_FRACTION = 0.5
 
 READINGS_TO_FAULT = 4
 SHORTEST_PERIOD_S = 0.01
+_EARLY_S = 1e-6
 
 
-@dataclass(frozen=True)
-class StallBounds:
-    """When an axis counts as stalled.
-
-    Parameters
-    ----------
-    axis, unit : str
-        The axis, mm or rad.
-    max_following_error : float
-        Following error at which its drive goes to fault [mm or rad].
-    limit_ma : float
-        Limit of the output current in force [mA].
-    """
-
-    axis: str
-    unit: str
-    max_following_error: float
-    limit_ma: float
-
-    def is_suspect(self, lag: float) -> bool:
-        """Tell whether a following error [mm or rad] is worth a look at the current."""
-        return abs(lag) >= LAG_FRACTION * self.max_following_error / 2
-
-    def period_s(self, speed: float) -> float:
-        """Return how often an axis in motion at this speed [mm/s or rad/s] has to be looked at [s]."""
-        if not speed:
-            return math.inf
-        return max(SHORTEST_PERIOD_S, self.max_following_error / speed / READINGS_TO_FAULT)
-
-
-@dataclass(frozen=True)
-class LoadReading:
-    """Following error [mm or rad] and motor current [mA] of an axis in motion, read at `t_s` of rig time."""
-
-    t_s: float
-    lag: float
-    current_ma: float
-
-
-def supervise_stall(
-    bounds: StallBounds, since_s: float | None, reading: LoadReading
-) -> tuple[float | None, ForceGuardError | None]:
-    """Judge a reading of an axis in motion.
+class StallWatch:
+    """Watches one axis, and stops it quickly when it is stalled.
 
     Parameters
     ----------
-    bounds : StallBounds
+    axis : Axis
         The axis.
-    since_s : float or None
-        Since when its current has been at the limit [s]; None if it was not at the last reading.
-    reading : LoadReading
-        Following error and current.
-
-    Returns
-    -------
-    float or None, ForceGuardError or None
-        What is remembered for the next reading, and the error if the axis is stalled.
+    limit_ma : float
+        Limit of its output current in force [mA].
     """
-    if abs(reading.current_ma) < CURRENT_FRACTION * bounds.limit_ma:
-        return None, None
-    if since_s is None:
-        return reading.t_s, None
-    if abs(reading.lag) < LAG_FRACTION * bounds.max_following_error:
-        return since_s, None
-    return since_s, ForceGuardError(
-        f"the {bounds.axis} axis is stalled: {abs(reading.current_ma):.0f} mA for "
-        f"{reading.t_s - since_s:.2f} s, {abs(reading.lag):.2g} {bounds.unit} behind",
-        "find what holds the axis; its current limit is max_current_ma of the rig file or the protocol",
-        fault=STALLED,
-    )
+
+    def __init__(self, axis: Axis, limit_ma: float) -> None:
+        self._axis = axis
+        self._limit_ma = limit_ma
+        self._max_lag = axis.description.max_following_error
+        self._looked_s = -math.inf
+        self._since_s: float | None = None
+
+    @property
+    def period_s(self) -> float:
+        """How often the axis has to be looked at [s]."""
+        expected = self._axis.expected
+        if not isinstance(expected, InMotion) or not expected.speed:
+            return math.inf
+        return max(SHORTEST_PERIOD_S, self._max_lag / expected.speed / READINGS_TO_FAULT)
+
+    def _is_suspect(self, lag: float) -> bool:
+        """Tell whether a following error [mm or rad] is worth a look at the current."""
+        return abs(lag) >= LAG_FRACTION * self._max_lag / 2
+
+    def on_reading(self, reading: PositionReading) -> None:
+        """Spare a look at an axis that cannot lag by its position."""
+        expected = self._axis.expected
+        # A fast axis has gone too far while its position was read.
+        if not isinstance(expected, InMotion) or self._is_suspect(2 * TIME_MARGIN_S * expected.speed):
+            return
+        if not self._is_suspect(bound_lag(expected, reading)):
+            self._looked_s, self._since_s = reading.until_s, None
+
+    def look(self, now_s: float) -> None:
+        """Look at the axis if it moves and it is time to. Raises `ForceGuardError`, `DriveError`, `BusError`."""
+        period_s = self.period_s
+        if math.isinf(period_s):
+            self._since_s = None
+        elif now_s - self._looked_s >= period_s - _EARLY_S:
+            self._looked_s = now_s
+            lag = self._axis.drive.lag() or 0.0
+            self.judge(now_s, lag, (self._axis.drive.current_ma() or 0.0) if self._is_suspect(lag) else 0.0)
+
+    def judge(self, t_s: float, lag: float, current_ma: float) -> None:
+        """Judge the following error [mm or rad] and the motor current [mA], read at `t_s` of rig time.
+
+        Raises
+        ------
+        ForceGuardError
+            When the axis is stalled; it has been stopped.
+        """
+        if abs(current_ma) < CURRENT_FRACTION * self._limit_ma:
+            self._since_s = None
+        elif self._since_s is None:
+            self._since_s = t_s
+        elif abs(lag) >= LAG_FRACTION * self._max_lag:
+            # A halt brakes as slowly as a move does: it would push on, and let the drive fail by its following error.
+            with suppress(MachineError):
+                self._axis.drive.stop(quick=True)
+            raise ForceGuardError(
+                f"the {self._axis.name} axis is stalled: {abs(current_ma):.0f} mA for {t_s - self._since_s:.2f} s, "
+                f"{abs(lag):.2g} {self._axis.unit} behind",
+                "find what holds the axis; its current limit is max_current_ma of the rig file or the protocol",
+                fault=STALLED,
+            )

@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from labrig.devices.axis import AxisReadback
-from labrig.devices.drives.states import decode_state
+from labrig.devices.drives.drive import DriveReading
 from labrig.devices.rig_file import RigDescription
 
 
-def write_state_line(rig: RigDescription, states: Mapping[str, AxisReadback]) -> dict[str, object]:
+def write_state_line(rig: RigDescription, states: Mapping[str, DriveReading]) -> dict[str, object]:
     """Return the fields of a line but its time, by axis.
 
     They are the positions [mm or rad], the statuswords, whether the last move is done, the motor currents [mA], and
@@ -27,15 +26,14 @@ def write_state_line(rig: RigDescription, states: Mapping[str, AxisReadback]) ->
     return fields
 
 
-def read_state_line(rig: RigDescription, line: Mapping[str, Any]) -> dict[str, AxisReadback]:
+def read_state_line(rig: RigDescription, line: Mapping[str, Any]) -> dict[str, DriveReading]:
     """Return the reading of a line; speeds are not recorded. Raises `KeyError` where a value is missing."""
     states = {}
     for name, axis in rig.axes.items():
         columns = {channel: axis.inputs[channel].column(channel) for channel in axis.inputs}
-        states[name] = AxisReadback(
+        states[name] = DriveReading(
             position=float(line[f"{name}_{axis.unit}"]),
             statusword=int(line[f"{name}_statusword"]),
-            state=decode_state(int(line[f"{name}_statusword"])),
             target_reached=bool(line[f"{name}_arrived"]),
             current_ma=line[f"{name}_current_ma"],
             inputs={channel: line[column] for channel, column in columns.items() if column in line},

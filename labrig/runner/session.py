@@ -14,9 +14,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
-from labrig.devices.axis import AxisReadback
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
+from labrig.devices.drives.drive import DriveReading
 from labrig.devices.needle_state import RigState, RollZero
 from labrig.devices.operator import Answer, Choice, OperatorRequest, Paused, request_details
 from labrig.devices.rig_calls import RigCalls
@@ -545,7 +545,7 @@ class Session:
             From the rig while waiting; the caller's rig stops the axes.
         """
         self.start(axis_name, position, speed)
-        states: Mapping[str, AxisReadback] = {}
+        states: Mapping[str, DriveReading] = {}
         for place in passing:
             if not _is_past(states.get(axis_name), place):
                 states = self.wait_until(axis_name, place)
@@ -562,7 +562,7 @@ class Session:
         if attempt is not None and not attempt.starts_itself and not self.dialogue.has_started:
             self.record(TrialStart(trial=attempt.trial, repeats=attempt.repeats))
 
-    def wait_until(self, axis_name: str, passing: float | None = None) -> Mapping[str, AxisReadback]:
+    def wait_until(self, axis_name: str, passing: float | None = None) -> Mapping[str, DriveReading]:
         """Record states until an axis has arrived, or is beyond a position on its way up; return the last ones.
 
         Raises as `record_next_states`.
@@ -572,7 +572,7 @@ class Session:
             if _is_past(states[axis_name], passing):
                 return states
 
-    def _note_way_out(self, states: Mapping[str, AxisReadback]) -> None:
+    def _note_way_out(self, states: Mapping[str, DriveReading]) -> None:
         """Remember that no needle is in tissue once needle and sheath of this run are back, by kept references."""
         is_own = self.state.needle_in_tissue is True and self.state.since_run == self.run_name
         if is_own and self.is_referenced and _stands_at_start(states):
@@ -598,7 +598,7 @@ class Session:
 
     def record_next_states(
         self, axis_name: str | None = None, passing: float | None = None
-    ) -> Mapping[str, AxisReadback]:
+    ) -> Mapping[str, DriveReading]:
         """Wait for one period of the recorded states, record the states of all axes, and return them.
 
         `axis_name` and `passing` say what is waited for, as in `wait_until`.
@@ -612,7 +612,7 @@ class Session:
         self._look_for_requests()
         return self.read_states()
 
-    def read_states(self) -> Mapping[str, AxisReadback]:
+    def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis now, record it, and return it. Raises as `record_next_states`."""
         states = self.rig.read_states()
         self.recorder.can_frames(self.rig.take_can_frames())
@@ -649,10 +649,10 @@ def _describe_met(met: ConditionMet) -> str:
     return f"{met.name} of trial {met.trial + 1} is {met.value:.4g} ({met.action}: {met.condition})"
 
 
-def _is_past(state: AxisReadback | None, passing: float | None = None) -> bool:
+def _is_past(state: DriveReading | None, passing: float | None = None) -> bool:
     """Return whether an axis has arrived, or is beyond a position."""
     return state is not None and (state.target_reached or (passing is not None and state.position >= passing))
 
 
-def _stands_at_start(states: Mapping[str, AxisReadback]) -> bool:
+def _stands_at_start(states: Mapping[str, DriveReading]) -> bool:
     return all(abs(states[name].position) <= _AT_START_MM for name in _INTO_TISSUE)

@@ -14,10 +14,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.devices.axis import AxisReadback, Setpoint
 from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.drives.states import DriveState
+from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
 from labrig.devices.rig_calls import Photograph, RigWithoutDevices
@@ -53,10 +52,6 @@ class VirtualClock:
     def sleep(self, duration_s: float) -> None:
         """Let `duration_s` pass."""
         self._now_s += duration_s
-
-    def suspended_s(self) -> float:
-        """Return 0."""
-        return 0.0
 
     def utc(self) -> datetime:
         """Return a fixed time: a virtual run is at no time."""
@@ -185,13 +180,11 @@ class VirtualRig(RigWithoutDevices):
             self._rotation_rad, self._turned_at_mm = here["rotation"], here["insertion"]
         return here
 
-    def read_states(self) -> Mapping[str, AxisReadback]:
+    def read_states(self) -> Mapping[str, DriveReading]:
         """Return where the axes are now."""
         here, now_s = self._move_world(), self.clock.now_s()
         return {
-            name: AxisReadback(
-                here[name], _ENABLED, DriveState.OPERATION_ENABLED, now_s >= self._find_arrival_s(axis)
-            )
+            name: DriveReading(here[name], _ENABLED, now_s >= self._find_arrival_s(axis))
             for name, axis in self._axes.items()
         }
 

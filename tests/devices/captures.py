@@ -54,10 +54,6 @@ class ComputerClock:
         """Let it pass."""
         self._computer.now_s += duration_s
 
-    def suspended_s(self) -> float:
-        """Return 0."""
-        return 0.0
-
     def utc(self) -> datetime:
         """Return a date."""
         return datetime(2026, 1, 1, tzinfo=UTC)

@@ -74,8 +74,13 @@ def test_a_setting_that_the_drive_does_not_keep_is_refused(place: Place) -> None
             _connect_and_reference(opened)
 
 
-def _list_writes(opened: OpenedRig) -> object:
-    return opened.rig.insertion.describe()["settings_written"]
+def _list_writes(opened: OpenedRig) -> list[int]:
+    """Return the objects of settings that were written since the last call."""
+    requests = [
+        data for _, can_id, data, way in opened.rig.take_can_frames() if can_id == 0x601 and way == "T"
+    ]
+    places = [int.from_bytes(data[1:3], "little") for data in requests if data[0] & 0xE0 == 0x20]
+    return [place for place in places if place not in {0x6040, 0x607A, 0x6060}]
 
 
 def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
@@ -83,14 +88,8 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
     with _rig() as opened:
         opened.drives["insertion"].objects.values |= dict.fromkeys(od.CONFIGURATION, 7)
         opened.rig.connect()
-        written = _list_writes(opened)
-        assert isinstance(written, list)
-        assert str(co.POSITION_WINDOW) in written
-        requests = [
-            data for _, can_id, data, way in opened.rig.take_can_frames() if can_id == 0x601 and way == "T"
-        ]
-        places = [int.from_bytes(data[1:3], "little") for data in requests if data[0] & 0xE0 == 0x20]
-        settings = [place for place in places if place not in {0x6040, 0x607A, 0x6060}]
+        settings = _list_writes(opened)
+        assert 0x6067 in settings
         assert settings[-2:] == [0x1020, 0x1020]
         opened.rig.connect()
         assert _list_writes(opened) == []

@@ -13,7 +13,7 @@ from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.drive import Drive
 from labrig.devices.drives.model import STOP_OPTIONS
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.states import DriveState
+from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
@@ -24,6 +24,7 @@ from tests.devices.cia402.sections import HEARTBEAT, drive_on_a_bus, section_of
 from tests.devices.rigs import OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
 from tests.devices.served import served_drives
 
+RECEIVE_PDO_COB_IDS = tuple(Place(0x1400 + n, 1) for n in range(4))
 BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
 RETARGET = (0x601, b"\x23\x7a\x60\0\x80\xa9\x03\0")
 
@@ -44,7 +45,7 @@ def send(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
 
 def valid_pdos(drive: SimulatedCia402Drive) -> list[int]:
     """Return the COB-IDs of the PDOs that a drive obeys, and of those that it sends."""
-    values = [drive.objects.value(place) for place in (*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)]
+    values = [drive.objects.value(place) for place in (*RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)]
     return [value & 0x7FF for value in values if not value & co.PDO_INVALID]
 
 
@@ -57,7 +58,7 @@ def configured(one: OneDrive) -> OneDrive:
 
 def dead_man(drive: Drive) -> dict[str, int | None]:
     """Return what the record says of how a drive stops by itself."""
-    found = drive.describe()["dead_man"]
+    found = drive.describe()["drive_settings"]
     assert isinstance(found, dict)
     return found
 
@@ -167,11 +168,11 @@ def test_a_cia_402_drive_whose_option_cannot_be_written_is_refused(tmp_path: Pat
     ("frame", "words"),
     [
         (BEAT, "it sends the heartbeat of node 127, as labrig does"),
-        (READ_STATUS, r"insertion: statusword \(0x6041:00\) is read"),
-        (RETARGET, r"insertion: target position \(0x607A:00\) = 240000 quadcounts, 60.0000 mm"),
+        (READ_STATUS, "it reads object 0x6041:00 of axis insertion"),
+        (RETARGET, "it writes object 0x607A:00 of axis insertion"),
         ((0x000, b"\x81\0"), "NMT command 0x81 to node 0"),
         ((0x401, b"\x3f\0\0\0\0\0"), "CAN frame 401#3F0000000000 to axis insertion"),
-        ((0x601, b"\x60"), "SDO request 601#60 to axis insertion"),
+        ((0x601, b"\x60"), "CAN frame 601#60 to axis insertion"),
     ],
 )
 def test_a_rig_on_a_bus_with_another_master_is_not_opened(frame: tuple[int, bytes], words: str) -> None:
@@ -226,7 +227,7 @@ def test_a_drive_that_lacks_an_option_is_not_guarded_by_it() -> None:
     with one_drive() as one:
         one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
         link, section = one.driver._link, one.driver.section
-        results = check_axis(link, section, "insertion", one.clock, HEARTBEAT)
+        results = check_axis(link, section, "insertion", one.clock)
         found = next(result for result in results if result.check == "guards insertion")
         assert found.status is CheckStatus.WARN
         assert "heartbeat stops (0x6007)" in found.value
@@ -243,7 +244,7 @@ def test_a_second_master_on_a_real_bus_is_told_from_ourselves(tmp_path: Path) ->
                 rig.wait(0.1)
                 rig.read_states()
             other.send(can.Message(arbitration_id=RETARGET[0], data=RETARGET[1], is_extended_id=False))
-            with pytest.raises(SecondMasterError, match="target position"):
+            with pytest.raises(SecondMasterError, match="writes object 0x607A:00"):
                 rig.wait(30.0)
-            assert rig.insertion.drive.read().state is DriveState.OPERATION_ENABLED
+            assert decode_state(rig.insertion.drive.read().statusword) is DriveState.OPERATION_ENABLED
             rig.close()

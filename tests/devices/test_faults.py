@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -70,50 +69,4 @@ def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
     assert boot is not None
     assert still is not None
     assert boot.t_s == still.t_s == happened_s == 2.1
-    hardware.close()
-
-
-@pytest.mark.parametrize(
-    ("fault", "code"),
-    [
-        (FaultDescription(fault="emergency", axis="insertion", code=0x4210), 0x4210),
-        (FaultDescription(fault="emergency-stop", axis="insertion"), 0x3220),
-        (FaultDescription(fault="blocked", axis="insertion"), 0x8611),
-    ],
-)
-def test_a_fault_that_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> None:
-    """The axis stands still within half a second, and the error history names the fault."""
-    hardware = _hardware()
-    drive = epos2_drives(hardware)["insertion"]
-    drive.objects.put(od.LIMIT_EXECUTION_MASK, 3)
-    _move(hardware)
-    hardware.clock.sleep(1.0)
-    hardware.faults.inject(fault)
-    hardware.clock.sleep(1.0)
-    assert drive.objects.value(co.LAST_ERROR) == code
-    still = drive.journal.last("still")
-    assert still is not None
-    assert 1.0 <= still.t_s <= 1.5
-    hardware.close()
-
-
-@pytest.mark.parametrize(
-    ("fault", "answers"),
-    [
-        (FaultDescription(fault="silent", axis="insertion"), []),
-        (FaultDescription(fault="bus-off"), []),
-        (FaultDescription(fault="late-frames"), []),
-        (FaultDescription(fault="blocked", axis="insertion"), [0x4B]),
-    ],
-)
-def test_a_fault_changes_the_answers_of_a_drive(fault: FaultDescription, answers: list[int]) -> None:
-    """An SDO request gets no answer at once, or one."""
-    hardware = _hardware()
-    link = hardware.open_link()
-    heard: list[int] = []
-    link.network.subscribe(0x581, lambda _can_id, data, _t: heard.append(data[0]))
-    hardware.faults.inject(fault)
-    link.network.send_message(0x601, b"\x40\x41\x60\0\0\0\0\0")
-    assert heard == answers
-    hardware.faults.inject(FaultDescription(fault="unplugged"))
     hardware.close()

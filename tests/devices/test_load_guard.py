@@ -43,19 +43,6 @@ def go_on(rig: Rig) -> None:
         rig.read_states()
 
 
-def test_the_limit_of_the_rig_file_holds_until_the_rig_is_closed() -> None:
-    """It is in the record, and the drive has its own again afterwards."""
-    with opened_rig(simulated_rig(LIMIT)) as opened:
-        opened.rig.connect()
-        assert limit_of(opened) == 800
-        assert limit_of(opened, "insertion") == 10_000
-        settings = opened.rig.linear.describe()["drive_settings"]
-        assert isinstance(settings, dict)
-        assert settings[str(od.CURRENT_LIMIT)] == 800
-        opened.rig.close()
-        assert limit_of(opened) == 10_000
-
-
 @pytest.mark.parametrize(("given_ma", "in_force_ma"), [(500, 500), (2000, 800)])
 def test_the_lower_limit_of_rig_file_and_opening_holds(given_ma: int, in_force_ma: int) -> None:
     """A protocol or a jog can only ask for less."""

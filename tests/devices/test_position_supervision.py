@@ -9,20 +9,17 @@ from labrig.devices.axis import Axis
 from labrig.devices.drives import objects as co
 from labrig.devices.position_supervision import (
     AtRest,
-    AxisBounds,
     Expected,
     InMotion,
     PositionReading,
-    SupervisionState,
+    PositionWatch,
     expect_move,
-    supervise_position,
 )
 from labrig.devices.trapezoid import Limits, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, TARGET_CHANGED, DriveStrayedError
 from tests.devices.rigs import OpenedRig, epos2_axis, opened_rig, simulated_rig
 
 AXIS = epos2_axis()
-BOUNDS = AxisBounds.of("insertion", AXIS)
 WINDOW, LAG = AXIS.position_window, AXIS.max_following_error
 PROFILE = make_move_profile(1.0, 0.0, 0.0, 24.0, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
 MOVE = InMotion(PROFILE, ahead_s=0.0)
@@ -32,10 +29,10 @@ def judge(
     expected: Expected | None, *positions: float, start_s: float = 0.0, step_s: float = 0.01
 ) -> DriveStrayedError | None:
     """Return the error of the last of these readings."""
-    state, error = SupervisionState(), None
+    watch, error = PositionWatch("insertion", AXIS), None
     for number, position in enumerate(positions):
         t_s = start_s + number * step_s
-        state, error = supervise_position(BOUNDS, state, expected, PositionReading(t_s, t_s, position))
+        error = watch.judge(expected, PositionReading(t_s, t_s, position))
     return error
 
 
@@ -81,7 +78,7 @@ def test_a_drive_that_began_earlier_than_known_is_ahead() -> None:
 def test_a_reading_of_unknown_time_is_judged_by_both_its_instants() -> None:
     """A computer that was late to read blames no axis."""
     reading = PositionReading(2.0, 3.0, on_profile(2.5))
-    assert supervise_position(BOUNDS, SupervisionState(), MOVE, reading)[1] is None
+    assert PositionWatch("insertion", AXIS).judge(MOVE, reading) is None
 
 
 def test_an_axis_at_rest_stays_where_it_was() -> None:
@@ -95,14 +92,10 @@ def test_an_axis_at_rest_stays_where_it_was() -> None:
 
 def test_a_servo_may_dither_however_small_its_window_is() -> None:
     """Two counts to either side are no motion."""
-    narrow = AXIS.model_copy(update={"position_window": 1e-6})
-    state = SupervisionState()
+    watch = PositionWatch("insertion", AXIS.model_copy(update={"position_window": 1e-6}))
     at_rest = AtRest(7.0)
     for position in (7.0, 7.0 + 2 / 4000, 7.0 - 2 / 4000):
-        state, error = supervise_position(
-            AxisBounds.of("insertion", narrow), state, at_rest, PositionReading(0.0, 0.0, position)
-        )
-        assert error is None
+        assert watch.judge(at_rest, PositionReading(0.0, 0.0, position)) is None
 
 
 def test_a_jump_is_told_from_motion() -> None:
@@ -132,11 +125,9 @@ def test_an_axis_at_its_greatest_speed_has_a_drives_cycle_of_margin() -> None:
 
 def test_nothing_is_expected_of_an_axis_that_homes() -> None:
     """Nobody can tell where it has to be, and afterwards its positions count from another zero."""
-    state = SupervisionState()
-    at_rest: Expected = AtRest()
-    for expected, position in ((at_rest, 7.0), (None, 9.0), (None, -3.0), (AtRest(), 0.0)):
-        state, error = supervise_position(BOUNDS, state, expected, PositionReading(0.0, 0.0, position))
-        assert error is None
+    watch = PositionWatch("insertion", AXIS)
+    for expected, position in ((AtRest(), 7.0), (None, 9.0), (None, -3.0), (AtRest(), 0.0)):
+        assert watch.judge(expected, PositionReading(0.0, 0.0, position)) is None
 
 
 def test_a_move_that_replaces_another_goes_on_from_where_the_axis_is() -> None:

@@ -50,7 +50,9 @@ def test_moves_arrive_in_millimetres_and_radians() -> None:
         assert states["linear"].position == 15.0
         assert states["rotation"].position == pytest.approx(math.pi, abs=1e-4)
         assert states["insertion"].position == 40.0
-        assert all(state.state is DriveState.OPERATION_ENABLED for state in states.values())
+        assert all(
+            decode_state(state.statusword) is DriveState.OPERATION_ENABLED for state in states.values()
+        )
 
 
 def test_a_setpoint_has_requested_and_sent_values() -> None:

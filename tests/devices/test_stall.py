@@ -1,19 +1,37 @@
 """A stall is the motor's whole current and an axis that lags, in two readings."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 
-from labrig.devices.stall import LoadReading, StallBounds, supervise_stall
+from labrig.devices.axis import Axis
+from labrig.devices.position_supervision import InMotion
+from labrig.devices.stall import StallWatch
+from labrig.devices.trapezoid import make_rest_profile
+from labrig.errors import ForceGuardError
+from tests.devices.rigs import epos2_axis, one_drive
 
-BOUNDS = StallBounds("linear", "mm", max_following_error=2.0, limit_ma=500)
+
+@contextmanager
+def watched(speed: float = 1.0) -> Iterator[StallWatch]:
+    """Yield the watch on an axis in motion that may lag by 2 mm, with a limit of 500 mA."""
+    with one_drive() as bench:
+        axis = Axis("linear", epos2_axis(max_following_error=2.0), bench.driver, bench.clock)
+        axis.expected = InMotion(make_rest_profile(0.0, 0.0), 0.0, speed=speed)
+        yield StallWatch(axis, 500)
 
 
 def judge(*readings: tuple[float, float, float]) -> str:
     """Return the message after readings (t_s, lag, current_ma); empty without an error."""
-    since_s, message = None, ""
-    for reading in readings:
-        since_s, error = supervise_stall(BOUNDS, since_s, LoadReading(*reading))
-        message = "" if error is None else error.message
-    return message
+    with watched() as watch:
+        try:
+            for reading in readings:
+                watch.judge(*reading)
+        except ForceGuardError as error:
+            assert reading is readings[-1]
+            return error.message
+    return ""
 
 
 def test_a_stall_is_told_with_current_time_and_lag() -> None:
@@ -45,5 +63,6 @@ def test_both_directions_are_judged() -> None:
 
 def test_a_fast_axis_is_looked_at_more_often() -> None:
     """Four times until the drive fails by its following error, but at most a hundred times a second."""
-    assert BOUNDS.period_s(2.0) == pytest.approx(0.25)
-    assert BOUNDS.period_s(100.0) == 0.01
+    for speed, period_s in ((2.0, 0.25), (100.0, 0.01)):
+        with watched(speed) as watch:
+            assert watch.period_s == pytest.approx(period_s)

@@ -1,4 +1,4 @@
-"""The order in which a rig is watched, and what keeps its heartbeat from being sent."""
+"""What keeps the heartbeat of a rig from being sent."""
 
 from collections.abc import Callable
 
@@ -7,41 +7,9 @@ import pytest
 
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.node import NmtState
-from labrig.devices.supervisor import Check, Supervisor
-from labrig.errors import LabrigError, SafetyStopError
+from labrig.errors import LabrigError
 from tests.devices.beats import listening
 from tests.devices.rigs import OpenedRig, opened_rig
-
-
-def noted(name: str, done: list[str], *, needs_power: bool = True, fails: bool = False) -> Check:
-    """Return a check that notes when it is looked at, and fails if it is told to."""
-
-    def look() -> None:
-        done.append(name)
-        if fails:
-            raise SafetyStopError(name)
-
-    return Check(look, look, needs_power)
-
-
-def test_checks_are_made_in_order_until_one_finds_something() -> None:
-    """What comes after it is not looked at."""
-    done: list[str] = []
-    supervisor = Supervisor([noted("a", done), noted("b", done, fails=True), noted("c", done)])
-    supervisor.has_power = True
-    with pytest.raises(SafetyStopError, match="b"):
-        supervisor.step()
-    assert done == ["a", "b"]
-
-
-def test_without_power_only_some_checks_are_made() -> None:
-    """The others wait for it; getting ready for power asks each of them."""
-    done: list[str] = []
-    supervisor = Supervisor([noted("a", done), noted("b", done, needs_power=False)])
-    supervisor.step()
-    assert done == ["b"]
-    supervisor.reset()
-    assert done == ["b", "a", "b"]
 
 
 def _command(opened: OpenedRig) -> None:

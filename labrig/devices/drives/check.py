@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
-from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, failed, passed, warned
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
@@ -23,9 +22,7 @@ _GUARDS = {
 """Objects that keep an axis safe -> what is not guarded in a drive that lacks them."""
 
 
-def check_axis(
-    link: CanLink, axis: Cia402Section, name: str, clock: Clock, heartbeat: HeartbeatDescription
-) -> Iterator[CheckResult]:
+def check_axis(link: CanLink, axis: Cia402Section, name: str, clock: Clock) -> Iterator[CheckResult]:
     """Compare an axis of the rig file with its drive."""
     drive = Cia402Drive(link, axis, name, clock)
     try:
@@ -33,7 +30,6 @@ def check_axis(
         drive.raise_if_faulted()
         yield from _check_stated(drive, name)
         if not axis.unknown:
-            yield _check_configuration(drive, name, heartbeat)
             yield _check_current(drive, name)
         yield _check_reference(drive, name)
         yield from _check_inputs(drive, name)
@@ -47,6 +43,7 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
     versions = (f"{key.replace('_', ' ')} 0x{value:04X}" for key, value in identity.versions.items())
     value = ", ".join((f"node {drive.node_id}: {identity.model}", *versions))
     value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
+    value += f", fingerprint {list(drive.read_fingerprint())}" if drive.model.fingerprint else ""
     if not identity.doubt:
         return passed(f"drive {name}", value)
     solution = "a run reads every setting back; try homing, jog and the emergency stop without a needle first"
@@ -54,34 +51,15 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
 
 
 def _check_stated(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
-    """Compare encoder and units, which are never written."""
-    for stated, compare in drive.comparisons():
-        check = f"{stated.key} {name}"
+    """Compare encoder and units, which are never written, and the fingerprint of all settings."""
+    for check, require in (
+        ("encoder and units", drive.require_stated),
+        ("fingerprint", drive.require_fingerprint),
+    ):
         try:
-            compare()
+            require()
         except DriveError as error:
-            is_known = stated.value is not None
-            yield failed(check, error) if is_known else warned(check, error.message, error.hint)
-        else:
-            yield passed(check, f"{stated.value}, as in the drive")
-
-
-def _check_configuration(drive: Cia402Drive, name: str, heartbeat: HeartbeatDescription) -> CheckResult:
-    """Compare every setting with the value that a run will write, and the fingerprint with that of the rig file."""
-    check, section = f"configuration {name}", drive.section
-    limits = drive.limit_settings(section.limits) if drive.is_referenced() else {}
-    settings = drive.model.list_settings(section) | drive.consume(heartbeat) | limits
-    others = [str(place) for place, value in settings.items() if drive.upload(place) != value]
-    value = f"{len(settings)} settings as the rig file has them"
-    if others:
-        value = f"a run sets {len(others)} of {len(settings)} settings: {', '.join(others)}"
-    if drive.model.fingerprint:
-        value += f"; fingerprint {list(drive.read_fingerprint())}"
-    try:
-        drive.require_fingerprint()
-    except DriveError as error:
-        return failed(check, error)
-    return passed(check, value)
+            yield failed(f"{check} {name}", error)
 
 
 def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
@@ -127,22 +105,13 @@ def _check_inputs(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
 
 def _check_guards(drive: Cia402Drive, name: str) -> CheckResult:
     """Read how the drive stops by itself, and name what it does not guard."""
-    model, found = drive.model, {place: drive.find(place) for place in _GUARDS}
+    found = {place: drive.find(place) for place in _GUARDS}
     missing = [guard for place, guard in _GUARDS.items() if found[place] is None]
-    optional = {
-        "the motor current": drive.current_ma() is None,
-        "a limit of the current": drive.current_limit_ma() is None,
-        f"a stall ({model.following_error})": not model.has(model.following_error),
-        f"limit switches ({model.inputs})": not model.has(model.inputs),
-        "encoder and units": not any(model.has(stated.place) for stated in model.stated),
-        "whether it kept its reference (referenced_bit)": model.referenced_bit is None,
-    }
-    missing += [guard for guard, is_missing in optional.items() if is_missing]
     if missing:
         return warned(
             f"guards {name}",
             f"not reported or not guarded by the drive: {'; '.join(missing)}",
             "name the manufacturer's objects in the rig file if the drive has them; watch the axis for the others",
         )
-    options = (f"{place} = {found[place]}" for place in model.stop_options if place in found)
+    options = (f"{place} = {found[place]}" for place in drive.model.stop_options if place in found)
     return passed(f"guards {name}", f"{', '.join(options)}; a run sets and reads back what it needs")

@@ -4,23 +4,14 @@ What is decided here
 --------------------
 - SDO goes through our own client. `canopen`'s `BaseNode402` is not used: it resets faults and enables power by itself,
   and its signs of homing methods are wrong for maxon.
-- While axes move, each drive sends statusword, position and motor current at each SYNC in one process-data frame of 8
-  bytes, instead of six SDO frames; inputs that the rig file names, and what does not fit, go into a second frame. A
-  missing report is requested by SDO and counted. Current and inputs are mapped while the node is pre-operational and
-  without power, behind statusword and position, which stand there by default. If the drive refuses it, the mapping is
-  as before; if it is another one, SDO does all of it. The mapping is not stored: it ends with the drive's power.
 - Nothing counts until it has been read back: each setting after writing, both edges of the set-point acknowledge, the
   position at the end of a move, standstill after a stop. A value out of the range of the EDS file is not sent.
 - Only `enable` switches power on. It sets Halt and takes the actual position as target, so nothing moves until a move
   is commanded. Only `reset_fault` resets a fault, after a person has confirmed.
-- Only settings that differ are written. What vouches for the drive's configuration is written back afterwards.
 - A lost heartbeat, a fault and a quick stop have option codes; all are set. CiA 402 allows 0 in 0x6007, with which the
   axis would keep moving.
-- A lost heartbeat, an EMCY and a boot-up of the drive become errors at the next call of `check` or `read`.
-- If the EDS file cannot be read, the widths of the standard are used: enough to stop the drive; `identify` refuses it.
 - Uncertain until tried on a device: whether bit 12 falls when homing starts, as a fresh attained bit requires (if not,
-  homing ends in its timeout with the axis halted); whether two nodes with one id both answer (on a wire they may
-  destroy each other's frames and seem silent); whether a drive accepts homing here by method 37 at once; whether a
+  homing ends in its timeout with the axis halted); whether a drive accepts homing here by method 37 at once; whether a
   drive with 0x6007 = 1 goes to fault when its heartbeat ends.
 """
 
@@ -37,7 +28,7 @@ from labrig.devices.drives.drive import (
     STILL_POLL_S,
     DriveReading,
     Homing,
-    RoundedMove,
+    Setpoint,
     raise_together,
 )
 from labrig.devices.drives.eds import find_default
@@ -49,7 +40,7 @@ from labrig.devices.drives.node import (
     DriveNode,
 )
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.reports import REPORT_PDO, DriveReports
+from labrig.devices.drives.reports import DriveReports
 from labrig.devices.drives.sdo import CHECK_POWER
 from labrig.devices.drives.states import (
     CHANGE_IMMEDIATELY,
@@ -117,10 +108,9 @@ class Cia402Drive(DriveNode):
         self._readings_until_still = 1 + math.ceil(still_time_s(slowest) / STILL_POLL_S)
         self._offset_counts = 0
         self._target: int | None = None
-        self._settings: dict[Place, int] = {}
+        self._settings: dict[Place, int | None] = {}
         self._heartbeat: HeartbeatDescription | None = None
         self._own_limit: dict[Place, int] = {}
-        self._written: tuple[Place, ...] = ()
         self._was_enabled = self._has_homed = False
         self._reports = DriveReports(self, link)
 
@@ -178,13 +168,10 @@ class Cia402Drive(DriveNode):
         self.require_limits()
         self._heartbeat = heartbeat
         self.watch(heartbeat)
-        self._settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
-        written = self.adjust(self._settings)
+        settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
+        self.adjust(settings)
         self._reports.switch_on()
-        self._written = (
-            *written,
-            *self.make_stop_by_itself(heartbeat, (REPORT_PDO, *self._reports.pdos.switched_on)),
-        )
+        self._settings = {**settings, **self.make_stop_by_itself(heartbeat, self._reports.layouts)}
         self._fingerprint = found
         self.adjust(dict(zip(self.model.fingerprint, found, strict=True)))
 
@@ -211,11 +198,9 @@ class Cia402Drive(DriveNode):
             "counts_per_unit": self.scale.counts_per_unit,
             "speed_units_per_speed": self.scale.speed_units_per_speed,
             "speed_unit": self.section.speed_unit,
-            "drive_settings": {str(place): value for place, value in self._settings.items()} | self.dead_man,
-            "settings_written": [str(place) for place in self._written],
-            "dead_man": dict(self.dead_man),
-            "retries": self.sdo.retries + self._reports.pdos.missed,
-            "strays": self.sdo.strays + self._reports.pdos.strays,
+            "drive_settings": {str(place): value for place, value in self._settings.items()},
+            "retries": self.sdo.retries + self._reports.missed,
+            "strays": self.sdo.strays + self._reports.strays,
         }
 
     def close(self) -> None:
@@ -235,11 +220,8 @@ class Cia402Drive(DriveNode):
     def statusword(self) -> int:
         """Return the statusword."""
         statusword = self.upload(co.STATUSWORD)
-        self._note_state(statusword)
-        return statusword
-
-    def _note_state(self, statusword: int) -> None:
         self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
+        return statusword
 
     def go_to(self, goal: TargetState) -> None:
         """Bring the drive to a goal of its state machine.
@@ -309,17 +291,14 @@ class Cia402Drive(DriveNode):
         """Read statusword, position and load. Raises `DriveError` if the drive cannot move."""
         values = self._reports.read()
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
-        self._note_state(statusword)
-        self.check()
-        if not self._was_enabled:
-            self._refuse_unless_enabled(statusword)
+        self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
+        self.require_enabled(statusword)
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )
         return DriveReading(
             self._position(counter),
             statusword,
-            DriveState.OPERATION_ENABLED,
             arrived,
             self._reports.convert_current(values),
             self._reports.convert_inputs(values),
@@ -353,11 +332,11 @@ class Cia402Drive(DriveNode):
 
     # Moving
 
-    def round_move(self, position: float, speed: float) -> RoundedMove:
+    def round_move(self, position: float, speed: float) -> Setpoint:
         """Return the nearest move in whole counts and units of speed."""
         sent = self._counter(position), self.scale.to_speed_units(speed)
         names = dict(zip(self.model.sent_names, sent, strict=True))
-        return RoundedMove(self._position(sent[0]), self.scale.to_speed(sent[1]), names)
+        return Setpoint(position, speed, names, self._position(sent[0]), self.scale.to_speed(sent[1]))
 
     def start_move(self, position: float, speed: float) -> None:
         """Start a move to an absolute position [mm or rad, per s]."""
@@ -369,7 +348,7 @@ class Cia402Drive(DriveNode):
         # The drive takes a set-point at the rising edge of its bit; an acknowledge of an earlier one would seem
         # to be its own.
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "get ready for a set-point")
-        self._refuse_unless_enabled(self.statusword())
+        self.require_enabled(self.statusword())
         self._set_mode(co.PROFILE_POSITION)
         self.adjust({co.PROFILE_VELOCITY: speed_units})
         self.download(co.TARGET_POSITION, target)
@@ -381,7 +360,7 @@ class Cia402Drive(DriveNode):
     def _wait_for_bit(self, mask: int, wanted: int, what: str) -> None:
         deadline_s = self._clock.now_s() + ANSWER_TIME_S
         while (statusword := self.statusword()) & mask != wanted:
-            self.refuse_unless_enabled(statusword)
+            self.require_enabled(statusword)
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
                     f"{self.name} did not {what} within {ANSWER_TIME_S:g} s (statusword 0x{statusword:04X})",
@@ -446,7 +425,7 @@ class Cia402Drive(DriveNode):
         self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
         while True:
             statusword = self.statusword()
-            self.refuse_unless_enabled(statusword)
+            self.require_enabled(statusword)
             if statusword & HOMING_ERROR:
                 raise DriveError(
                     f"{self.name} did not find home (statusword 0x{statusword:04X})",
@@ -510,12 +489,9 @@ class Cia402Drive(DriveNode):
         self.check()
         self._refuse_fault(self.statusword())
 
-    def refuse_unless_enabled(self, statusword: int) -> None:
-        """Refuse a statusword with which the drive cannot move. Raises `DriveError`."""
+    def require_enabled(self, statusword: int) -> None:
+        """Refuse a statusword with which the drive cannot move, and what the drive has said. Raises `DriveError`."""
         self.check()
-        self._refuse_unless_enabled(statusword)
-
-    def _refuse_unless_enabled(self, statusword: int) -> None:
         state = self.decode(statusword)
         if state is DriveState.OPERATION_ENABLED:
             return

@@ -20,7 +20,6 @@ from typing import Protocol, TypeVar
 
 from labrig.clock import Clock
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.drives.states import DriveState
 from labrig.devices.input_channel import InputValue
 from labrig.errors import DriveError, DriveFaultError, MachineError
 
@@ -51,25 +50,34 @@ class Identity:
 
 
 @dataclass(frozen=True)
-class RoundedMove:
-    """The move of a drive that is nearest to the requested one.
+class Setpoint:
+    """A move as requested and as sent.
 
     Parameters
     ----------
-    position, speed : float
-        Target and speed [mm or rad, per s].
+    asked_position, asked_speed : float
+        What was asked [mm or rad, per s].
     sent : mapping of str to int
-        What goes over the wire, by its names in the record.
+        What went over the wire, by the names of its drive.
+    position, speed : float
+        What that amounts to [mm or rad, per s]; differs by rounding.
     """
 
+    asked_position: float
+    asked_speed: float
+    sent: Mapping[str, int]
     position: float
     speed: float
-    sent: Mapping[str, int]
+
+    def document(self) -> dict[str, float]:
+        """Return it as in an event of the record."""
+        asked = {"asked_position": self.asked_position, "asked_speed": self.asked_speed}
+        return {**asked, **self.sent, "position": self.position, "speed": self.speed}
 
 
 @dataclass(frozen=True, slots=True)
 class DriveReading:
-    """A reading of a drive: position [mm or rad], statusword, state, and whether its last move has arrived.
+    """A reading of a drive that can move: position [mm or rad], statusword, and whether its last move has arrived.
 
     `target_reached` is true if the drive says so and the position is within the window around the target. `inputs` has
     the inputs that the rig file names. The motor current [mA] is in a reading that was expected (`expect_report`); None
@@ -78,7 +86,6 @@ class DriveReading:
 
     position: float
     statusword: int
-    state: DriveState
     target_reached: bool
     current_ma: float | None = None
     inputs: Mapping[str, InputValue] = field(default_factory=dict)
@@ -164,7 +171,7 @@ class Drive(Protocol):
     def position(self) -> float:
         """Return the position of the axis [mm or rad]."""
 
-    def round_move(self, position: float, speed: float) -> RoundedMove:
+    def round_move(self, position: float, speed: float) -> Setpoint:
         """Return the nearest move that the drive can make; nothing is sent."""
 
     def start_move(self, position: float, speed: float) -> None:

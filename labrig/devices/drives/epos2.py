@@ -14,7 +14,7 @@ What is decided here
 - An EPOS2 has no quick stop option code 0x605A: its quick stop always brakes and holds.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -31,7 +31,6 @@ from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.kinds import Nature, be_epos2
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
-from labrig.protocol.model import Conflict
 
 CONFIGURATION = (Place(0x1020, 1), Place(0x1020, 2))
 SOFTWARE_VERSION, HARDWARE_VERSION = Place(0x2003, 1), Place(0x2003, 2)
@@ -51,7 +50,6 @@ HARDWARE = {
     0x6320: "EPOS2 50/5",
     0x6420: "EPOS2 70/10",
 }
-OTHER_HARDWARE = {0x6010: "EPOS 24/1", 0x6210: "EPOS 24/5", 0x6410: "EPOS 70/10", 0x6610: "EPOS MCD"}
 """Hardware version 0x2003:02 without its last digit -> name (libcanepos, and maxon's EDS file of the EPOS2 70/10)."""
 
 _SOFTWARE = range(0x2100, 0x2200)
@@ -61,7 +59,6 @@ _TRIED_SOFTWARE = (0x2110, 0x2122)
 """Versions whose objects are known: by the driver of IRI (CEpos2), and by maxon's EDS file."""
 
 _UNKNOWN_MODEL = "EPOS2 of a type unknown to labrig"
-_MAX_RPM = 25_000
 _EXECUTION_DEFAULT = 0x0008
 _SWITCH_BITS = {"negative": 1, "positive": 2}
 _BY_CURRENT = frozenset({-1, -2, -3, -4})
@@ -148,17 +145,6 @@ class Epos2Axis(ProductSection):
         """Return the current at which a method finds its stop [mA]; None for a method without a current."""
         return self.homing.current_threshold_ma if method in _BY_CURRENT else None
 
-    def scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
-        """Yield limits and speeds that the drive cannot represent."""
-        yield from super().scale_conflicts(scale)
-        rpm = self.max_speed * scale.speed_units_per_speed
-        if rpm > _MAX_RPM:
-            yield Conflict(
-                "max_speed",
-                f"max_speed is {rpm:.0f} rpm of the motor, the drive's limit is {_MAX_RPM} rpm",
-                f"write {scale.to_speed(_MAX_RPM):.4g} or less, or check gear_ratio and lead_mm",
-            )
-
     def model(self) -> Model:
         """Return what is known of an EPOS2."""
         pulses = self.encoder_pulses_per_turn
@@ -222,8 +208,6 @@ class Epos2Axis(ProductSection):
                 f"{drive.name} has hardware version 0x{hardware:04X}, the rig file says 0x{expected:04X}",
                 "check the node id and hardware_version in the rig file, and the label of the drive",
             )
-        if kind in OTHER_HARDWARE:
-            raise _refuse(drive, f"hardware version 0x{hardware:04X}, {OTHER_HARDWARE[kind]}")
         if kind not in HARDWARE and expected is None:
             raise _refuse(
                 drive,

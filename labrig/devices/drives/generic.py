@@ -17,13 +17,12 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
-from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Identity
-from labrig.devices.drives.eds import Eds, find_bounds, read_eds, read_own_eds
+from labrig.devices.drives.eds import Eds, read_eds, read_own_eds
 from labrig.devices.drives.errors import EPOS4_ERRORS
 from labrig.devices.drives.model import STOP_OPTIONS, Asked, Model, Stated
 from labrig.devices.drives.objects import Place
@@ -35,8 +34,8 @@ from labrig.protocol.model import Conflict
 from labrig.protocol.model import Model as Section
 
 _PROFILE = 402
-_NEEDED_MODES = {0: "profile position", 5: "homing"}
-"""Bit of 0x6502 -> mode of operation."""
+_NEEDED_MODES = 0x21
+"""Bits of 0x6502 for profile position and homing."""
 
 _WRITTEN = (
     co.CONSUMER_HEARTBEAT,
@@ -59,20 +58,10 @@ _READ = (
 )
 """These and `_WRITTEN` are required: profile position mode, homing, and the stop on a lost heartbeat."""
 
-VELOCITY_CODES = {0xB447: "rpm", 0xB403: "turns/s", 0xB503: "counts/s"}
-ACCELERATION_CODES = {0xC003: "rpm/s"}
-"""Numerator and denominator of 0x60A9 and 0x60AA (CiA 303-2; 0xC0 is maxon's) -> the unit in a rig file."""
+UNIT_CODES = {"rpm": 0xB447, "turns/s": 0xB403, "counts/s": 0xB503, "rpm/s": 0xC003}
+"""Unit in a rig file -> numerator and denominator of 0x60A9 and 0x60AA (CiA 303-2; 0xC0 is maxon's)."""
 
 _HALT_BY_RAMP = 1
-
-
-def _check_name(name: str) -> str:
-    if not name.isprintable() or name != name.strip():
-        raise ValueError("a name cannot start or end with a space, or contain a control character")
-    parts = name.replace("\\", "/").split("/")
-    if not all(parts) or ".." in parts or ":" in name:
-        raise ValueError("the file must be in the folder of the rig file or below it")
-    return name
 
 
 PlaceText = Annotated[str, Field(pattern=r"^0x[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$")]
@@ -143,7 +132,7 @@ class Cia402Axis(ProductSection):
 
     driver: Literal["cia402"]
     """cia402: any CiA 402 drive over CANopen."""
-    eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_check_name)] | None
+    eds: Annotated[str, Field(min_length=1, max_length=200)] | None
     """EDS file of the drive, in the folder of the rig file or below. Sizes and access of the objects come
     from it, and the drive must be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."""
     counts_per_turn: Positive | None
@@ -238,20 +227,12 @@ class Cia402Axis(ProductSection):
     def _list_stated(self, named: Mapping[str, Place]) -> tuple[Stated, ...]:
         """Return what the drive must say of its units and its encoder, as this section states it."""
         units = (
-            (co.VELOCITY_UNIT, "velocity_unit", self.velocity_unit, self.velocity_factor, VELOCITY_CODES),
-            (
-                co.ACCELERATION_UNIT,
-                "acceleration_unit",
-                self.acceleration_unit,
-                self.acceleration_factor,
-                ACCELERATION_CODES,
-            ),
+            (co.VELOCITY_UNIT, "velocity_unit", self.velocity_unit, self.velocity_factor),
+            (co.ACCELERATION_UNIT, "acceleration_unit", self.acceleration_unit, self.acceleration_factor),
         )
         stated = [
-            Stated(
-                place, key, f"{factor:g} {unit}", _write_unit(codes, unit, factor), partial(_name_unit, codes)
-            )
-            for place, key, unit, factor, codes in units
+            Stated(place, key, f"{factor:g} {unit}", _write_unit(unit, factor), _name_unit)
+            for place, key, unit, factor in units
         ]
         if "counts_per_turn" in named:
             counts = self.counts_per_turn
@@ -275,30 +256,14 @@ class Cia402Axis(ProductSection):
                 "name it in objects.home_position, or write 0",
             )
 
-    def problems(self, heartbeat: HeartbeatDescription) -> Iterator[Conflict]:  # noqa: ARG002 - as the base has it
-        """Yield objects that the EDS file lacks for this section, and settings out of the drive's range."""
+    def problems(self) -> Iterator[Conflict]:
+        """Yield objects that the EDS file lacks for this section."""
         try:
             model = self.model()
         except InputError as error:
             yield Conflict("eds", error.message, error.hint)
             return
-        lacking = [*_find_lacking(model), *self._find_unknown(model)]
-        yield from lacking
-        if lacking or self.unknown:
-            return
-        for place, value in (model.list_settings(self) | dict(model.stop_options)).items():
-            if not model.takes(place):
-                continue
-            low, high = find_bounds(model.eds.objects[place])
-            if not low <= value <= high:
-                yield Conflict(
-                    "eds",
-                    f"{model.eds.objects[place].name} ({place}) would be {value}, the drive takes {low} to {high}",
-                    "check speeds, accelerations, windows and units of this axis",
-                )
-
-    def _find_unknown(self, model: Model) -> Iterator[Conflict]:
-        """Yield named objects of the manufacturer that the drive lacks."""
+        yield from _find_lacking(model)
         for key, place in self.objects.places().items():
             if not model.has(place):
                 yield Conflict(
@@ -323,47 +288,43 @@ def _find_lacking(model: Model) -> Iterator[Conflict]:
         )
 
 
-def _name_unit(codes: Mapping[int, str], value: int) -> str | None:
+def _name_unit(value: int) -> str | None:
     """Return factor and unit in a value of 0x60A9 or 0x60AA, as a rig file has them; None for an unknown unit."""
-    unit = codes.get(value >> 8 & 0xFFFF)
+    unit = next((unit for unit, code in UNIT_CODES.items() if code == value >> 8 & 0xFFFF), None)
     exponent = int.from_bytes(bytes([value >> 24 & 0xFF]), signed=True)
     return None if unit is None else f"{10.0**exponent:g} {unit}"
 
 
-def _write_unit(codes: Mapping[int, str], unit: str, factor: float) -> int | None:
+def _write_unit(unit: str, factor: float) -> int | None:
     """Return the value of 0x60A9 or 0x60AA for a unit; None for one without a code."""
-    code = next((code for code, name in codes.items() if name == unit), None)
     exponent = round(math.log10(factor))
-    if code is None or not math.isclose(10.0**exponent, factor):
+    if unit not in UNIT_CODES or not math.isclose(10.0**exponent, factor):
         return None
-    return (exponent & 0xFF) << 24 | code << 8
+    return (exponent & 0xFF) << 24 | UNIT_CODES[unit] << 8
 
 
 def _identify(eds: Eds, drive: Asked) -> Identity:
     """Return the identity of a drive. Raises `DriveError` for another product than that of the EDS file."""
     device_type, modes = drive.upload(co.DEVICE_TYPE), drive.find(co.SUPPORTED_MODES)
-    found = {"vendor_id": drive.upload(co.VENDOR_ID), "product_code": drive.upload(co.PRODUCT_CODE)}
+    vendor, product = drive.upload(co.VENDOR_ID), drive.upload(co.PRODUCT_CODE)
     if device_type & 0xFFFF != _PROFILE:
         raise DriveError(
             f"{drive.name} has device type 0x{device_type:08X} ({co.DEVICE_TYPE}), expected a CiA 402 drive",
             "check the node id in the rig file",
         )
-    for place, (key, number), expected in zip(
-        (co.VENDOR_ID, co.PRODUCT_CODE), found.items(), (eds.vendor, eds.product), strict=True
-    ):
-        if number != expected:
-            raise DriveError(
-                f"{drive.name} has {key.partition('_')[0]} 0x{number:08X} ({place}), {eds.source} is for "
-                f"0x{expected:08X} ({eds.product_name})",
-                "name the EDS file of this drive in the rig file, or check its node id",
-            )
-    for bit, mode in _NEEDED_MODES.items():
-        if modes is not None and not modes >> bit & 1:
-            raise DriveError(
-                f"{drive.name} has no mode {mode} ({co.SUPPORTED_MODES} is 0x{modes:08X})",
-                "use another drive",
-            )
-    revision, doubt = drive.find(co.REVISION), ""
+    if (vendor, product) != (eds.vendor, eds.product):
+        raise DriveError(
+            f"{drive.name} has vendor 0x{vendor:08X}, product 0x{product:08X}; {eds.source} is for vendor "
+            f"0x{eds.vendor:08X}, product 0x{eds.product:08X} ({eds.product_name})",
+            "name the EDS file of this drive in the rig file, or check its node id",
+        )
+    if modes is not None and modes & _NEEDED_MODES != _NEEDED_MODES:
+        raise DriveError(
+            f"{drive.name} lacks profile position or homing mode ({co.SUPPORTED_MODES} is 0x{modes:08X})",
+            "use another drive",
+        )
+    found, doubt = {"vendor_id": vendor, "product_code": product}, ""
+    revision = drive.find(co.REVISION)
     if revision is not None:
         found["revision_number"] = revision
         if eds.revision not in {None, revision}:

@@ -35,22 +35,6 @@ class Asked(Protocol):
 
 
 @dataclass(frozen=True)
-class InputPlace:
-    """Where an input of a drive is read.
-
-    Parameters
-    ----------
-    place : Place
-        The object that holds it.
-    bit : int or None
-        Its bit there; None for an analog input [mV].
-    """
-
-    place: Place
-    bit: int | None = None
-
-
-@dataclass(frozen=True)
 class Stated:
     """Something that the rig file states and the drive may report: they are compared, and never written.
 

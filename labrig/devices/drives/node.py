@@ -12,7 +12,7 @@ What is decided here
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -50,8 +50,8 @@ _NO_ACTION = 0
 """Value of 0x6007 with which a drive moves on when the computer falls silent."""
 
 _EMERGENCY = struct.Struct("<HB")
-SENT_IDS, OBEYED_IDS = range(0x1800, 0x1A00), range(0x1400, 0x1600)
-"""Indices of transmit and of receive PDOs."""
+_PDOS = frozenset((*range(0x1400, 0x1600), *range(0x1800, 0x1A00)))
+"""Indices of receive and of transmit PDOs."""
 
 _T = TypeVar("_T")
 
@@ -63,8 +63,6 @@ class DriveNode:
     ----------
     model : Model
         What is known of the product.
-    dead_man : mapping of str to int or None
-        What makes the drive stop by itself, as it was read back; None for an object that it does not have.
     """
 
     def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
@@ -85,7 +83,6 @@ class DriveNode:
         self._link = link
         self._fingerprint: tuple[int, ...] = ()
         self._emergency: tuple[int, int] | None = None
-        self.dead_man: dict[str, int | None] = {}
         self._heard_s, self._silence_s = 0.0, math.inf
         self._nmt_state: int | None = None
         link.network.subscribe(0x700 + self.node_id, self._on_heartbeat)
@@ -143,15 +140,14 @@ class DriveNode:
             )
         return True
 
-    def adjust(self, settings: Mapping[Place, int]) -> tuple[Place, ...]:
-        """Write the settings that differ, and return which; the drive keeps its fingerprint. Raises `DriveError`."""
+    def adjust(self, settings: Mapping[Place, int]) -> None:
+        """Write the settings that differ; the drive keeps its fingerprint. Raises `DriveError`."""
         # One that has restarted may be another drive: it keeps what it says now.
         kept = self.read_fingerprint() if self.has_restarted else self._fingerprint
-        written = tuple(place for place, value in settings.items() if self.ensure(place, value))
-        if written and kept:
+        written = [self.ensure(place, value) for place, value in settings.items()]
+        if any(written) and kept:
             for place, value in zip(self.model.fingerprint, kept, strict=True):
                 self.ensure(place, value)
-        return written
 
     # Connecting
 
@@ -167,7 +163,7 @@ class DriveNode:
             When its EDS file cannot be read.
         """
         identity = self.read_identity()
-        require_all((*(compare for _, compare in self.comparisons()), self.require_fingerprint))
+        require_all((self.require_stated, self.require_fingerprint))
         if self.find(co.ABORT_CONNECTION) is not None:
             return identity
         return replace(
@@ -190,11 +186,11 @@ class DriveNode:
     def _refuse_unread(self, _drive: object) -> Identity:
         raise self._unreadable or InputError(f"{self.name} has no EDS file")
 
-    def comparisons(self) -> Iterator[tuple[Stated, Callable[[], None]]]:
-        """Yield what the drive reports too, and a function that raises `DriveError` if the rig file says otherwise."""
-        for stated in self.model.stated:
-            if self.model.has(stated.place):
-                yield stated, partial(self._compare, stated)
+    def require_stated(self) -> None:
+        """Refuse a drive whose encoder or units are not those of its section; they are never written."""
+        require_all(
+            partial(self._compare, stated) for stated in self.model.stated if self.model.has(stated.place)
+        )
 
     def _compare(self, stated: Stated) -> None:
         found = stated.read(self.upload(stated.place))
@@ -220,10 +216,6 @@ class DriveNode:
                 f"help, compare them in {self.model.tool} and enter the new fingerprint in the rig file",
             )
 
-    def pdos(self, indices: range) -> list[Place]:
-        """Return the COB-IDs of the PDOs at these indices."""
-        return [place for place in self.model.eds.objects if place.subindex == 1 and place.index in indices]
-
     def send_nmt(self, command: int) -> None:
         """Send an NMT command to this node; NMT is not answered."""
         self._link.send(0x000, bytes([command, self.node_id]))
@@ -240,8 +232,22 @@ class DriveNode:
 
     # Stopping by itself
 
-    def make_stop_by_itself(self, heartbeat: HeartbeatDescription, reports: Iterable[int]) -> Iterator[Place]:
-        """Make the drive stop when the computer's heartbeat does, and obey nobody else; yield what was written.
+    def make_stop_by_itself(
+        self, heartbeat: HeartbeatDescription, reports: Iterable[int]
+    ) -> dict[Place, int | None]:
+        """Make the drive stop when the computer's heartbeat does, and obey nobody else.
+
+        Parameters
+        ----------
+        heartbeat : HeartbeatDescription
+            The computer's.
+        reports : iterable of int
+            Transmit PDOs that stay on.
+
+        Returns
+        -------
+        dict of Place to int or None
+            The settings as they were read back; None for an object that the drive does not have.
 
         Raises
         ------
@@ -249,24 +255,27 @@ class DriveNode:
             When it does not keep one of the settings, among them an option that means "no action".
         """
         used = {co.TRANSMIT_PDO_COB_IDS[pdo] for pdo in reports}
-        pdos = (*self.pdos(OBEYED_IDS), *self.pdos(SENT_IDS))
-        unused = [place for place in pdos if place not in used and self.model.takes(place)]
+        unused = [
+            place
+            for place in self.model.eds.objects
+            if place.index in _PDOS and place.subindex == 1 and place not in used and self.model.takes(place)
+        ]
         settings = {
             **self.consume(heartbeat),
             **{place: value for place, value in self.model.stop_options.items() if self.model.has(place)},
             **{place: self.upload(place) | co.PDO_INVALID for place in unused},
         }
-        self.dead_man = {}
+        kept: dict[Place, int | None] = {}
         for place, value in settings.items():
             self._clock.sleep(0.0)  # lets a heartbeat that is due be sent
-            self.dead_man[str(place)] = value
             try:
-                if self.ensure(place, value):
-                    yield place
+                self.ensure(place, value)
+                kept[place] = value
             except DriveError as error:
                 if not isinstance(error, DriveRefusedError) or error.code != NO_OBJECT:
                     raise self._unsafe(place, error) from error
-                self.dead_man[str(place)] = None
+                kept[place] = None
+        return kept
 
     def _unsafe(self, place: Place, error: DriveError) -> DriveError:
         """Return the error of a drive that does not take what makes it stop by itself."""

@@ -5,22 +5,19 @@ What is decided here
 - Statusword, position and motor current come at each SYNC in one process-data frame of 8 bytes, instead of six SDO
   frames; inputs that the rig file names, and what does not fit, in a second one. A missing report is requested by SDO
   and counted.
-- Current and inputs are mapped while the node is pre-operational and without power, behind statusword and position,
-  which stand there by default. If the drive refuses that, the mapping is as before; if it is another one, SDO does all
-  of it. The mapping is not stored: it ends with the drive's power.
+- They are mapped while the node is pre-operational and without power. What the drive refuses is off, and read by SDO.
+  The mapping is not stored: it ends with the drive's power.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property, partial
 from queue import SimpleQueue
-
-from canopen.objectdictionary import ODVariable
+from struct import Struct
 
 from labrig.devices.bus import CanLink
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import make_form
-from labrig.devices.drives.model import InputPlace
 from labrig.devices.drives.node import NMT_PRE_OPERATIONAL, NMT_START, DriveNode
 from labrig.devices.drives.objects import Place
 from labrig.devices.input_channel import InputValue
@@ -29,94 +26,19 @@ from labrig.errors import DriveError, DriveRefusedError
 _PDO_BITS = 64
 _REPORTED = (co.STATUSWORD, co.POSITION_ACTUAL)
 _AT_EACH_SYNC = 1
-REPORT_PDO, _LOAD_PDO = 2, 3
-"""Transmit PDO, counted from 0, that holds statusword and position by default, and one for what has no room there."""
+_PDOS = (2, 3)
+"""Transmit PDOs, counted from 0: one has statusword and position by default, the other takes what has no room there."""
 
 _REPORT_PATIENCE = 0.25
 """Longest wait for a report, as a part of the answer timeout: its frame is already on its way."""
 
-Layout = tuple[ODVariable, ...]
-"""The objects that a PDO carries, in their order."""
 
+@dataclass(frozen=True)
+class InputPlace:
+    """Where an input of a drive is read: the object that holds it, and its bit there; None for an analog one [mV]."""
 
-def pack_into_pdos(variables: Iterable[ODVariable], pdos: Sequence[int]) -> dict[int, Layout]:
-    """Return which PDO carries which objects: each goes into the first with room; those without room are left out."""
-    layouts: dict[int, Layout] = {}
-    for variable in variables:
-        for pdo in pdos:
-            carried = layouts.get(pdo, ())
-            if sum(map(len, carried)) + len(variable) <= _PDO_BITS:
-                layouts[pdo] = (*carried, variable)
-                break
-    return layouts
-
-
-def mapping_of(variable: ODVariable) -> int:
-    """Return the value by which a PDO's mapping names an object."""
-    return variable.index << 16 | variable.subindex << 8 | len(variable)
-
-
-class SyncedPdos:
-    """The transmit PDOs of one drive that labrig listens to.
-
-    Parameters
-    ----------
-    link : CanLink
-        The bus.
-    node_id : int
-        Node id of the drive.
-    pdos : sequence of int
-        The PDOs, counted from 0.
-
-    Attributes
-    ----------
-    switched_on : tuple of int
-        Those that are switched on.
-    missed, strays : int
-        How many expected PDOs did not arrive, and how many came unexpected.
-    """
-
-    def __init__(self, link: CanLink, node_id: int, pdos: Sequence[int]) -> None:
-        self.missed = self.strays = 0
-        self._link = link
-        self._is_awaited = False
-        self._arrived: dict[int, SimpleQueue[bytes]] = {pdo: SimpleQueue() for pdo in pdos}
-        self.listen({})
-        for pdo, arrived in self._arrived.items():
-            link.network.subscribe(0x180 + 0x100 * pdo + node_id, partial(_keep, arrived))
-
-    def listen(self, layouts: Mapping[int, Layout]) -> None:
-        """Take note of what each PDO carries from now on; those that are not named are switched off."""
-        self.switched_on = tuple(layouts)
-        self._carried = {
-            pdo: (
-                make_form(layout),
-                tuple(Place(each.index, each.subindex) for each in layout),
-            )
-            for pdo, layout in layouts.items()
-        }
-
-    def expect(self) -> None:
-        """Drop what has arrived: the next `take` returns what the drive sends at the coming SYNC."""
-        self._is_awaited = bool(self.switched_on)
-        for arrived in self._arrived.values():
-            while not arrived.empty():
-                arrived.get_nowait()
-                self.strays += 1
-
-    def take(self, patience_s: float) -> dict[Place, int]:
-        """Return what was sent at the SYNC, without what has not arrived after `patience_s`; once after `expect`."""
-        is_awaited, self._is_awaited = self._is_awaited, False
-        if not is_awaited:
-            return {}
-        deadline_s, values = self._link.clock.now_s() + patience_s, dict[Place, int]()
-        for pdo, (form, places) in self._carried.items():
-            data = self._link.receive(self._arrived[pdo], deadline_s)
-            if data is None or len(data) != form.size:
-                self.missed += 1
-            else:
-                values |= zip(places, form.unpack(data), strict=True)
-        return values
+    place: Place
+    bit: int | None = None
 
 
 def _keep(arrived: SimpleQueue[bytes], _can_id: int, data: bytearray, _timestamp: float) -> None:
@@ -132,84 +54,100 @@ class DriveReports:
         The drive.
     link : CanLink
         Its bus.
+
+    Attributes
+    ----------
+    layouts : mapping of int to tuple of Place
+        What each PDO carries that is sent at each SYNC.
+    missed, strays : int
+        How many expected PDOs did not arrive, and how many came unexpected.
     """
 
     def __init__(self, node: DriveNode, link: CanLink) -> None:
+        self.missed = self.strays = 0
+        self.layouts: dict[int, tuple[Place, ...]] = {}
+        self._forms: dict[int, Struct] = {}
         self._node = node
-        self._answer_timeout_s = link.answer_timeout_s
-        self.pdos = SyncedPdos(link, node.node_id, (REPORT_PDO, _LOAD_PDO))
-        self._is_awaited = False
+        self._link = link
+        self._is_expected = False
+        self._arrived: dict[int, SimpleQueue[bytes]] = {pdo: SimpleQueue() for pdo in _PDOS}
+        for pdo, arrived in self._arrived.items():
+            link.network.subscribe(0x180 + 0x100 * pdo + node.node_id, partial(_keep, arrived))
 
     def switch_on(self) -> None:
         """Make the drive report at each SYNC, as far as its PDOs can be mapped and switched on."""
-        wanted = map(self._node.variable, (*_REPORTED, *self._list_load(with_current=True)))
-        layouts: dict[int, Layout] = {}
-        for pdo, layout in pack_into_pdos(wanted, (REPORT_PDO, _LOAD_PDO)).items():
-            least = layout[: len(_REPORTED)] if pdo == REPORT_PDO else layout
-            for tried in dict.fromkeys((len(layout), len(least))):
-                if self._map(pdo, layout[:tried]) and self._send_at_sync(pdo):
-                    layouts[pdo] = layout[:tried]
+        self.layouts = {}
+        for pdo, layout in self._pack().items():
+            if self._send_at_sync(pdo, layout):
+                self.layouts[pdo] = layout
+                self._forms[pdo] = make_form(map(self._node.variable, layout))
+
+    def _pack(self) -> dict[int, tuple[Place, ...]]:
+        """Return which PDO carries which objects: each goes into the first with room, or into none."""
+        layouts: dict[int, tuple[Place, ...]] = {}
+        for place in self._list_places(with_current=True):
+            for pdo in _PDOS:
+                carried = (*layouts.get(pdo, ()), place)
+                if sum(len(self._node.variable(each)) for each in carried) <= _PDO_BITS:
+                    layouts[pdo] = carried
                     break
-        self.pdos.listen(layouts)
+        return layouts
 
-    def _list_load(self, *, with_current: bool) -> tuple[Place, ...]:
-        """Return the objects of motor current and inputs that are read, each once."""
+    def _list_places(self, *, with_current: bool) -> tuple[Place, ...]:
+        """Return the objects that are read, each once."""
         current = (self.current[0],) if self.current is not None and with_current else ()
-        return (*current, *self._input_words)
+        return (*_REPORTED, *current, *self._input_words)
 
-    def _map(self, pdo: int, layout: Layout) -> bool:
-        """Tell whether a PDO carries these objects; map them if it does not, and the first ones are there already."""
-        mapping = co.TPDO_MAPS[pdo][: 1 + len(layout)]
-        wanted = [len(layout), *map(mapping_of, layout)]
-        found = [self._node.upload(place) for place in mapping if self._node.model.has(place)]
-        if found == wanted:
-            return True
-        own = [len(_REPORTED), *wanted[1 : 1 + len(_REPORTED)]]
-        if len(found) < len(wanted) or (pdo == REPORT_PDO and found[: len(own)] != own):
+    def _send_at_sync(self, pdo: int, layout: tuple[Place, ...]) -> bool:
+        """Tell whether a PDO carries these objects at each SYNC from now on; one that the drive refuses is off."""
+        node, cob_id, mapping = self._node, co.TRANSMIT_PDO_COB_IDS[pdo], co.TPDO_MAPS[pdo][: 1 + len(layout)]
+        if not all(map(node.model.has, (cob_id, co.TPDO_TYPES[pdo], *mapping))):
             return False
-        cob_id = co.TRANSMIT_PDO_COB_IDS[pdo]
-        self._node.send_nmt(NMT_PRE_OPERATIONAL)
+        carried = [place.index << 16 | place.subindex << 8 | len(node.variable(place)) for place in layout]
+        wanted = dict(zip(mapping, (len(layout), *carried), strict=True))
+        node.send_nmt(NMT_PRE_OPERATIONAL)
         try:
-            self._node.adjust({cob_id: self._node.upload(cob_id) | co.PDO_INVALID})
-            self._write_mapping(mapping, wanted)
+            if any(node.upload(place) != value for place, value in wanted.items()):
+                node.adjust({cob_id: node.upload(cob_id) | co.PDO_INVALID, mapping[0]: 0})
+                node.adjust({**dict(zip(mapping[1:], carried, strict=True)), mapping[0]: len(layout)})
+            own_id = 0x180 + 0x100 * pdo + node.node_id
+            node.adjust({co.TPDO_TYPES[pdo]: _AT_EACH_SYNC, cob_id: co.NO_REMOTE | own_id})
         except DriveRefusedError:
-            with suppress(DriveRefusedError):
-                self._write_mapping(mapping, found)
             return False
         finally:
-            self._node.send_nmt(NMT_START)
-        return True
-
-    def _write_mapping(self, mapping: tuple[Place, ...], values: list[int]) -> None:
-        """Write what a PDO carries; the number of objects is zero meanwhile."""
-        self._node.ensure(mapping[0], 0)
-        self._node.adjust(dict(zip(mapping[1:], values[1:], strict=True)))
-        self._node.adjust({mapping[0]: values[0]})
-
-    def _send_at_sync(self, pdo: int) -> bool:
-        """Tell whether a PDO is sent at each SYNC from now on."""
-        cob_id = co.NO_REMOTE | 0x180 + 0x100 * pdo + self._node.node_id
-        try:
-            self._node.adjust({co.TPDO_TYPES[pdo]: _AT_EACH_SYNC, co.TRANSMIT_PDO_COB_IDS[pdo]: cob_id})
-        except DriveRefusedError:
-            return False
+            node.send_nmt(NMT_START)
         return True
 
     def expect(self) -> None:
-        """Drop earlier reports: the next `read` is that of the coming SYNC."""
-        self._is_awaited = True
-        self.pdos.expect()
+        """Drop what has arrived: the next `read` is that of the coming SYNC."""
+        self._is_expected = True
+        for arrived in self._arrived.values():
+            while not arrived.empty():
+                arrived.get_nowait()
+                self.strays += 1
 
     def read(self) -> dict[Place, int]:
         """Return statusword, position [counts] and load, as reported; by SDO what is not expected or does not arrive.
 
         The motor current is only in a report that was expected: who looks in between asks for it if the axis lags.
         """
-        values = self.pdos.take(_REPORT_PATIENCE * self._answer_timeout_s)
-        with_current, self._is_awaited = self._is_awaited, False
-        for place in (*_REPORTED, *self._list_load(with_current=with_current)):
+        is_expected, self._is_expected = self._is_expected, False
+        values = self._take() if is_expected else {}
+        for place in self._list_places(with_current=is_expected):
             if place not in values:
                 values[place] = self._node.upload(place)
+        return values
+
+    def _take(self) -> dict[Place, int]:
+        """Return what was sent at the SYNC, without what has not arrived in good time."""
+        deadline_s = self._link.clock.now_s() + _REPORT_PATIENCE * self._link.answer_timeout_s
+        values: dict[Place, int] = {}
+        for pdo, places in self.layouts.items():
+            data, form = self._link.receive(self._arrived[pdo], deadline_s), self._forms[pdo]
+            if data is None or len(data) != form.size:
+                self.missed += 1
+            else:
+                values |= zip(places, form.unpack(data), strict=True)
         return values
 
     # Load

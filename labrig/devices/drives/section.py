@@ -2,21 +2,16 @@
 
 from collections.abc import Iterator
 
-from canopen.objectdictionary import ODVariable
-
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
-from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.model import Cia402Section
-from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.kinds import Nature, be_cia402
 from labrig.devices.simulated.shaft import Mechanics
-from labrig.errors import InputError
 
 
 class ProductSection(Cia402Section):
@@ -26,18 +21,9 @@ class ProductSection(Cia402Section):
         """Return the drive of the axis of this name."""
         return Cia402Drive(link, self, axis, clock)
 
-    def check(
-        self, link: CanLink, axis: str, clock: Clock, heartbeat: HeartbeatDescription
-    ) -> Iterator[CheckResult]:
+    def check(self, link: CanLink, axis: str, clock: Clock) -> Iterator[CheckResult]:
         """Compare the axis with its drive; nothing is written."""
-        return check_axis(link, self, axis, clock, heartbeat)
-
-    def find_object(self, index: int, subindex: int) -> ODVariable | None:
-        """Return an object of the drive; None if it has none there, or if its EDS file cannot be read."""
-        try:
-            return self.model().eds.objects.get(Place(index, subindex))
-        except InputError:
-            return None
+        return check_axis(link, self, axis, clock)
 
     def simulate(
         self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0

@@ -5,9 +5,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
-from labrig.devices.axis import AxisReadback, Setpoint
 from labrig.devices.axis_description import AXES
 from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NEW, NeedleState, parse_rig_state
 from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorRequest
 from labrig.devices.replayed.tape import SessionPart, Tape
@@ -67,10 +67,6 @@ class TapeClock:
     def sleep(self, duration_s: float) -> None:
         """Do nothing: time passes as the record does."""
 
-    def suspended_s(self) -> float:
-        """Return 0: a record does not hold it."""
-        return 0.0
-
     def utc(self) -> datetime:
         """Return the calendar time at which the session was started."""
         return self._started
@@ -116,7 +112,7 @@ class ReplayedRig(RigWithoutDevices):
         """The axes that had their reference."""
         return self._referenced
 
-    def read_states(self) -> Mapping[str, AxisReadback]:
+    def read_states(self) -> Mapping[str, DriveReading]:
         """Return the next recorded reading."""
         line = self._tape.expect("state", "a reading of the axes")
         return self._parse(lambda: read_state_line(self.description, line))

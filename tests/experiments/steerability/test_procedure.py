@@ -40,7 +40,7 @@ def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
     after = run.devices_after
     assert isinstance(after, dict)
     assert set(before["axes"]["rotation"]) == {"position_rad"}
-    assert set(after["axes"]["rotation"]) == {"position_rad", "statusword", "drive_state"}
+    assert set(after["axes"]["rotation"]) == {"position_rad", "statusword"}
     for snapshot in (before, after):
         assert snapshot["camera"]["exposure_us"] == 8000
     assert abs(after["axes"]["insertion"]["position_mm"]) < 0.05

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -20,10 +20,10 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.driver_section import find_section
 from labrig.devices.drives.drive import try_all, wait_for_all
 from labrig.devices.exclusive import find_owner
-from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
 from labrig.plugins import DRIVES
 from labrig.posix import ask_to_end
+from labrig.protocol.yaml_file import validate_values
 from labrig.protocol.yaml_tree import load_tree
 from labrig.record.lock import LockOwner
 
@@ -48,7 +48,7 @@ class StopTarget:
     can : CanDescription
         Its bus.
     sections : mapping of str to AxisDescription
-        Section of each axis; where that of the file cannot be used, an example with its node id.
+        For each axis whose node is known, an example of a section with its kind of drive and its node id.
     state_path : Path or None
         State file of the rig, beside which its lock is.
     """
@@ -57,11 +57,6 @@ class StopTarget:
     can: CanDescription
     sections: Mapping[str, AxisDescription]
     state_path: Path | None
-
-    @classmethod
-    def of(cls, rig: RigDescription) -> Self:
-        """Return what is needed to stop the rig of a file that is as it should be."""
-        return cls(rig.name, rig.can, dict(rig.axes.items()), rig.state_path)
 
 
 @dataclass(frozen=True)
@@ -90,26 +85,19 @@ def read_stop_target(path: Path) -> StopTarget:
         When the file cannot be read, or does not say which bus the drives are on.
     """
     try:
-        return StopTarget.of(load_rig(path))
+        tree: Any = load_tree(path).values
+        values = tree if isinstance(tree, dict) else {}
+        can = validate_values(values.get("can"), f"{path}: can", CanDescription)
     except FileFormatError as error:
-        try:
-            return _read_needed(path)
-        except (FileFormatError, ValidationError):
-            hint = f"press the emergency stop: {path} does not say which bus to stop"
-            raise error.reword(error.message, hint) from error
-
-
-def _read_needed(path: Path) -> StopTarget:
-    tree: Any = load_tree(path).values
-    values = tree if isinstance(tree, dict) else {}
-    can = CanDescription.model_validate(values.get("can"))
+        hint = f"press the emergency stop: {path} does not say which bus to stop"
+        raise error.reword(error.message, hint) from error
     axes, state_file = values.get("axes"), values.get("state_file")
-    sections = axes if isinstance(axes, dict) else {}
-    usable = {name: _make_section(sections.get(name)) for name in AXES}
+    written = axes if isinstance(axes, dict) else {}
+    sections = {name: _make_section(written.get(name)) for name in AXES}
     return StopTarget(
         str(values.get("name", path.stem)),
         can,
-        {name: section for name, section in usable.items() if section is not None},
+        {name: section for name, section in sections.items() if section is not None},
         path.parent / state_file if isinstance(state_file, str) else None,
     )
 

@@ -51,7 +51,7 @@ def load_yaml_model(
     return validate_tree(apply_overrides(tree, overrides), model)
 
 
-def validate_values(values: Mapping[str, object], source: str, model: type[AnyModel]) -> AnyModel:
+def validate_values(values: object, source: str, model: type[AnyModel]) -> AnyModel:
     """Return the `model` of values that come from no file, such as options. Raises as `load_yaml_model`."""
     position = Position(source)
     plain = json.loads(json.dumps(values, default=str))

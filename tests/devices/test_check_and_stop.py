@@ -21,13 +21,14 @@ from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.bus import InProcessBus, attach
 from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
-from labrig.devices.stop import StopTarget, read_stop_target, stop_drives, stop_rig
+from labrig.devices.stop import read_stop_target, stop_drives, stop_rig
 from labrig.errors import BusError, LockedError, SafetyStopError
 from labrig.vision.calibration_file import save_intrinsics
 from labrig.vision.intrinsics import Intrinsics
 from tests.devices.rigs import (
     ANSWER_TIMEOUT_S,
     BENCH,
+    SIMULATED,
     OpenedRig,
     Person,
     Signal,
@@ -38,7 +39,7 @@ from tests.devices.rigs import (
     simulated_rig,
 )
 
-TARGET = StopTarget.of(large_rig())
+TARGET = read_stop_target(SIMULATED)
 
 
 def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:

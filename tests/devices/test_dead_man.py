@@ -127,31 +127,6 @@ def test_process_data_that_labrig_does_not_use_is_switched_off() -> None:
         assert one.driver.has_restarted is False
 
 
-@pytest.mark.parametrize(("option", "moves_on"), [(0, True), (1, False), (2, False), (3, False)])
-def test_a_simulated_epos2_does_what_its_option_says(option: int, moves_on: bool) -> None:
-    """0x6007: no action, fault, power off, quick stop."""
-    with one_drive() as one:
-        configured(one).driver.enable()
-        one.drive.objects.values[co.ABORT_CONNECTION] = option
-        one.driver.start_move(100.0, 1.0)
-        one.driver._link.send(*BEAT)
-        one.clock.sleep(2.0)
-        before = one.drive.shaft_counts
-        one.clock.sleep(1.0)
-        assert (one.drive.shaft_counts != before) is moves_on
-        assert bool(one.driver.faults()) is (option == 1)
-
-
-def test_a_cia_402_drive_is_verified_by_its_own_objects(tmp_path: Path) -> None:
-    """The options of its section are written and read back, and its receive PDOs switched off."""
-    with drive_on_a_bus(section_of(tmp_path, abort_connection_option=3)) as one:
-        one.node.objects.values |= {co.ABORT_CONNECTION: 0, co.QUICK_STOP_OPTION: 5, co.DISABLE_OPTION: 0}
-        one.get_ready()
-        options = (*STOP_OPTIONS, co.QUICK_STOP_OPTION)
-        assert [one.node.objects.value(place) for place in options] == [3, 1, 1, 2, 6]
-        assert valid_pdos(one.node) == [0x381, 0x481]
-
-
 def test_a_cia_402_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> None:
     """Read-only and "no action": nothing would stop it."""
     locked = entry("6007", "h", "ro", name="abort connection option code")

@@ -234,13 +234,6 @@ def test_a_drive_that_obeys_no_command_is_told(bench: OneDrive, answers: list[in
     assert bench.clock.now_s() == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:
-    """A node in NMT STOPPED answers nothing, and every command says so instead of hanging."""
-    ready.driver.send_nmt(0x02)
-    with pytest.raises(DriveError, match="did not answer"):
-        ready.driver.go_to(TargetState.POWER_OFF)
-
-
 @pytest.mark.parametrize(
     ("bit", "name"),
     [(0, "negative-limit"), (2, "home"), (8, "general-H"), (13, "general-C"), (15, "general-A")],

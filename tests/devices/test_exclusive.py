@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -19,11 +20,15 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.stop import StopTarget, read_stop_target, stop_rig
 from labrig.errors import FileFormatError, LockedError, OutputExistsError
 from labrig.record.lock import FileLock, LockOwner, read_lock_owner
-from tests.devices.rigs import BENCH, Person, Signal, rig_text, simulated_rig
+from tests.devices.rigs import BENCH, SIMULATED, Person, Signal, rig_text, simulated_rig
 
 
 def _make_rig(tmp_path: Path) -> RigDescription:
     return simulated_rig("state_file=state.json").placed_in(tmp_path)
+
+
+def _target(tmp_path: Path) -> StopTarget:
+    return replace(read_stop_target(SIMULATED), state_path=tmp_path / "state.json")
 
 
 def _owner_of(rig: RigDescription) -> LockOwner | None:
@@ -184,7 +189,7 @@ with note_signals() as signals, open_rig(
 def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path) -> None:
     """The labrig that moves it gets SIGTERM, stops every axis, ends, and lets go of the rig."""
     with _held(Path(), tmp_path, "clock=real", "state_file=state.json", code=_MOVE) as moving:
-        report = stop_rig(StopTarget.of(_make_rig(tmp_path)))
+        report = stop_rig(_target(tmp_path))
         assert report.by == "run"
         owner = LockOwner("labrig run b.yaml", moving.pid, os.uname().nodename)
         assert report.done == (f"asked {owner} to end, and it has let go of the rig",)
@@ -212,7 +217,7 @@ def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
     """One that hangs keeps the rig; the report says so, and what cannot be asked is not waited for."""
     code = _HOLD.replace("import os, sys", "import os, signal, sys\nsignal.signal(15, signal.SIG_IGN)")
     code = code.replace("if os.getuid() == 0:", "if False:")
-    target = StopTarget.of(_make_rig(tmp_path))
+    target = _target(tmp_path)
     with _held(BENCH.with_name("rig-simulated.yaml"), tmp_path, "state_file=state.json", code=code):
         report = stop_rig(target, _Quick())  # type: ignore[arg-type]
         assert report.by == "none"

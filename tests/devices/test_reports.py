@@ -93,16 +93,6 @@ def test_a_drive_with_another_mapping_is_mapped_anew() -> None:
         assert set(_frames(opened)) == {SYNC, *REPORTS}
 
 
-def test_a_drive_that_refuses_to_report_is_read_by_sdo() -> None:
-    """The refusal is no error."""
-    with one_drive() as bench:
-        bench.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)
-        bench.driver.configure(HeartbeatDescription(), None)
-        bench.driver.enable()
-        bench.driver.expect_report()
-        assert bench.driver.read().statusword == bench.drive._statusword()
-
-
 def test_a_drive_whose_mapping_is_refused_midway_is_read_by_sdo() -> None:
     """It sends no report then, and labrig asks for each value."""
     with one_drive() as bench:

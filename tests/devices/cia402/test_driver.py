@@ -1,7 +1,7 @@
 """The CiA 402 driver against a simulated drive, over the bus."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,14 +12,11 @@ from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.units import AxisScale
 from labrig.errors import (
     DriveError,
     DriveFaultError,
     DriveRefusedError,
-    DriveRestartedError,
-    DriveSilentError,
     InputError,
 )
 from tests.devices.cia402.eds_text import eds_text, entry
@@ -240,15 +237,6 @@ def test_a_home_position_without_an_object_is_refused(tmp_path: Path) -> None:
                 one.home(homing)
 
 
-def test_a_homing_method_that_the_drive_lacks_is_refused(tmp_path: Path) -> None:
-    """The error names 0x6098."""
-    with drive_on_a_bus(section_of(tmp_path)) as one:
-        one.get_ready()
-        one.node.abort_next(0x06090030, co.HOMING_METHOD.index)
-        with pytest.raises(DriveRefusedError, match=r"homing method.*: Value range of parameter exceeded"):
-            one.home(Homing(17))
-
-
 def test_an_unreported_reference_ends_with_closing(tmp_path: Path) -> None:
     """After reopening, the drive counts as not referenced."""
     with drive_on_a_bus(other_make(tmp_path)) as one:
@@ -298,33 +286,6 @@ def test_an_error_is_described_by_its_code_or_class(ready: ProfileDriveOnABus, c
     with pytest.raises(DriveFaultError, match=words):
         ready.driver.raise_if_faulted()
     assert fault.remedy
-
-
-FAULTS: dict[str, tuple[Callable[[SimulatedCia402Drive], object], type[DriveError], str]] = {
-    "following error": (lambda node: node.block(), DriveFaultError, "error 0x8611, following error"),
-    "emergency stop": (lambda node: node.cut_power_stage(), DriveFaultError, "error 0x3220, under-voltage"),
-    "restart": (lambda node: node.restart(), DriveRestartedError, "has restarted"),
-    "no heartbeat": (lambda node: node.stop_heartbeat(), DriveSilentError, "has sent no heartbeat"),
-    "silence": (lambda node: node.mute(), DriveSilentError, "has sent no heartbeat"),
-}
-
-
-@pytest.mark.parametrize(("strike", "error", "words"), FAULTS.values(), ids=FAULTS)
-def test_a_fault_during_a_move_is_noticed(
-    ready: ProfileDriveOnABus,
-    strike: Callable[[SimulatedCia402Drive], object],
-    error: type[DriveError],
-    words: str,
-) -> None:
-    """By what the drive sends, or by its silence, without a request."""
-    ready.driver.start_move(3.0, 1.0)
-    ready.wait(0.5)
-    strike(ready.node)
-    ready.wait(1.5)
-    ready.link.network.take_frames()
-    with pytest.raises(error, match=words):
-        ready.driver.check()
-    assert not [way for _, _, _, way in ready.link.network.take_frames() if way == "T"]
 
 
 def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) -> None:

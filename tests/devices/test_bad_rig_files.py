@@ -58,11 +58,21 @@ def test_a_valid_rig_file_sends_frames(bus: can.BusABC, tmp_path: Path) -> None:
     assert _frames(bus) >= 6
 
 
-def test_an_incomplete_rig_file_sends_no_frame(bus: can.BusABC, tmp_path: Path) -> None:
-    """The entries that are still missing are named."""
-    path = _write(tmp_path, "gear_ratio: 4.0", "gear_ratio: null")
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("gear_ratio: 4.0", "gear_ratio: null", r"axes\.insertion\.gear_ratio"),
+        ("max_speed: 20.0", "max_speed: 500", r"\(0x607F:00\) would be 60000, the drive takes 1 to 25000"),
+        ("    - 120.0", "    - 1e9", r"\(0x607A:00\) would be 4000000000000, the drive takes"),
+    ],
+)
+def test_a_rig_file_that_no_drive_takes_sends_no_frame(
+    bus: can.BusABC, tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    """The entries that are still missing are named, and the objects that cannot have such values."""
+    path = _write(tmp_path, old, new)
     with (
-        pytest.raises(InputError, match=r"axes\.insertion\.gear_ratio"),
+        pytest.raises(InputError, match=words),
         open_rig(load_rig(path), seed=1, person=Person(), interrupted=Signal()),
     ):
         pass

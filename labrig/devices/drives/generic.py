@@ -13,11 +13,12 @@ What is decided here
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
 from labrig.devices.drives import objects as co
@@ -62,6 +63,15 @@ UNIT_CODES = {"rpm": 0xB447, "turns/s": 0xB403, "counts/s": 0xB503, "rpm/s": 0xC
 """Unit in a rig file -> numerator and denominator of 0x60A9 and 0x60AA (CiA 303-2; 0xC0 is maxon's)."""
 
 _HALT_BY_RAMP = 1
+
+
+def _check_name(name: str) -> str:
+    if not name.isprintable() or name != name.strip():
+        raise ValueError("a name cannot start or end with a space, or contain a control character")
+    parts = name.replace("\\", "/").split("/")
+    if not all(parts) or ".." in parts or ":" in name:
+        raise ValueError("the file must be in the folder of the rig file or below it")
+    return name
 
 
 PlaceText = Annotated[str, Field(pattern=r"^0x[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$")]
@@ -132,7 +142,7 @@ class Cia402Axis(ProductSection):
 
     driver: Literal["cia402"]
     """cia402: any CiA 402 drive over CANopen."""
-    eds: Annotated[str, Field(min_length=1, max_length=200)] | None
+    eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_check_name)] | None
     """EDS file of the drive, in the folder of the rig file or below. Sizes and access of the objects come
     from it, and the drive must be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."""
     counts_per_turn: Positive | None
@@ -257,24 +267,16 @@ class Cia402Axis(ProductSection):
             )
 
     def problems(self) -> Iterator[Conflict]:
-        """Yield objects that the EDS file lacks for this section."""
-        try:
-            model = self.model()
-        except InputError as error:
-            yield Conflict("eds", error.message, error.hint)
-            return
-        yield from _find_lacking(model)
-        for key, place in self.objects.places().items():
-            if not model.has(place):
-                yield Conflict(
-                    f"objects.{key}",
-                    f"{model.eds.source} has no object {place}",
-                    "correct it with the manual of the drive, or leave it out",
-                )
+        """Yield objects that the EDS file lacks for this section; without one, what may be wrong with any drive."""
+        with suppress(InputError):
+            if lacking := [*_find_lacking(self.model(), self.objects.places())]:
+                yield from lacking
+                return
+        yield from super().problems()
 
 
-def _find_lacking(model: Model) -> Iterator[Conflict]:
-    """Yield each required object that the drive lacks, or of which it refuses the access that labrig needs."""
+def _find_lacking(model: Model, named: Mapping[str, Place]) -> Iterator[Conflict]:
+    """Yield each required or named object that the drive lacks, or of which it refuses the access that is needed."""
     standard = read_own_eds("epos4.eds").objects
     for place in (*_READ, *_WRITTEN):
         found, needs_write = model.eds.objects.get(place), place in _WRITTEN
@@ -286,6 +288,13 @@ def _find_lacking(model: Model) -> Iterator[Conflict]:
             f"{model.eds.source} {lack} {place} ({standard[place].name})",
             "labrig needs it in every drive: use the EDS file of this drive, or another drive",
         )
+    for key, place in named.items():
+        if not model.has(place):
+            yield Conflict(
+                f"objects.{key}",
+                f"{model.eds.source} has no object {place}",
+                "correct it with the manual of the drive, or leave it out",
+            )
 
 
 def _name_unit(value: int) -> str | None:

@@ -5,13 +5,17 @@ from collections.abc import Iterator
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.check_result import CheckResult
+from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.eds import find_bounds
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.kinds import Nature, be_cia402
 from labrig.devices.simulated.shaft import Mechanics
+from labrig.errors import InputError
+from labrig.protocol.model import Conflict
 
 
 class ProductSection(Cia402Section):
@@ -24,6 +28,26 @@ class ProductSection(Cia402Section):
     def check(self, link: CanLink, axis: str, clock: Clock) -> Iterator[CheckResult]:
         """Compare the axis with its drive; nothing is written."""
         return check_axis(link, self, axis, clock)
+
+    def problems(self) -> Iterator[Conflict]:
+        """Yield an EDS file that cannot be read, and values that the drive does not take."""
+        try:
+            model = self.model()
+        except InputError as error:
+            yield Conflict("eds", error.message, error.hint)
+            return
+        if self.unknown:
+            return
+        settings = model.list_settings(self) | dict(model.stop_options)
+        ends = ((co.TARGET_POSITION, self.scale().to_counts(limit)) for limit in self.limits)
+        for place, value in (*settings.items(), *ends):
+            low, high = find_bounds(model.eds.objects[place]) if model.takes(place) else (value, value)
+            if not low <= value <= high:
+                yield Conflict(
+                    "driver",
+                    f"{model.eds.objects[place].name} ({place}) would be {value}, the drive takes {low} to {high}",
+                    "check limits, speeds, accelerations, windows and units of this axis",
+                )
 
     def simulate(
         self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0

@@ -175,13 +175,9 @@ class DriveConformance:
                 assert _refuses(lambda: bench.wait_until_still(0.0))
                 stop(quick=is_quick)
                 bench.wait_until_still()
-<<<<<<< HEAD
                 assert _refuses(bench.drive.read) is is_quick
                 if is_quick:
                     bench.drive.enable()
-=======
-                assert decode_state(bench.drive.read().statusword) is DriveState.OPERATION_ENABLED
->>>>>>> 8486fbec (Watch a rig by one list of steps, and map every report of a drive anew)
                 bench.move_to(start)
 
     def test_positions_count_from_where_it_was_homed_or_is_assumed(self) -> None:

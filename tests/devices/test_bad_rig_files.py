@@ -62,7 +62,7 @@ def test_a_valid_rig_file_sends_frames(bus: can.BusABC, tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ("gear_ratio: 4.0", "gear_ratio: null", r"axes\.insertion\.gear_ratio"),
-        ("max_speed: 5.0", "max_speed: 500", r"\(0x607F:00\) would be 60000, the drive takes 1 to 25000"),
+        ("max_speed: 5.0", "max_speed: 500", r"\(0x607F:00\) would be 60000, the drive takes 0 to 25000"),
         ("    - 120.0", "    - 1e9", r"\(0x607A:00\) would be 4000000000000, the drive takes"),
     ],
 )

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,6 @@ import numpy.typing as npt
 from labrig.errors import InputError
 from labrig.simulation.description import PrintedMarkerDescription, WorldDescription, stream
 from labrig.simulation.draw import (
-    Backdrop,
     PathSpan,
     Sensor,
     blur,
@@ -40,6 +40,8 @@ from labrig.simulation.targets import (
 )
 from labrig.simulation.track import NODE_MM, Bending, PathNode, Track, follow_with_play
 
+_Drawn = TypeVar("_Drawn")
+
 SHEATH_MM = 5.0
 """Length of the sheath's end whose direction is seen."""
 
@@ -60,19 +62,6 @@ class _Axes:
     insertion_mm: float = 0.0
     rotation_rad: float = 0.0
     linear_mm: float = 0.0
-
-
-@dataclass(frozen=True)
-class _View:
-    """A name and its sharp picture, which is drawn when it is looked at."""
-
-    name: str
-    draw: Callable[[], Field32]
-
-    @cached_property
-    def sharp(self) -> Field32:
-        """The picture."""
-        return self.draw()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +117,8 @@ class World:
         self._specimens: dict[tuple[str, float], GelBlock] = {}
         self._specimen: GelBlock | None = None
         self._hole = make_empty_hole()
-        self._covering: _View | None = None
-        self._scene: _View | None = None
-        self._backdrop: tuple[tuple[str, float, float], Backdrop] | None = None
+        self._covering: tuple[str, Callable[[], Field32]] | None = None
+        self._drawn: dict[str, tuple[object, Any]] = {}
         self._pictures: dict[str, int] = {}
         self._markers = tuple(map(print_marker, description.markers))
 
@@ -244,7 +232,8 @@ class World:
         return u, v
 
     def _put_before_sheath(self, specimen: GelBlock) -> None:
-        self._covering = self._scene = self._backdrop = self._target_mm = None
+        self._covering = self._target_mm = None
+        self._drawn.clear()
         self._specimen = specimen
         self._enter_hole(specimen, None, 0.0)
 
@@ -273,13 +262,13 @@ class World:
         """Hold a chessboard with columns x rows inner corners before the camera, in another pose for each view."""
         board, lens = Chessboard(columns, rows, square_mm), self.description.lens
         pose = choose_board_pose(view, board, stream(self._seed, "board", view), lens)
-        self._covering = _View(f"board {view}", lambda: draw_board(board, pose, lens, self._white))
+        self._covering = f"board {view}", lambda: draw_board(board, pose, lens, self._white)
 
     def lay_graph_paper(self, pitch_mm: float) -> None:
         """Lay graph paper into the steering plane, nearly along the sheath, so that it fills the view."""
         random = stream(self._seed, "graph paper")
         lens = self.description.lens
-        self._covering = _View("graph paper", lambda: draw_graph_paper(pitch_mm, random, lens, self._white))
+        self._covering = "graph paper", lambda: draw_graph_paper(pitch_mm, random, lens, self._white)
 
     def clear_bench(self) -> None:
         """Take away specimen, board and paper."""
@@ -469,19 +458,32 @@ class World:
 
     def _scene_name(self) -> str:
         if self._covering is not None:
-            return self._covering.name
+            return self._covering[0]
         if self._specimen is None:
             return "empty bench"
         return repr((self._specimen.name, self._hole.number, self._hole.position_mm, self._needle_id))
 
     def _draw_light(self, scene: str) -> Field32:
         """Return the blurred picture before noise."""
+        world, hole, linear_mm = self.description, self._hole, self._axes.linear_mm
         if self._covering is not None:
-            return blur(self._covering.sharp, self.description.blur_px)
-        behind = self._draw_backdrop(scene)
-        light = draw_with_needle(self.description, behind, self._hole, self._needle_span())
+            _, draw = self._covering
+            return self._draw_once("covering", self._covering, lambda: blur(draw(), world.blur_px))
+        gel, specimen = self._white, self._specimen
+        if specimen is not None:
+            gel = self._draw_once("gel", scene, lambda: draw_gel(world, specimen, hole, self._white))
+        stands = (scene, linear_mm, hole.sheath_reach_mm)
+        behind = self._draw_once("backdrop", stands, lambda: draw_backdrop(world, gel, hole, linear_mm))
+        light = draw_with_needle(world, behind, hole, self._needle_span())
         self._draw_markers(light)
         return light
+
+    def _draw_once(self, layer: str, shown: object, draw: Callable[[], _Drawn]) -> _Drawn:
+        """Return a layer of the picture, drawn again only after something that it shows has moved."""
+        if layer not in self._drawn or self._drawn[layer][0] != shown:
+            self._drawn[layer] = (shown, draw())
+        drawn: _Drawn = self._drawn[layer][1]
+        return drawn
 
     def _draw_markers(self, light: Field32) -> None:
         """Draw the markers of a phantom where they are now, which lie over the needle."""
@@ -499,23 +501,6 @@ class World:
         if start_mm is None or target_mm is None:
             return 0.0, 0.0
         return target_mm[1] - start_mm[1], target_mm[2] - start_mm[2]
-
-    def _draw_backdrop(self, scene: str) -> Backdrop:
-        """Return the present scene with the sheath, drawn again only after something in it has moved."""
-        key = (scene, self._axes.linear_mm, self._hole.sheath_reach_mm)
-        if self._backdrop is None or self._backdrop[0] != key:
-            sharp = self._draw_gel(scene)
-            behind = draw_backdrop(self.description, sharp, self._hole, self._axes.linear_mm)
-            self._backdrop = (key, behind)
-        return self._backdrop[1]
-
-    def _draw_gel(self, scene: str) -> Field32:
-        if self._specimen is None:
-            return self._white
-        if self._scene is None or self._scene.name != scene:
-            sharp = draw_gel(self.description, self._specimen, self._hole, self._white)
-            self._scene = _View(scene, lambda: sharp)
-        return self._scene.sharp
 
 
 def _xyz(node: PathNode) -> tuple[float, float, float]:

@@ -408,10 +408,12 @@ class Recorder:
         if self._closed:
             self._require_open()
         held = self._appending if name == FRAME_LINES else nullcontext()
-        with self._guard_disk(self.path / name), held:
-            if name not in self._lines:
-                self._lines[name] = LineFile.create(self.path / name)
-            self._lines[name].append(lines)
+        file = self._lines.get(name)
+        path = self.path / name if file is None else file.path
+        with self._guard_disk(path), held:
+            if file is None:
+                file = self._lines[name] = LineFile.create(path)
+            file.append(lines)
 
     def _sync_each_period(self, t_s: float) -> None:
         """Start an fsync when rig time `t_s` begins a new period."""

@@ -133,13 +133,12 @@ def _print_adopted(document: dict[str, Any]) -> None:
 def _read_board_size(board: str) -> tuple[int, int]:
     """Read `9x6` as nine columns and six rows of inner corners."""
     columns, _, rows = board.lower().partition("x")
-    if columns.isdecimal() and rows.isdecimal() and max(len(columns), len(rows)) > _MOST_DIGITS:
-        raise InputError(f"--board is {board[:40]!r}, at most 99x99 are searched for", "count inner corners")
-    if columns.isdecimal() and rows.isdecimal() and int(columns) >= 3 and int(rows) >= 3:
+    numbers = columns.isdecimal() and rows.isdecimal() and max(len(columns), len(rows)) <= _MOST_DIGITS
+    if numbers and int(columns) >= 3 and int(rows) >= 3:
         return int(columns), int(rows)
     raise InputError(
-        f"--board is {board!r}, and has to name inner corners, at least 3x3",
-        "for example --board 9x6",
+        f"--board is {board[:40]!r}, and has to name inner corners, from 3x3 to 99x99",
+        "count inner corners, for example --board 9x6",
     )
 
 

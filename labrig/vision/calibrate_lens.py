@@ -21,16 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.intrinsics import BoardWarp, Intrinsics, ViewResidual
-from labrig.vision.lens_fit import (
-    BadView,
-    Fit,
-    ObservedView,
-    Selection,
-    WarpModel,
-    measure_rms_px,
-    select_views,
-    widen_by_views,
-)
+from labrig.vision.lens_fit import Fit, ObservedView, WarpModel, select_views, widen_by_views
 from labrig.vision.lens_judgement import judge_lens
 from labrig.vision.marker import load_dictionary
 from labrig.vision.picture import Picture, as_grey, require_contrast, size_of
@@ -298,8 +289,8 @@ def calibrate_intrinsics(
     fit = widen_by_views(selection.fit, chosen)
     predicted = selection.predicted_px
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
-    found = judge_lens(chosen, fit, holdout, image_size, _describe_views(views, selection))
-    reasons = (*_judge_views(views, selection), *found.reasons)
+    found = judge_lens(chosen, fit, holdout, image_size, selection.residuals)
+    reasons = (*_judge_views(selection.residuals), *found.reasons)
     return replace(found, board_warp=_describe_warp(warp, fit), accepted=not reasons, reasons=reasons)
 
 
@@ -312,14 +303,15 @@ def _describe_warp(warp: WarpModel, fit: Fit) -> BoardWarp:
     return warp.describe(fit.warp, fit.warp_sigma, away=away)
 
 
-def _judge_views(views: Sequence[ObservedView], selection: Selection) -> list[str]:
+def _judge_views(residuals: Sequence[ViewResidual]) -> list[str]:
     """Return why views that contradict one another give no lens."""
-    if len(selection.bad) <= _LARGEST_BAD_SHARE * len(views):
+    bad = [view.image for view in residuals if not view.used]
+    if len(bad) <= _LARGEST_BAD_SHARE * len(residuals):
         return []
-    names = ", ".join(views[index].name for index in sorted(selection.bad))
     reason = (
-        f"{len(selection.bad)} of {len(views)} views contradict the others and were left out, at most a third may be "
-        f"({names}): photograph the board on a stiff plate, held still and sharp, with one camera, zoom and focus fixed"
+        f"{len(bad)} of {len(residuals)} views contradict the others and were left out, at most a third may be "
+        f"({', '.join(bad)}): photograph the board on a stiff plate, held still and sharp, with one camera, zoom and "
+        "focus fixed"
     )
     return [reason]
 
@@ -356,29 +348,3 @@ def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> ObservedView:
     if not (np.isfinite(flat).all() and np.isfinite(seen).all()):
         raise InputError(f"{name}: a corner is not finite")
     return ObservedView(name, np.column_stack((flat, np.zeros(len(flat)))), seen, np.empty((len(flat), 0)))
-
-
-def _describe_views(views: Sequence[ObservedView], selection: Selection) -> tuple[ViewResidual, ...]:
-    """Return what each view contributed, in the order of the views."""
-    described = {index: _describe_bad(views[index], bad) for index, bad in selection.bad.items()}
-    for index, pose in zip(selection.kept, selection.fit.poses, strict=True):
-        described[index] = _describe_kept(views[index], selection.fit, pose)
-    return tuple(described[index] for index in range(len(views)))
-
-
-def _describe_bad(view: ObservedView, bad: BadView) -> ViewResidual:
-    return ViewResidual(view.name, bad.rms_px, used=False, reason=bad.reason, corners_px=_pairs(view.pixels))
-
-
-def _describe_kept(view: ObservedView, fit: Fit, pose: _FloatArray) -> ViewResidual:
-    return ViewResidual(
-        view.name,
-        measure_rms_px(fit, pose, view),
-        used=True,
-        corners_px=_pairs(view.pixels),
-        errors_px=_pairs(fit.errors_px(view, pose)),
-    )
-
-
-def _pairs(points: _FloatArray) -> tuple[tuple[float, float], ...]:
-    return tuple((float(u), float(v)) for u, v in points)

@@ -33,7 +33,7 @@ absorbs it. Views are left out one by one, the worst first, and the rest is fitt
 views a focal length that is off by 1 % is found, and one off by 0.5 % is not.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -44,7 +44,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from labrig.errors import CalibrationRefusedError
-from labrig.vision.intrinsics import PARAMETERS, BoardWarp, root_of
+from labrig.vision.intrinsics import PARAMETERS, BoardWarp, ViewResidual, root_of
 
 _FloatArray = NDArray[np.float64]
 
@@ -433,14 +433,6 @@ _OUTLIER_FACTOR, _OUTLIER_PX = 3.0, 0.3
 _LEAST_APART, _APART_SIGMAS = 0.006, 5.0
 
 
-@dataclass(frozen=True)
-class BadView:
-    """A view that is left out: the error of its corners as the other views predict them [px], and why."""
-
-    rms_px: float
-    reason: str
-
-
 @dataclass(frozen=True, eq=False)
 class Selection:
     """The views that were kept, and the camera fitted to them.
@@ -451,13 +443,14 @@ class Selection:
     kept : tuple of int
     predicted_px : ndarray (K,)
         Error of each kept view as the others predict it; empty with fewer than three views.
-    bad : mapping of int to BadView
+    residuals : tuple of ViewResidual
+        What every view contributed, or why it was left out.
     """
 
     fit: Fit
     kept: tuple[int, ...]
     predicted_px: _FloatArray
-    bad: Mapping[int, BadView]
+    residuals: tuple[ViewResidual, ...]
 
 
 @dataclass(frozen=True)
@@ -483,17 +476,29 @@ def select_views(views: Sequence[ObservedView], size: tuple[int, int]) -> Select
         If no camera explains the views.
     """
     kept = list(range(len(views)))
-    bad: dict[int, BadView] = {}
+    residuals: dict[int, ViewResidual] = {}
     while True:
         chosen = [views[index] for index in kept]
         fit = fit_camera(chosen, size)
         predictions = _predict(fit, chosen)
         found = _find_bad(predictions)
         if found is None:
-            return Selection(fit, tuple(kept), np.array([view.error_px for view in predictions]), bad)
+            break
         worst, reason = found
-        bad[kept[worst]] = BadView(predictions[worst].error_px, reason)
-        del kept[worst]
+        bad, error_px = kept.pop(worst), predictions[worst].error_px
+        residuals[bad] = ViewResidual(
+            views[bad].name, error_px, used=False, reason=reason, corners_px=_list_pairs(views[bad].pixels)
+        )
+    for index, view, pose in zip(kept, chosen, fit.poses, strict=True):
+        corners, errors = (_list_pairs(points) for points in (view.pixels, fit.errors_px(view, pose)))
+        rms_px = measure_rms_px(fit, pose, view)
+        residuals[index] = ViewResidual(view.name, rms_px, used=True, corners_px=corners, errors_px=errors)
+    told = tuple(residuals[index] for index in range(len(views)))
+    return Selection(fit, tuple(kept), np.array([view.error_px for view in predictions]), told)
+
+
+def _list_pairs(points: _FloatArray) -> tuple[tuple[float, float], ...]:
+    return tuple((float(u), float(v)) for u, v in points)
 
 
 def measure_rms_px(fit: Fit, pose: _FloatArray, view: ObservedView) -> float:

@@ -31,13 +31,13 @@ def apply_homography(homography, px):
     return cv2.perspectiveTransform(px[None], homography)[0]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_flat_paper_leaves_nothing_uncertain(seed):
     """Noise alone is not a bend."""
     assert find_bent_homographies(project(GRID_MM, np.zeros(len(GRID_MM)), seed=seed), GRID_MM, FOOT_MM) == []
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 35.0, 90.0, 140.0])
+@pytest.mark.parametrize("angle_deg", [0.0, 140.0])
 @pytest.mark.parametrize("height_mm", [0.4, -0.8])
 def test_map_without_the_bend_and_with_it_are_as_far_apart_as_the_map_is_wrong(height_mm, angle_deg):
     """The other homographies predict the error of the plane's own points to a fifth."""

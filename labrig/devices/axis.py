@@ -208,7 +208,7 @@ class Axis:
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        return replace(read, target_reached=reached)
+        return read if reached == read.target_reached else replace(read, target_reached=reached)
 
     def require_target(self) -> None:
         """Require that the drive has the target that was last sent; the first that is read after homing counts as sent.

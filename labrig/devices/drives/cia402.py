@@ -292,7 +292,9 @@ class Cia402Drive(DriveNode):
         values = self._reports.read()
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
         self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
-        self.require_enabled(statusword)
+        self.check()
+        if not self._was_enabled:
+            self.require_enabled(statusword)
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )

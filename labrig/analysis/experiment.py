@@ -7,7 +7,7 @@ from typing import Any, TypeAlias, cast
 
 from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.pictures import Progress
-from labrig.analysis.result import Findings, Result, Stamp
+from labrig.analysis.result import Findings, Result
 from labrig.errors import LabrigError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.vision.picture import Mask
@@ -19,8 +19,8 @@ class AnalysisRequest:
 
     Attributes
     ----------
-    stamp : Stamp
-        The members that every result has.
+    stamp : Result
+        What every result has, before anything is measured.
     mask : Mask or None
         Pixels that are not the needle.
     workers : int
@@ -29,7 +29,7 @@ class AnalysisRequest:
         Called with how much is done, and how much there is.
     """
 
-    stamp: Stamp
+    stamp: Result
     mask: Mask | None = None
     workers: int = DEFAULT_WORKERS
     progress: Progress | None = None

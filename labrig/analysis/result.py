@@ -10,7 +10,7 @@ import shutil
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, Union, get_args, get_origin
@@ -105,27 +105,9 @@ class Result(Model):
         """The tables of the result by name; each is also written as CSV."""
         return {}
 
-
-@dataclass(frozen=True)
-class Stamp:
-    """What is known of a result before anything is measured: parent, time, inputs and provenance.
-
-    `damage` lists the recorded files that are missing or were changed, pictures too: where, what. `left_out` counts the
-    trials that a person had left out.
-    """
-
-    parent: int | None
-    created: str
-    overrides: tuple[str, ...]
-    inputs: Mapping[str, str]
-    provenance: Mapping[str, Any]
-    damage: Mapping[str, str]
-    left_out: LeftOutTrials = NOTHING_LEFT_OUT
-
-    def fields(self, settings: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the members that every result has; `settings` are those of the measurement."""
-        listed = tuple(f"{where}: {what}" for where, what in self.damage.items())
-        return {**vars(self), "settings": dict(settings), "damage": listed}
+    def list_members(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the members that every result has, of which nothing but the settings of the measurement is new."""
+        return {**{name: getattr(self, name) for name in Result.model_fields}, "settings": dict(settings)}
 
 
 class TrialOrigin(Model):
@@ -417,7 +399,7 @@ _PAIRS = {
     "tip_from_origin_mm": ("tip_aside_of_origin_mm", "tip_along_from_origin_mm"),
     "expected_mm": ("expected_y_mm", "expected_z_mm"),
 }
-_SOURCES = tuple(field.name for field in fields(ErrorBudget))
+_SOURCES = tuple(ErrorBudget.model_fields)
 # Spreadsheets take "+y" for a formula, and the centre has the same information.
 _LEFT_OUT = {"bend"}
 # The longest first: a speed in mm/s also ends with s.

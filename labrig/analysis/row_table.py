@@ -118,7 +118,7 @@ def analyze_rows(
     if conclude is not None:
         conclusion = _call(experiment, lambda: conclude(protocol, rows))
     settings = getattr(protocol, "analysis", None)
-    fields = request.stamp.fields({} if settings is None else settings.model_dump())
+    fields = request.stamp.list_members({} if settings is None else settings.model_dump())
     return Findings(RowTable(**fields, rows=tuple(rows), conclusion=dict(conclusion)))
 
 

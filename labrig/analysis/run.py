@@ -13,7 +13,7 @@ from typing import Any
 from labrig.analysis.engine import DEFAULT_WORKERS, Pool, run_in_order
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import MASK_FILE, Progress, load_mask_of_run
-from labrig.analysis.result import AnyResult, LeftOutTrials, Stamp, load_result, write_result
+from labrig.analysis.result import AnyResult, LeftOutTrials, Result, load_result, write_result
 from labrig.errors import AnswerIsNoError, InputError, LabrigError, Problem, RecordError, WorkersError
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
@@ -74,13 +74,14 @@ def analyze_run(
     require_devices_installed(str(run.path), run.plugin_packages)
     protocol = _resolve_protocol(run, experiment, overrides)
     damage = tuple(find_damage(run.path, run.manifest, read_pictures=True))
-    stamp = Stamp(
+    stamp = Result(
+        settings={},
         parent=_find_parent(run, experiment),
         created=created.isoformat(timespec="seconds"),
         overrides=tuple(overrides),
         inputs=_hash_inputs(run),
         provenance=dict(provenance),
-        damage={problem.where: problem.message for problem in damage},
+        damage=tuple(f"{problem.where}: {problem.message}" for problem in damage),
         left_out=LeftOutTrials.of(run.decisions),
     )
     request = AnalysisRequest(stamp, load_mask_of_run(run), workers, progress)

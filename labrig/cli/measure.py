@@ -105,13 +105,13 @@ def tip(
             require_size(image, mapping.image_size, "the plane map")
         fix = locate_tip(image, looked_for, near_px=near_px, heading_rad=heading_rad)
         if fix.tip_px is None:
-            return {**_NO_TIP, **fix.to_json()}
+            return {**_NO_TIP, **fix.model_dump(mode="json")}
         # Light and roll are not in it: no picture tells by how much they change the look of a tip.
         budget = budget_place(mapping, fix.tip_px, PlaceErrors(fit_mm=TIP_SIGMA_PX * mapping.mm_per_px))
         return {
-            **fix.to_json(),
+            **fix.model_dump(mode="json"),
             "tip_mm": mapping.to_mm(np.array([fix.tip_px]))[0].tolist(),
-            "tip_budget_mm": budget.to_json(),
+            "tip_budget_mm": budget.model_dump(),
             "not_in_interval": list(list_not_in_interval(mapping, [budget])),
         }
 

@@ -1,7 +1,7 @@
 """Where the error bars of a result come from, as rows of its page."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,22 +38,20 @@ def list_budget_rows(quantities: Sequence[Sequence[ErrorBudget | None]]) -> list
     medians = [_average(budgets) for budgets in known]
     return [
         BudgetRow(
-            field.name,
-            _MEANINGS[field.name],
-            tuple(getattr(median, field.name) for median in medians),
-            tuple(median.largest == field.name for median in medians),
+            name,
+            _MEANINGS[name],
+            tuple(getattr(median, name) for median in medians),
+            tuple(median.largest == name for median in medians),
         )
-        for field in fields(ErrorBudget)
+        for name in ErrorBudget.model_fields
     ]
 
 
 def _average(budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     """Return the median of each source over the budgets that know it."""
     sigmas = {
-        field.name: [
-            value for value in (getattr(budget, field.name) for budget in budgets) if value is not None
-        ]
-        for field in fields(ErrorBudget)
+        name: [value for value in (getattr(budget, name) for budget in budgets) if value is not None]
+        for name in ErrorBudget.model_fields
     }
     return ErrorBudget(
         **{name: float(np.median(values)) if values else None for name, values in sigmas.items()}

@@ -21,6 +21,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
@@ -180,7 +181,9 @@ class CurvatureMeasurement:
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig measure curvature --json` prints for a picture, without the centre line."""
         left_out = {"centre_line_mm", "centre_line_px", "window"}
-        return {name: _to_json(value) for name, value in vars(self).items() if name not in left_out}
+        kept = {name: value for name, value in vars(self).items() if name not in left_out}
+        document: dict[str, Any] = to_jsonable_python(kept)
+        return document
 
 
 def measure_curvature(
@@ -411,7 +414,7 @@ def _estimate_uncertainty(
     """
     freedom = len(fit.influences) - 3
     random = float(fit.gain * np.linalg.norm(fit.influences) / np.sqrt(freedom))
-    budget = replace(systematic, fit=random)
+    budget = systematic.model_copy(update={"fit": random})
     sigma = budget.total
     effective = freedom * (sigma / random) ** 4 if random else np.inf
     quantile = 0.5 + 0.5 * _CONFIDENCE
@@ -461,9 +464,3 @@ def _end_with_period(message: str) -> str:
 
 def _pair(point: FloatArray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
-
-
-def _to_json(value: object) -> object:
-    if isinstance(value, ErrorBudget):
-        return value.to_json()
-    return list(value) if isinstance(value, tuple) else value

@@ -5,12 +5,13 @@ interval**, and whoever reads the number must be told so.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from labrig.protocol.model import Model
 from labrig.vision.plane import PlaneMap, VariationGroup
 
 FloatArray = NDArray[np.float64]
@@ -20,8 +21,7 @@ FloatArray = NDArray[np.float64]
 LEAST_LIGHT_SHIFT_PX = 0.01
 
 
-@dataclass(frozen=True)
-class ErrorBudget:
+class ErrorBudget(Model):
     """Standard deviations [mm] of a length, or of a place (the root of the sum over both coordinates).
 
     Attributes
@@ -55,7 +55,7 @@ class ErrorBudget:
     @property
     def calibration(self) -> float:
         """The standard deviation [mm] by lens, plane and surface, as far as they are known."""
-        return ErrorBudget(self.lens, self.plane, self.surface).total
+        return ErrorBudget(lens=self.lens, plane=self.plane, surface=self.surface).total
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -70,11 +70,8 @@ class ErrorBudget:
 
     def with_drift(self, drift_mm: float) -> Self:
         """Return the budget with a drift of the camera since the calibration, as a part of the plane's."""
-        return replace(self, plane=float(np.hypot(self.plane or 0.0, drift_mm))) if drift_mm else self
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the document that is recorded and printed."""
-        return dict(vars(self))
+        drifted = {"plane": float(np.hypot(self.plane or 0.0, drift_mm))}
+        return self.model_copy(update=drifted) if drift_mm else self
 
 
 def propagate_map(

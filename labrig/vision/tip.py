@@ -12,13 +12,14 @@ correlates with anything and is never a tip.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, PictureError
+from labrig.protocol.model import Model
 from labrig.text import round_down
 from labrig.vision.picture import Picture
 from labrig.vision.template import LEAST_SIDE_PX, TipTemplate, remove_glints, require_grey, wrap_angle
@@ -52,8 +53,7 @@ _MOST_TURNED_RAD = math.radians(15.0)
 _HEADINGS_RAD = tuple(math.radians(12.0 * step) for step in range(-8, 9))
 
 
-@dataclass(frozen=True)
-class TipFix:
+class TipFix(Model):
     """The tip found in a picture; unknown values are None.
 
     Attributes
@@ -75,10 +75,6 @@ class TipFix:
     heading_rad: float | None = None
     score: float | None = None
     distinctness: float | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the document that is recorded and printed."""
-        return {**vars(self), "tip_px": None if self.tip_px is None else list(self.tip_px)}
 
 
 def next_region_px(region_px: float, misses: int, growth: float = 1.6) -> float:

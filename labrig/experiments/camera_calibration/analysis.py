@@ -50,7 +50,7 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
     plane, plane_reasons = _calibrate_plane(run, pictures.papers, lens, protocol)
     stamp = request.stamp
     content = CalibrationResult(
-        **stamp.fields({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
+        **stamp.list_members({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
         accepted=_is_accepted(lens) and _is_accepted(plane),
         reasons=(
             *lens_reasons,

@@ -57,7 +57,7 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
     stamp = request.stamp
     study = study_design(protocol, request.workers, request.progress)
     settings = {"grid_points": protocol.grid_points, "seed": protocol.seed}
-    content = DesignResult(**stamp.fields(settings), **dict(study))
+    content = DesignResult(**stamp.list_members(settings), **dict(study))
     return Findings(content, partial(save_study, study, stamp.provenance))
 
 

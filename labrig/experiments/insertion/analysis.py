@@ -168,7 +168,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
             request.progress(number, len(trials))
     scenes = [line for line in run.frame_lines if line.role == InsertionRole.SCENE]
     result = InsertionResult(
-        **request.stamp.fields(
+        **request.stamp.list_members(
             {"estimator": protocol.estimator.model_dump(), "planner": protocol.planner.model_dump()}
         ),
         made=len(insertions),

@@ -57,7 +57,7 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     torsion, torsion_reasons = _analyze_torsion(run, protocol, plane, request)
     reasons += torsion_reasons
     result = RollZeroResult(
-        **request.stamp.fields({"rolls": steps.rolls, "length_mm": steps.length_mm}),
+        **request.stamp.list_members({"rolls": steps.rolls, "length_mm": steps.length_mm}),
         accepted=not reasons,
         reasons=tuple(reasons),
         needle_id=protocol.needle.needle_id,

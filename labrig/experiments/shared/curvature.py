@@ -120,7 +120,7 @@ def measure_curvature(
     finals = find_final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
-        **request.stamp.fields({**_describe_settings(settings), "roll_sd_deg": roll_sd_deg}),
+        **request.stamp.list_members({**_describe_settings(settings), "roll_sd_deg": roll_sd_deg}),
         specimens=specimens,
         mean_radius_mm=average_means(specimens),
         measurements=results,

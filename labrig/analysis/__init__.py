@@ -55,7 +55,6 @@ Of comparisons (`labrig compare`, `load_runs`):
   calibration, needle mounting and run, in the same shares. Two runs are taken to have a mounting of the needle, and a
   light, of their own, since no record says that they stayed: too wide if they did, never too narrow.
 - **Variances are not taken to be equal**: Welch's ANOVA, and pairs by Games and Howell, at 95 % for all pairs together.
-  The effect size is Hedges' g, its interval by the noncentral t distribution.
 """
 
 import importlib

@@ -27,6 +27,7 @@ def bench():
     return RenderedBench(LENS)
 
 
+@cache
 def measure_picture(needle, gel=None, seed=1, wanted=SETTINGS):
     """Return the measurement of a picture of `needle`."""
     return measure_curvature(bench().picture(needle, gel or RenderedGel(), seed), LENS.plane_map(), wanted)
@@ -65,7 +66,7 @@ def test_interval_holds_the_truth_about_as_often_as_it_says():
 
 @pytest.mark.processors
 def test_measurement_names_the_needles_ends_and_bend():
-    """Entry, tip, arc length, centre and bend are those of the needle drawn."""
+    """Entry, tip, arc length, centre and bend are those of the needle drawn; the window lies between its ends."""
     m = measure_picture(RenderedNeedle())
     path = RenderedNeedle().centre_line()[1]
     assert m.sheath_tip_mm == pytest.approx((0.0, 0.0), abs=0.05)
@@ -75,6 +76,8 @@ def test_measurement_names_the_needles_ends_and_bend():
     assert m.bend == "-y"
     assert m.centre_mm == pytest.approx((-28.0, 1.5), abs=0.05)
     assert m.residual_rms_mm < 0.005
+    fitted = m.centre_line_mm[slice(*m.window)]
+    assert np.hypot(*np.diff(fitted, axis=0).T).sum() == pytest.approx(40.0 - 4.0 - 2.0, abs=0.3)
 
 
 def test_needle_that_bends_the_other_way_says_so():
@@ -82,16 +85,6 @@ def test_needle_that_bends_the_other_way_says_so():
     m = measure_picture(RenderedNeedle(bend=1, sheath_tip_mm=(-25.0, 0.0)))
     assert m.bend == "+y"
     assert m.radius_mm == pytest.approx(28.0, abs=0.05)
-
-
-@pytest.mark.processors
-def test_window_leaves_out_what_it_declares():
-    """The fitted rows lie between the declared ends, and the hinges' closing beyond them biases the radius."""
-    m = measure_picture(RenderedNeedle())
-    first, end = m.window
-    fitted = m.centre_line_mm[first:end]
-    length_mm = np.hypot(*np.diff(fitted, axis=0).T).sum()
-    assert length_mm == pytest.approx(40.0 - 4.0 - 2.0, abs=0.3)
 
 
 def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
@@ -107,7 +100,7 @@ def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
     assert inside.sigma_radius_mm > 10.0 * outside.sigma_radius_mm
 
 
-@pytest.mark.parametrize("length_mm", [5.0, 10.0, 15.0, 20.0])
+@pytest.mark.parametrize("length_mm", [5.0, 20.0])
 def test_short_needles_are_found_and_their_radius_is_not_stated(length_mm):
     """A window below the least is refused with both lengths in the sentence."""
     m = measure_picture(RenderedNeedle(length_mm=length_mm), seed=6)
@@ -213,7 +206,8 @@ def test_impossible_settings_are_refused(wrong):
 
 def test_same_picture_gives_the_same_numbers():
     """Nothing is drawn at random."""
-    assert measure_picture(RenderedNeedle()).to_json() == measure_picture(RenderedNeedle()).to_json()
+    again = measure_picture.__wrapped__(RenderedNeedle())
+    assert measure_picture(RenderedNeedle()).to_json() == again.to_json()
 
 
 @settings(max_examples=40, deadline=None)

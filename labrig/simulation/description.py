@@ -68,9 +68,6 @@ class NeedleDescription(Model):
     backlash_mm: PositiveMm = 1.5
     """Insertion after half a turn of the bevel in which the play of the hinges lets the curvature swing over
     to the other side [mm]."""
-    leaves_track_mm: NonNegativeMm = 3.0
-    """Length along which a needle that was withdrawn, and goes in again with its bevel turned, still follows
-    its old cut before it cuts another [mm]."""
     clamp_roll_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
     """Roll of the bevel where the rotation axis stands at zero: how the needle is clamped [deg]."""
     bevel_deg: Annotated[float, Field(ge=15, le=90)] = 50.0

@@ -14,7 +14,6 @@ friction along the needle holds it until the base has wound it up, however long 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import accumulate
@@ -107,8 +106,6 @@ def follow_with_play(bevel_rad: float, base_rad: float, lag_rad: float) -> float
 
 Wander = tuple[float, float]
 _STEADY: Wander = (0.0, 0.0)
-# A bevel that points within 60 degrees of where it pointed when the gel was cut does not leave the cut.
-_SAME_BEVEL_COSINE = 0.5
 
 
 @dataclass(frozen=True)
@@ -116,15 +113,13 @@ class Bending:
     """How the needle bends: its radius with closed hinges (infinite: straight), two lengths, and layers.
 
     hinge_closing_mm : arc length over which the hinges close; backlash_mm : over which the curvature swings to the
-    other side after half a turn; layers : where the radius is scaled; leaves_track_mm : along which a needle that was
-    withdrawn follows its old cut again with its bevel turned, before it cuts another.
+    other side after half a turn; layers : where the radius is scaled.
     """
 
     radius_mm: float
     hinge_closing_mm: float
     backlash_mm: float
     layers: tuple[LayerDescription, ...] = ()
-    leaves_track_mm: float = math.inf
 
     def scale_radius_at(self, z_mm: float) -> float:
         """Return the scale of the radius at a depth."""
@@ -182,7 +177,7 @@ class PathNode(NamedTuple):
 
 
 class Track:
-    """A path that grows at its end, or, after a withdrawal, branches off from where the bevel was turned.
+    """A path that grows at its end; a needle that was withdrawn follows it again.
 
     Parameters
     ----------
@@ -216,9 +211,6 @@ class Track:
         self._shares, self._turns_rad, self._leans_rad = even.stretches
         self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
         self._end = self._nodes[0]
-        self._rolls_rad: list[float] = []
-        self._left: list[PathNode] = []
-        self._tip_mm = self._turned_mm = 0.0
 
     @property
     def length_mm(self) -> float:
@@ -227,38 +219,13 @@ class Track:
 
     def extend(self, arc_mm: float, roll_rad: float) -> None:
         """Bring the tip to `arc_mm` with the bevel at `roll_rad`: along the existing cut, and then cutting on."""
-        self._follow(min(arc_mm, self.length_mm), roll_rad)
         if arc_mm <= self.length_mm:
             return
-        self._tip_mm = arc_mm
         nodes, bevel = self._nodes, (-math.cos(roll_rad), math.sin(roll_rad))
         while arc_mm >= len(nodes) * NODE_MM:
             grown = self._step(nodes[-1], NODE_MM, bevel, len(nodes) * NODE_MM)
-            self._rolls_rad.append(roll_rad)
             nodes.append(grown)
         self._end = self._step(nodes[-1], arc_mm - nodes[-1].arc_mm, bevel)
-
-    def _follow(self, arc_mm: float, roll_rad: float) -> None:
-        """Move the tip within the cut; it leaves the cut once it was pushed far enough with its bevel turned."""
-        ahead_mm, from_mm, self._tip_mm = arc_mm - self._tip_mm, self._tip_mm, arc_mm
-        stretch = math.floor(from_mm / NODE_MM)  # negative where the tip is behind the beginning of the cut
-        if (
-            not 0 <= stretch < len(self._rolls_rad)
-            or math.cos(roll_rad - self._rolls_rad[stretch]) > _SAME_BEVEL_COSINE
-        ):
-            self._turned_mm = 0.0
-            return
-        self._turned_mm = max(0.0, self._turned_mm + ahead_mm)
-        beyond_mm = self._turned_mm - self._bending.leaves_track_mm
-        if beyond_mm >= 0.0:
-            self.branch_at(arc_mm - beyond_mm)
-
-    def branch_at(self, arc_mm: float) -> None:
-        """Leave the cut at the last node before `arc_mm`: what lies beyond is no longer on the needle's path."""
-        kept = max(1, int(arc_mm / NODE_MM) + 1)
-        self._left += self._nodes[kept:]
-        self._nodes, self._rolls_rad = self._nodes[:kept], self._rolls_rad[: kept - 1]
-        self._end, self._turned_mm = self._nodes[-1], 0.0
 
     def _step(
         self, node: PathNode, length_mm: float, bevel: tuple[float, float], arc_mm: float | None = None
@@ -307,15 +274,8 @@ class Track:
         """
         before = [self.node_at(-count * NODE_MM) for count in range(math.ceil(-from_arc_mm / NODE_MM), 0, -1)]
         is_on_grid = self._end.arc_mm - self._nodes[-1].arc_mm < _SHORTEST_STRETCH_MM
-        return _list_points([*before, *self._nodes, *([] if is_on_grid else [self._end])])
-
-    def left_points_mm(self) -> Floats:
-        """Return the cuts that the needle has left for another, (N, 4) as `points_mm`."""
-        return _list_points(self._left)
-
-
-def _list_points(nodes: Sequence[PathNode]) -> Floats:
-    return np.array([(n.arc_mm, n.x_mm, n.y_mm, n.z_mm) for n in nodes]).reshape(-1, 4)
+        nodes = [*before, *self._nodes, *([] if is_on_grid else [self._end])]
+        return np.array([(n.arc_mm, n.x_mm, n.y_mm, n.z_mm) for n in nodes])
 
 
 def _approach(value: float, sought: float, limit: float) -> float:

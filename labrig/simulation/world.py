@@ -278,8 +278,7 @@ class World:
     def advance(self, insertion_mm: float, rotation_rad: float, linear_mm: float) -> None:
         """Bring the axes to these positions; the needle cuts further if it goes deeper than before.
 
-        It withdraws and enters again along its path, which it leaves with its bevel turned. The linear axis carries a
-        protruding needle along its path.
+        It withdraws and enters again along its path. The linear axis carries a protruding needle along its path.
         Between two calls the bevel has the later call's `rotation_rad`.
         """
         clamped_rad = math.radians(self.description.needle.clamp_roll_deg)
@@ -303,7 +302,6 @@ class World:
                 needle.hinge_closing_mm,
                 needle.backlash_mm,
                 hole.layers,
-                needle.leaves_track_mm,
             )
             x, y, z = self._sheath_tip_mm()
             out_of_plane = x, hole.lean_rad
@@ -391,9 +389,8 @@ class World:
         track, balls, target = self._hole.track, self._specimen.obstacles, self.locate_target_mm()
         path = np.array([self._sheath_tip_mm()]) if track is None else track.points_mm()[:, 1:]
         radius_mm = 0.5 * self.description.needle.diameter_mm
-        cut = path if track is None else np.vstack((path, track.left_points_mm()[:, 1:]))
         clearances = [
-            float(np.linalg.norm(cut - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
+            float(np.linalg.norm(path - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
             for ball in balls
         ]
         coarse = np.vstack((path[: -1 : round(_PATH_EVERY_MM / NODE_MM)], path[-1:]))

@@ -106,31 +106,3 @@ def test_points_before_the_start_are_evenly_spaced() -> None:
     points = cut((2.0, 0.0)).points_mm(-1.0)
     assert points[0] == pytest.approx([-1.0, 0.0, 0.0, -1.0])
     assert np.diff(points[:, 0]) == pytest.approx(np.full(len(points) - 1, NODE_MM))
-
-
-def test_a_withdrawn_needle_follows_its_cut_until_its_turned_bevel_leaves_it() -> None:
-    """With the bevel as it was the cut stays; turned, the needle leaves it after the given length."""
-    bending = Bending(RADIUS_MM, CLOSING_MM, BACKLASH_MM, leaves_track_mm=4.0)
-    track = Track((0.0, 0.0), 0.0, bending)
-    track.extend(40.0, 0.0)
-    whole = track.points_mm()
-    track.extend(20.0, 0.0)
-    track.extend(39.0, 0.0)
-    np.testing.assert_array_equal(track.points_mm(), whole)
-    track.extend(20.0, 0.0)
-    track.extend(22.0, math.pi)
-    assert track.length_mm == 40.0
-    track.extend(30.0, math.pi)
-    assert track.length_mm == 30.0
-    along = [track.node_at(arc).curvature_1_mm * RADIUS_MM for arc in (23.9, 24.75, 26.0)]
-    np.testing.assert_allclose(along, [-1.0, 0.0, 1.0], atol=0.1)
-    np.testing.assert_array_equal(track.left_points_mm(), whole[481:])
-
-
-def test_a_needle_withdrawn_behind_its_cut_and_turned_cuts_on() -> None:
-    """A tip behind the beginning of its cut is in no cut that it could leave."""
-    track = Track((0.0, 0.0), 0.0, Bending(RADIUS_MM, CLOSING_MM, BACKLASH_MM, leaves_track_mm=4.0))
-    track.extend(0.12, 0.0)
-    for arc_mm in (-2.0, -1.0, 0.06, 5.0):
-        track.extend(arc_mm, math.pi)
-    assert track.length_mm == 5.0

@@ -70,7 +70,7 @@ def _print_specimen(document: dict[str, Any]) -> None:
     for key, value in document.items():
         if key not in {"tracks", "unread", "sha256"} and value is not None:
             print_line(f"{key}: {value}")
-    heads = ("track", "run", "hole", "place mm", "needle", "age h", "radius mm")
+    heads = ("track", "run", "hole", "place mm", "needle", "age h")
     for kind, tracks in document["tracks"].items():
         if tracks:
             print_line(f"\ntracks of {kind} runs:")
@@ -80,6 +80,5 @@ def _print_specimen(document: dict[str, Any]) -> None:
 
 
 def _list_cells(number: int, track: dict[str, Any]) -> list[object]:
-    place, age, radius = track["hole_position_mm"], track["age_h"], track["radius_mm"]
-    seen = None if radius is None else f"{radius:.2f}"
-    return [number, track["run"], track["hole"] + 1, f"{place:g}", track["needle_id"], f"{age:.1f}", seen]
+    place, age = track["hole_position_mm"], track["age_h"]
+    return [number, track["run"], track["hole"] + 1, f"{place:g}", track["needle_id"], f"{age:.1f}"]

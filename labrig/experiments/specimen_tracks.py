@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.errors import LabrigError, Problem
-from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
+from labrig.experiments.registry import load_run_protocol
+from labrig.experiments.shared.holes import list_tracks
 from labrig.protocol.specimen_file import SpecimenTrack, TracksBySpecimen
 from labrig.record.catalogue import find_runs
 from labrig.record.condition import BLOCK_NAME
@@ -53,7 +54,4 @@ def find_tracks(runs_dir: Path, names: Collection[str], *, simulated: bool) -> F
 
 def _list_tracks(path: Path, simulated: bool) -> TracksBySpecimen:
     run = open_run(path)
-    experiment = find_run_experiment(run)
-    if is_simulated(run.manifest) != simulated or not experiment.maps_tracks:
-        return {}
-    return experiment.list_tracks(run, load_run_protocol(run), load_run_result(run))
+    return list_tracks(run, load_run_protocol(run)) if is_simulated(run.manifest) == simulated else {}

@@ -121,8 +121,7 @@ class SpecimenTrack(Model):
     """The track that one insertion left in a block.
 
     Places count across the insertion from the first entry point, towards where later holes are, which is -y of the
-    steering plane. A radius is that of the final picture, None if none was accepted; `age_h` is the block's at the
-    insertion.
+    steering plane. `age_h` is the block's at the insertion.
     """
 
     run: str = Field(max_length=400)
@@ -139,8 +138,6 @@ class SpecimenTrack(Model):
     """Outer diameter of the sheath [mm]."""
     age_h: float
     """Age of the block at the insertion [h]."""
-    radius_mm: float | None = Field(None, gt=0)
-    """Measured radius of curvature [mm]."""
 
 
 TracksBySpecimen: TypeAlias = Mapping[str, tuple[SpecimenTrack, ...]]

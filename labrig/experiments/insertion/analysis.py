@@ -56,9 +56,6 @@ from labrig.experiments.insertion.settings import (
     restore_settings,
     with_observation_sd,
 )
-from labrig.experiments.shared.holes import list_tracks as list_hole_tracks
-from labrig.experiments.shared.specimen_result import map_specimens
-from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.reader import Run
@@ -186,20 +183,8 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         sentinel=sentinel,
         sighting_noise=_measure_noise(trials, insertions, protocol),
         not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
-        maps=map_specimens(
-            protocol.gels,
-            list_tracks(run, protocol),
-            protocol.sheath.diameter_mm,
-            protocol.specimen.width_mm,
-            protocol.needle.needle_id,
-        ),
     )
     return Findings(result)
-
-
-def list_tracks(run: Run, protocol: InsertionProtocol, _result: object = None) -> TracksBySpecimen:
-    """Return the tracks that a run left in a block with a specimen file, in order of time."""
-    return list_hole_tracks(run, protocol.gels, protocol.sheath.diameter_mm, {})
 
 
 def _read_trials(run: Run) -> list[_Events]:

@@ -25,7 +25,6 @@ from labrig.experiments.insertion.result import (
     TargetErrorSources,
 )
 from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
-from labrig.experiments.shared.specimen_page import make_specimen_views
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
@@ -122,7 +121,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         TEMPLATE,
         _write_verdict(content),
         describe_calibration(run),
-        _collect_content(run, protocol, result, content),
+        _collect_content(run, result, content),
         partial(make_films, run, content, load_plane_map(run)),
     )
 
@@ -139,9 +138,7 @@ def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
     )
 
 
-def _collect_content(
-    run: Run, protocol: InsertionProtocol, result: AnyResult, content: InsertionResult
-) -> dict[str, Any]:
+def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
     plane, plans = load_plane_map(run), read_plans(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
@@ -153,7 +150,6 @@ def _collect_content(
             MarkerRow(trial.trial + 1, marker) for trial in content.insertions for marker in trial.markers
         ],
         "places": _describe_places(content.insertions),
-        "specimens": make_specimen_views(content.maps, protocol.gels),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [

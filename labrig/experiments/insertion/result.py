@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Literal, Self
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
-from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table
 from labrig.protocol.model import Model
 from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.problem import Obstacle
@@ -247,7 +246,6 @@ class InsertionResult(Result):
     `causes` counts why the others did not. `reached` is False if one of them missed, None if none missed and one is not
     known to have arrived in space. `sighting_noise` is None for fewer than twenty sightings.
     `not_in_interval` lists the sources of error that an error bar leaves out.
-    `maps` has the tracks in the block of gel, if that has a specimen file.
     """
 
     kind: Literal["insertion"] = "insertion"
@@ -266,7 +264,6 @@ class InsertionResult(Result):
     sentinel: Sentinel | None = None
     sighting_noise: SightingNoise | None = None
     not_in_interval: tuple[str, ...] = ()
-    maps: tuple[SpecimenMap, ...] = ()
 
     @property
     def tables(self) -> Mapping[str, Rows]:
@@ -278,7 +275,7 @@ class InsertionResult(Result):
             if trial.marker_steps
         }
         insertions = {"insertions": Rows(InsertionRow, [InsertionRow.of(trial) for trial in self.insertions])}
-        return insertions | make_origin_table(self.origins) | make_track_table(self.maps) | steps | markers
+        return insertions | make_origin_table(self.origins) | steps | markers
 
 
 RunResult = InsertionResult

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from labrig.analysis.result import Summary, TextTable
-from labrig.experiments.shared.specimen_result import summarise_maps
 from labrig.text import interval, number
 
 _HEADS = (
@@ -52,9 +51,8 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         [(trial["trial"], source) for trial in trials if (source := trial.get("target_error_interval_by"))]
     )
     rests_on = () if places is None else (f"error mm: by the shaft in the last picture; in space: {places}",)
-    specimens = summarise_maps(document.get("maps", ()))
     tables = (TextTable(_HEADS, rows), *_list_sources(trials))
-    return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarms, *specimens), values)
+    return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarms), values)
 
 
 def _list_markers(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:

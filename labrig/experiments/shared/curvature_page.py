@@ -23,7 +23,6 @@ from labrig.experiments.shared.needle_pictures import (
     draw_thumbnail,
 )
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
-from labrig.experiments.shared.specimen_page import SpecimenView
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
 from labrig.report.calibration_rows import describe_calibration
@@ -71,7 +70,6 @@ def make_curvature_page(
     facts: Rows,
     verdict: Sequence[str],
     design: Design | None = None,
-    specimens: Sequence[SpecimenView] = (),
 ) -> Page:
     """Return the page of measured curvatures with all figures drawn.
 
@@ -81,8 +79,6 @@ def make_curvature_page(
         Facts of the protocol, and the result in a sentence or two.
     design : Design or None
         The arc that the needle was designed for; None for imported pictures, which have no figure 8.
-    specimens : sequence of SpecimenView
-        The specimens that have a file.
     """
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
@@ -120,7 +116,6 @@ def make_curvature_page(
             "simulated": content.truth is not None,
             "roll_sd_deg": content.settings.get("roll_sd_deg"),
             "steerability": design is not None,
-            "specimens": specimens,
         },
     )
 

@@ -17,7 +17,6 @@ from labrig.analysis.result import (
     make_origin_table,
     require_part,
 )
-from labrig.experiments.shared.specimen_result import SpecimenMap, make_track_table, summarise_maps
 from labrig.protocol.model import Model
 from labrig.text import interval, number
 from labrig.vision.error_budget import ErrorBudget
@@ -117,8 +116,7 @@ class _Settings(ResultPart):
 class CurvatureResult(Result):
     """The result of a steerability run or of imported pictures.
 
-    `not_in_interval` lists the sources of error that an interval leaves out. `maps` has the tracks in each block of gel
-    with a specimen file.
+    `not_in_interval` lists the sources of error that an interval leaves out.
     """
 
     kind: Literal["curvature"] = "curvature"
@@ -130,7 +128,6 @@ class CurvatureResult(Result):
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
     not_in_interval: tuple[str, ...] = ()
-    maps: tuple[SpecimenMap, ...] = ()
 
     @property
     def tables(self) -> Mapping[str, Rows]:
@@ -139,7 +136,7 @@ class CurvatureResult(Result):
             "measurements": Rows(PictureResult, self.measurements),
             "specimens": Rows(SpecimenResult, self.specimens),
         }
-        return tables | make_origin_table(self.origins) | make_track_table(self.maps)
+        return tables | make_origin_table(self.origins)
 
 
 _HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % interval mm")
@@ -162,7 +159,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     )
     mean = f"mean of the means  {number(document['mean_radius_mm'])} mm"
     return Summary(
-        (*((TextTable(_HEADS, rows), mean) if rows else ()), *summarise_maps(document.get("maps", ()))),
+        (TextTable(_HEADS, rows), mean) if rows else (),
         {
             **{f"{group['name']}: mean radius mm": group["mean_radius_mm"] for group in groups},
             "pictures": len(measured),

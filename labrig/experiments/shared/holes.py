@@ -6,11 +6,11 @@ beyond its hole is not compared: needles of one sweep bend alike, side by side.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from labrig.errors import Problem, RecordError
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
-from labrig.protocol.sections import TrackedSpecimen
+from labrig.protocol.sections import ExperimentProtocol, TrackedSpecimen
 from labrig.protocol.specimen_file import SpecimenFile, SpecimenTrack, TracksBySpecimen
 from labrig.record.layout import COPY_HINT
 from labrig.record.reader import Run
@@ -110,23 +110,13 @@ def find_place(
     return None
 
 
-def list_tracks(
-    run: Run, gels: Mapping[str, TrackedSpecimen], diameter_mm: float, radii_mm: Mapping[int, float]
-) -> TracksBySpecimen:
+def list_tracks(run: Run, protocol: ExperimentProtocol) -> TracksBySpecimen:
     """Return the tracks that a run left in blocks with a specimen file, in order of time.
 
     Insertions that were broken off, or that a person had left out, have left a track too.
-
-    Parameters
-    ----------
-    gels : mapping of str to TrackedSpecimen
-        Those of the protocol.
-    diameter_mm : float
-        Of the sheath.
-    radii_mm : mapping of int to float
-        The accepted radius of each trial that has one.
     """
-    blocks = {gel.name: gel.block for gel in gels.values() if gel.block is not None}
+    blocks = {gel.name: gel.block for gel in protocol.gels.values() if gel.block is not None}
+    sheath_mm = None if protocol.pictured_needle is None else protocol.pictured_needle.sheath_diameter_mm
     starts = run.read_events(SpecimenTrialStart) if blocks else ()
     return {
         name: tuple(
@@ -136,14 +126,14 @@ def list_tracks(
                 hole=start.hole,
                 hole_position_mm=start.hole_position_mm,
                 needle_id=start.needle_id,
-                sheath_diameter_mm=diameter_mm,
+                sheath_diameter_mm=sheath_mm,
                 age_h=_find_age_h(run, block, start.t_s),
-                radius_mm=round(radii_mm[start.trial], 4) if start.trial in radii_mm else None,
             )
             for start in starts
             if start.specimen == name
         )
         for name, block in blocks.items()
+        if sheath_mm is not None
     }
 
 

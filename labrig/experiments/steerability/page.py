@@ -6,7 +6,6 @@ from labrig.analysis.result import AnalysisResult
 from labrig.experiments.shared.curvature_page import make_curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.experiments.shared.paper import PAPER_MEAN_RADIUS_MM
-from labrig.experiments.shared.specimen_page import make_specimen_views
 from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Needle
@@ -27,10 +26,7 @@ def make_page(
         return Page(facts)
     design = Design(protocol.needle.design_radius_mm, protocol.insertion.length_mm, side=1)
     verdict = _write_verdict(protocol, result.content)
-    specimens = make_specimen_views(result.content.maps, protocol.gels)
-    return make_curvature_page(
-        run, result, result.content, facts=facts, verdict=verdict, design=design, specimens=specimens
-    )
+    return make_curvature_page(run, result, result.content, facts=facts, verdict=verdict, design=design)
 
 
 def _list_facts(run: Run, protocol: SteerabilityProtocol) -> Rows:

@@ -89,7 +89,7 @@ class MeasurementRefusedError(AnswerIsNoError):
 
 
 class ConditionMetError(AnswerIsNoError):
-    """A run that a condition of its protocol stopped (`stop_when`)."""
+    """A run that a condition of its protocol stopped."""
 
 
 class TargetMissedError(AnswerIsNoError):

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
-from labrig.protocol.conditions import Action, Condition, find_fault, parse_condition
+from labrig.protocol.conditions import Condition, explain_unknown_value
 from labrig.protocol.design_file import Basis
 from labrig.protocol.model import (
     Conflict,
@@ -87,11 +87,6 @@ class ExperimentProtocol(Model):
         return self
 
     @property
-    def conditions(self) -> tuple[Condition, ...]:
-        """The conditions on which the run asks or stops; empty for an experiment that judges no value."""
-        return ()
-
-    @property
     def criterion(self) -> Criterion | None:
         """By what a campaign compares virtual runs; None for an experiment that leaves it to the campaign."""
         return None
@@ -124,47 +119,21 @@ class MovingProtocol(ExperimentProtocol):
         return self.max_current_ma.model_dump(exclude_none=True)
 
 
-def _list_text(value: object) -> object:
-    if isinstance(value, str):
-        return (value,)
-    # A validated tuple takes no list, as values of a file are taken strictly.
-    return tuple(value) if isinstance(value, list) else value
-
-
-ConditionTexts = Annotated[
-    tuple[Line, ...], BeforeValidator(_list_text, json_schema_input_type=Line | tuple[Line, ...])
-]
-"""Conditions; a single one may stand without a list."""
-
-
 class JudgedProtocol(MovingProtocol):
     """The keys of a protocol whose run asks its person, or stops, on what it measures."""
 
     judged_values: ClassVar[Mapping[str, str]]
     """The values that conditions may be on: name -> what it is."""
 
-    ask_when: ConditionTexts = Field((), max_length=20)
-    """Conditions on which the run pauses after an insertion and asks, such as radius_mm outside [26, 30]."""
-    stop_when: ConditionTexts = Field((), max_length=20)
-    """Conditions on which the run stops after an insertion, such as radius_mm > 35."""
-
-    @property
-    def conditions(self) -> tuple[Condition, ...]:
-        """The conditions, those that ask first."""
-        return tuple(parse_condition(text, action) for action, _, text in self._list_conditions())
+    conditions: tuple[Condition, ...] = Field((), max_length=20)
+    """Conditions on which the run asks or stops after an insertion."""
 
     def find_condition_faults(self) -> Iterator[Conflict]:
-        """Yield conditions that are malformed, or on a value that is not judged."""
-        for action, number, text in self._list_conditions():
-            fault = find_fault(text, f"{action}.{number}", self.judged_values)
-            if fault is not None:
-                yield fault
-
-    def _list_conditions(self) -> Iterator[tuple[Action, int, str]]:
-        for number, text in enumerate(self.ask_when):
-            yield "ask_when", number, text
-        for number, text in enumerate(self.stop_when):
-            yield "stop_when", number, text
+        """Yield conditions on values that are not judged."""
+        for number, condition in enumerate(self.conditions):
+            if condition.value not in self.judged_values:
+                key = f"conditions.{number}.value"
+                yield explain_unknown_value(condition.value, key, self.judged_values)
 
 
 class NeedleDesignSection(Model):

@@ -286,7 +286,7 @@ class ValueMeasured(Event):
 
 
 class ConditionMet(Event):
-    """A condition of the protocol is met by a value of a trial; `action` is its key: `ask_when` or `stop_when`."""
+    """A condition of the protocol is met by a value of a trial; `action` is what the run does: ask or stop."""
 
     kind: ClassVar[str] = "condition"
 

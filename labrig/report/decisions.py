@@ -60,7 +60,7 @@ def describe_decision(event: Event, length: str = "") -> str:
         case Undo():
             return f"Taken back: {_UNDONE.get(event.undone, event.undone)}."
         case ConditionMet():
-            does = "the run stops" if event.action == "stop_when" else "the run asks"
+            does = "the run stops" if event.action == "stop" else "the run asks"
             return (
                 f"Trial {event.trial + 1}: {event.name} is {event.value:.4g}, {does} when {event.condition}."
             )

@@ -19,7 +19,7 @@ events, is the same while the run is made, when it is resumed, and when it is ev
 
 Needle and sheath count as in tissue from before they move in until both are back at zero: the session sees to it.
 
-Conditions of the protocol (`ask_when`, `stop_when`) are judged on values that a procedure hands to `Session.judge`.
+Conditions of the protocol are judged on values that a procedure hands to `Session.judge`.
 They act at the next safe point, in the place of a person's request.
 
 The record is written by a worker, and long computations are made by one (`Session.compute`), while the thread of the

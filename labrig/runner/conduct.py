@@ -16,7 +16,8 @@ from labrig.errors import (
     TargetMissedError,
     fault_of,
 )
-from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.conditions import Condition
+from labrig.protocol.sections import ExperimentProtocol, JudgedProtocol
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RunResume, RunStart, RunStop, TrialStop
 from labrig.record.sink import RecordSink
 from labrig.runner.experiment import Experiment
@@ -39,8 +40,12 @@ def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Sessi
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
-    session.dialogue.conditions = protocol.conditions
+    session.dialogue.conditions = _list_conditions(protocol)
     return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
+
+
+def _list_conditions(protocol: ExperimentProtocol) -> tuple[Condition, ...]:
+    return protocol.conditions if isinstance(protocol, JudgedProtocol) else ()
 
 
 def conduct_remainder(
@@ -51,7 +56,8 @@ def conduct_remainder(
     Its interrupted trial is marked, and the needle taken out; nothing is homed or referenced before.
     """
     dialogue = session.dialogue
-    dialogue.past, dialogue.decisions, dialogue.conditions = past, past.decisions, protocol.conditions
+    dialogue.past, dialogue.decisions = past, past.decisions
+    dialogue.conditions = _list_conditions(protocol)
     dialogue.begun = list(past.begun)
     dialogue.failed |= {
         trial: TargetMissedError(why, reason=word) for trial, (word, why) in past.failed.items()

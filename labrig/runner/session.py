@@ -168,17 +168,15 @@ class Session:
             Why one could not be measured.
         """
         conditions = self.dialogue.conditions
-        for name in sorted({condition.name for condition in conditions} & values.keys()):
+        for name in sorted({condition.value for condition in conditions} & values.keys()):
             value = values[name]
             self.record(
                 ValueMeasured(trial=trial, name=name, value=value, reason=reason if value is None else "")
             )
             for met in conditions:
-                if met.name == name and value is not None and met.holds(value):
+                if met.value == name and value is not None and met.holds(value):
                     self.record(
-                        ConditionMet(
-                            trial=trial, action=met.action, condition=met.text, name=name, value=value
-                        )
+                        ConditionMet(trial=trial, action=met.do, condition=str(met), name=name, value=value)
                     )
 
     # What a procedure may know
@@ -343,12 +341,12 @@ class Session:
         """
         met = self.dialogue.take_met()
         because = ", ".join(_describe_met(condition) for condition in met)
-        if any(condition.action == "stop_when" for condition in met):
+        if any(condition.action == "stop" for condition in met):
             raise ConditionMetError(
                 f"the protocol ends the run: {because}",
                 "look at the needle and the gel; labrig resume continues the run; trials are numbered from 0",
             )
-        by = "ask_when" if met else self.dialogue.requests.find(point)
+        by = "condition" if met else self.dialogue.requests.find(point)
         if by is None:
             return False
         self._pause(point, by, in_tissue=in_tissue, because=because)
@@ -646,7 +644,7 @@ class Session:
 
 
 def _describe_met(met: ConditionMet) -> str:
-    return f"{met.name} of trial {met.trial + 1} is {met.value:.4g} ({met.action}: {met.condition})"
+    return f"{met.name} of trial {met.trial + 1} is {met.value:.4g} ({met.action} when {met.condition})"
 
 
 def _is_past(state: DriveReading | None, passing: float | None = None) -> bool:

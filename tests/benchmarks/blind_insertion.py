@@ -23,7 +23,7 @@ from labrig.experiments.insertion.procedure import steer as run_loop
 from labrig.experiments.insertion.protocol import InsertionProtocol, OutOfPlane
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.needle.kinematics import FloatArray
-from labrig.protocol.conditions import parse_condition
+from labrig.protocol.conditions import Condition
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import TakenPicture
 from labrig.runner.trials import Trial
@@ -183,7 +183,7 @@ def _open_session(drawn: DrawnWorld, record: EventList) -> Session:
     rig = VirtualRig(_read_rig(), drawn.world, state, 0.0)
     session = Session(rig, record, lambda _done, _doing: None)
     # The bounds are told of every end, however it came about.
-    session.dialogue.conditions = (parse_condition("target_error_mm > 1e6", "ask_when"),)
+    session.dialogue.conditions = (Condition(value="target_error_mm", above=1e6),)
     return session
 
 

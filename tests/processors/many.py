@@ -30,6 +30,7 @@ from tests.vision.warped_boards import SimulatedBoard, SimulatedCamera, draw_vie
 _PROBLEMS, _SPATIAL, _TUNNELS = 200, 40, 30
 _TIPS, _SHAFTS, _LENSES = 200, 40, 10
 _VIRTUAL, _WHOLE = 200, 20
+_ENDS = ("target_error_low_mm", "target_error_high_mm")
 
 
 def plan_paths() -> Iterator[Case]:
@@ -82,10 +83,13 @@ def _insert(depth: str, repetitions: int, rig: str) -> Iterator[Case]:
             sd_mm = json.loads(order.inputs.protocol)["estimator"]["observation_sd_mm"]
             values = outcome.values
             counts = {key: value for key, value in values.items() if isinstance(value, int)}
+            lengths_mm = {key: value for key, value in values.items() if isinstance(value, float)}
+            # The interval in space is of another spread than a sighting.
+            ends_mm = [lengths_mm[key] for key in _ENDS if key in lengths_mm]
+            spread_mm = max([sd_mm, *np.ptp(np.reshape(ends_mm, (-1, 2)), axis=1) / 4])
             numbers = {
-                f"{depth}: {key}": [(value, sd_mm)]
-                for key, value in values.items()
-                if isinstance(value, float)
+                f"{depth}: {key}": [(value, spread_mm if key in _ENDS else sd_mm)]
+                for key, value in lengths_mm.items()
             }
             yield Case(f"{depth} {number}", str((outcome.exit_status, outcome.reason, counts)), numbers)
 

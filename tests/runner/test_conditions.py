@@ -24,9 +24,11 @@ LOOSE = ("analysis.max_radius_sigma_mm=900", "insertion.length_mm=22", "insertio
 
 def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path) -> None:
     """The radius is that of the analysis; the run asks after each insertion, goes on, and replays identically."""
-    text = "radius_mm inside [1, 900]"
+    text = "radius_mm above 1"
     outcome, run, person, _ = make_run(
-        tmp_path, [GO_ON, GO_ON, GO_ON], overrides=(*LOOSE, f'ask_when=["{text}"]', "hole_order=random")
+        tmp_path,
+        [GO_ON, GO_ON, GO_ON],
+        overrides=(*LOOSE, "conditions=[{value: radius_mm, above: 1}]", "hole_order=random"),
     )
     assert outcome.exit_status == "success"
     values = run.read_events(ValueMeasured)
@@ -41,9 +43,9 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
         assert (value.trial, value.value) == (trial.start.trial, pytest.approx(found.radius_mm, rel=1e-12))
     met, pause = run.read_events(ConditionMet)[0], run.read_events(Pause)[0]
     assert [event.trial for event in run.read_events(ConditionMet)] == [value.trial for value in values]
-    assert (met.trial, met.action, met.condition, met.value) == (0, "ask_when", text, values[0].value)
-    assert (pause.by, pause.point) == ("ask_when", "trial_end")
-    told = f"radius_mm of trial 1 is {met.value:.4g} (ask_when: {text})"
+    assert (met.trial, met.action, met.condition, met.value) == (0, "ask", text, values[0].value)
+    assert (pause.by, pause.point) == ("condition", "trial_end")
+    told = f"radius_mm of trial 1 is {met.value:.4g} (ask when {text})"
     assert any(f"Paused after this insertion, because {told}" in asked for asked in person.asked)
     assert any(text in sentence for _, sentence in list_decisions(run))
     require_identical(run)
@@ -51,12 +53,12 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
 
 def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> None:
     """The run ends as a person stops it, the answer is no; resumed, it stops for the next value that meets it."""
-    protocol = sweep(*SHORT, *LOOSE, 'stop_when=["radius_mm > 1"]')
+    protocol = sweep(*SHORT, *LOOSE, "conditions=[{value: radius_mm, above: 1, do: stop}]")
     with bench(tmp_path, protocol, SPARSE) as at:
         outcome = conduct(find_experiment(protocol.experiment), protocol, at.session)
         assert isinstance(outcome.error, ConditionMetError)
         assert (outcome.exit_status, outcome.error.exit_code) == ("aborted", 1)
-        assert "(stop_when: radius_mm > 1)" in outcome.reason
+        assert "(stop when radius_mm above 1)" in outcome.reason
         run = open_run(at.recorder.path)
         require_identical(run)
         past = read_past(run)

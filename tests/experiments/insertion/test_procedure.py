@@ -527,7 +527,7 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
 
 def test_a_condition_on_the_target_error_stops_the_run_when_the_needle_is_out(tmp_path: Path) -> None:
     """The error is the one by which the insertion was judged; the second one is not begun, the replay is identical."""
-    conditions = ("repetitions=2", 'stop_when=["target_error_mm > 0"]')
+    conditions = ("repetitions=2", "conditions=[{value: target_error_mm, above: 0, do: stop}]")
     protocol = load_protocol(
         PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *conditions]
     )

@@ -16,10 +16,11 @@ _SPARE_MM = 0.02
 _OBSTACLES = 16
 _DAMPING_MM2 = 0.3
 _LARGEST_STEP_RAD = 0.3
+_CONVERGED_RAD = 1e-6
 
 
 def mend_paths(psi: FloatArray, around: Surroundings, steps: int) -> FloatArray:
-    """Return paths (M, n, 2) after so many steps towards the target and off the obstacles; some may still fail."""
+    """Return paths (M, n, 2) after at most so many steps towards the target and off the obstacles; some may fail."""
     radius_mm, planar = around.problem.radius_mm, around.problem.planar
     for _ in range(steps):
         frames = path_frames(psi, radius_mm)
@@ -37,6 +38,8 @@ def mend_paths(psi: FloatArray, around: Surroundings, steps: int) -> FloatArray:
         changes = np.stack((step, np.zeros_like(step)), axis=-1) if planar else step.reshape(psi.shape)
         psi = psi + changes
         psi[..., 0] = np.clip(psi[..., 0], 0.0, np.pi)
+        if np.abs(step).max(initial=0.0) < _CONVERGED_RAD:
+            break
     return psi
 
 

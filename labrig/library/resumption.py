@@ -23,7 +23,7 @@ from labrig.record.check import check_run
 from labrig.record.difference import find_differences
 from labrig.record.events import INCOMPLETE, TrialStart, TrialStop
 from labrig.record.manifest import find_rig_option, is_simulated
-from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
+from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.reopen import close_interrupted_run, reopen_run
 from labrig.record.writer import Recorder
@@ -114,11 +114,11 @@ def _reopen_record(
     path: Path, started: datetime, command_line: tuple[str, ...], devices: Mapping[str, object]
 ) -> Recorder:
     """Reopen the record of a run that is continued now: with which code, by which command, on which devices."""
-    recorder, changes = reopen_run(path, " ".join(("labrig", *command_line[1:]))), find_code_changes()
+    recorder = reopen_run(path, " ".join(("labrig", *command_line[1:])))
     recorder.begin_session(
         started,
-        code_diff=collect_code_diff(changes),
-        provenance=collect_provenance(command_line, changes),
+        code_diff=collect_code_diff(),
+        provenance=collect_provenance(command_line),
         devices=devices,
     )
     return recorder

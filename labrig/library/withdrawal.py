@@ -13,7 +13,7 @@ from labrig.errors import InputError, MachineError
 from labrig.input_file import read_file
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
-from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
+from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.attendant import Attendant
@@ -116,18 +116,18 @@ def _open_run_with_needle(rig: RigDescription, given: Path | None, runs_dir: Pat
 def _begin_record(
     rig: Rig, left: Run, devices: Mapping[str, object], command_line: Sequence[str]
 ) -> Recorder:
-    started, folder, changes = rig.clock.utc(), left.path.resolve(), find_code_changes()
+    started, folder = rig.clock.utc(), left.path.resolve()
     manifest = {
         "experiment": "withdrawal",
         "title": f"withdrawal of the needle of run {folder.name}",
         "started": started.isoformat(timespec="seconds"),
-        "provenance": collect_provenance(command_line, changes),
+        "provenance": collect_provenance(command_line),
         "plugins": {plugin.title: plugin.origin for plugin in rig.description.plugins},
         "protocol": dict(left.protocol),
         "devices": devices,
         WITHDRAWS: folder.name,
     }
-    protocol, diff = read_file(left.protocol_path).decode(), collect_code_diff(changes)
+    protocol, diff = read_file(left.protocol_path).decode(), collect_code_diff()
     files = RunFiles(protocol, dump_yaml(rig.description), code_diff=diff)
     create = partial(Recorder.create, folder.parent, manifest=manifest, files=files)
     return create_under_free_name(started, "withdrawal", create)

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path, PurePosixPath
 
@@ -20,17 +19,13 @@ _SOURCE_TREE = Path(__file__).parents[2]
 _GIT_TIMEOUT_S = 10.0
 
 
-def collect_provenance(
-    command_line: Sequence[str], changes: "CodeChanges | None" = None
-) -> dict[str, object]:
+def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
     """Return what is needed to run the same code again, without time of day or folders of this computer.
 
     Parameters
     ----------
     command_line : sequence of str
         As in `sys.argv`; only the name of the program is kept.
-    changes : CodeChanges or None
-        As from `find_code_changes`, if the caller has them; otherwise they are found here.
 
     Returns
     -------
@@ -38,21 +33,13 @@ def collect_provenance(
         `labrig` (version), `source_sha256` (of the installed code, by `digest_sources`), `git_commit` and `git_dirty`
         (of the package's source; None outside a checkout), `command_line`, `python`, `platform`, `processor` (by
         `describe_processor`), `host`, `account` (user name, None without one), `packages` {name: version} of labrig's
-        direct dependencies. In a changed checkout also `code_diff_holds` and `code_diff_leaves_out`, the files of
-        `find_code_changes`.
+        direct dependencies.
     """
-    changes = find_code_changes() if changes is None else changes
     program = [Path(word).name for word in command_line[:1]]
     return {
         "labrig": __version__,
         "source_sha256": digest_sources(),
         **_read_git_state(_SOURCE_TREE),
-        **(
-            {"code_diff_holds": [*changes.changed, *changes.added]}
-            if changes.changed or changes.added
-            else {}
-        ),
-        **({"code_diff_leaves_out": list(changes.left_out)} if changes.left_out else {}),
         "command_line": [plain_text(word) for word in (*program, *command_line[1:])],
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -70,60 +57,23 @@ def _read_account() -> str | None:
         return None
 
 
-@dataclass(frozen=True)
-class CodeChanges:
-    """Files of the package that differ from its commit, relative to the checkout.
-
-    Attributes
-    ----------
-    changed : tuple of str
-        Files of the commit.
-    added : tuple of str
-        New files of Python code.
-    left_out : tuple of str
-        Other new files, and hidden ones, such as .env: they may be private, and are not recorded.
-    """
-
-    changed: tuple[str, ...] = ()
-    added: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
-
-
-def find_code_changes(tree: Path = _SOURCE_TREE) -> CodeChanges:
-    """Return what a record of this checkout keeps as code.diff, and what it leaves out."""
-    changed = _list_names(_run_git(tree, "diff", "--name-only", "-z", "HEAD", "--", "labrig"))
-    new = _list_names(_run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig"))
-    code = tuple(name for name in new if _is_code(tree / name, PurePosixPath(name)))
-    return CodeChanges(changed, code, tuple(name for name in new if name not in code))
-
-
-def _list_names(listed: bytes | None) -> tuple[str, ...]:
-    return tuple(os.fsdecode(name) for name in (listed or b"").split(b"\0") if name)
-
-
-def _is_code(path: Path, name: PurePosixPath) -> bool:
-    hidden = any(part.startswith(".") for part in name.parts)
-    return name.suffix == ".py" and not hidden and path.is_file() and not path.is_symlink()
-
-
-def collect_code_diff(changes: CodeChanges, tree: Path = _SOURCE_TREE) -> bytes:
+def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
     """Return the changes of the package's source since its commit, as a patch for `git apply`; empty without any.
 
-    Parameters
-    ----------
-    changes : CodeChanges
-        As from `find_code_changes`.
-    tree : Path
-        The checkout.
-
-    Returns
-    -------
-    bytes
-        Changed files, then new files of Python code that git does not ignore.
+    Changed files, then new files of Python code that git does not ignore. Other new files, hidden ones and links, such
+    as .env, may be private and are left out.
     """
     changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
-    added = [_diff_new_file(tree, name) for name in changes.added]
+    new = _run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
+    names = (os.fsdecode(name) for name in new.split(b"\0") if name)
+    added = (_diff_new_file(tree, name) for name in names if _is_code(tree, PurePosixPath(name)))
     return b"".join([changed or b"", *added])
+
+
+def _is_code(tree: Path, name: PurePosixPath) -> bool:
+    hidden = any(part.startswith(".") for part in name.parts)
+    path = tree / name
+    return name.suffix == ".py" and not hidden and path.is_file() and not path.is_symlink()
 
 
 def _diff_new_file(tree: Path, name: str) -> bytes:

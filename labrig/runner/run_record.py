@@ -9,7 +9,7 @@ from labrig.clock import Clock
 from labrig.devices.rig_file import RigDescription
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record.provenance import CodeChanges, collect_code_diff, collect_provenance
+from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.experiment import Experiment
 
@@ -46,15 +46,11 @@ class RecordOrder:
     trials: int
 
 
-def open_record(
-    order: RecordOrder, changes: CodeChanges, clock: Clock, devices: Mapping[str, object]
-) -> Recorder:
+def open_record(order: RecordOrder, clock: Clock, devices: Mapping[str, object]) -> Recorder:
     """Make the folder of a run and begin its record.
 
     Parameters
     ----------
-    changes : CodeChanges
-        Changes of labrig's own code since its commit.
     devices : Mapping
         What the devices say of themselves.
 
@@ -72,7 +68,7 @@ def open_record(
         "started": started.isoformat(timespec="seconds"),
         "trials_planned": order.trials,
         "sources": dict(order.sources),
-        "provenance": collect_provenance(order.command_line, changes),
+        "provenance": collect_provenance(order.command_line),
         "plugins": {
             plugin.title: plugin.origin
             for plugin in (order.experiment.plugin, *(() if rig is None else rig.plugins))
@@ -84,7 +80,7 @@ def open_record(
         dump_yaml(order.protocol),
         None if rig is None else dump_yaml(rig),
         {} if rig is None else rig.calibration_files(),
-        collect_code_diff(changes),
+        collect_code_diff(),
     )
     create = partial(Recorder.create, order.runs_dir, manifest=manifest, files=files)
     if rig is not None:

@@ -31,7 +31,7 @@ from labrig.errors import (
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.record.provenance import CodeChanges, collect_provenance, find_code_changes
+from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.attendant import Attendant
@@ -88,12 +88,10 @@ def perform(order: RunOrder, attendant: Attendant) -> FinishedRun:
     OutputExistsError, DiskError, BusError, DriveError, CameraError
         When the run cannot begin.
     """
-    changes = find_code_changes()
-    announce_code_diff(changes, attendant)
-    return finish(record(order, attendant, changes), order.experiment, order.command_line, attendant)
+    return finish(record(order, attendant), order.experiment, order.command_line, attendant)
 
 
-def record(order: RunOrder, attendant: Attendant, changes: CodeChanges | None = None) -> FinishedRun:
+def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
     """Record a run; nothing is measured. Raises as `perform`."""
     if order.runs_dir.exists() and not order.runs_dir.is_dir():
         raise InputError(
@@ -105,29 +103,18 @@ def record(order: RunOrder, attendant: Attendant, changes: CodeChanges | None = 
     if plan.problems:
         raise FileFormatError(plan.problems)
     require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
-    changes = changes or CodeChanges()
     if order.rig is None:
         clock = SystemClock()
-        recorder = _open_record(order, plan, changes, clock, {})
+        recorder = _open_record(order, plan, clock, {})
         return FinishedRun(recorder.path, conduct_without_rig(experiment, recorder, clock))
 
     def begin(rig: Rig, progress: Progress) -> Session:
         require_valid_calibration(plan, rig)
-        opening = partial(_open_record, order, plan, changes, rig.clock, rig.describe())
+        opening = partial(_open_record, order, plan, rig.clock, rig.describe())
         return begin_session(rig, opening, progress)
 
     job = RigJob(experiment, protocol, order.rig, plan.work, order.command_line)
     return record_on_rig(job, attendant, begin, partial(conduct, experiment, protocol))
-
-
-def announce_code_diff(changes: CodeChanges, attendant: Attendant) -> None:
-    """Say which changes of labrig's own code the record will keep, and which new files it will not."""
-    if changes.changed or changes.added:
-        kept = ", ".join((*changes.changed, *changes.added))
-        attendant.say(f"note: the record keeps changed code, as code.diff: {kept}")
-    if changes.left_out:
-        left_out = ", ".join(changes.left_out)
-        attendant.say(f"note: code.diff leaves out new files that are no code: {left_out}")
 
 
 def finish(
@@ -248,9 +235,7 @@ def record_on_rig(
     return replace(ended, signal_name=interrupted())
 
 
-def _open_record(
-    order: RunOrder, plan: RunPlan, changes: CodeChanges, clock: Clock, devices: Mapping[str, object]
-) -> Recorder:
+def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:
     opened = RecordOrder(
         order.experiment,
         order.protocol,
@@ -261,7 +246,7 @@ def _open_record(
         order.sources,
         plan.trials,
     )
-    return open_record(opened, changes, clock, devices)
+    return open_record(opened, clock, devices)
 
 
 def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Path:

@@ -11,11 +11,9 @@ import pytest
 
 import labrig
 from labrig.record.provenance import (
-    CodeChanges,
     _read_git_state,
     collect_code_diff,
     collect_provenance,
-    find_code_changes,
 )
 
 
@@ -64,12 +62,12 @@ def test_what_the_code_differs_from_its_commit_can_be_applied(tmp_path: Path) ->
     (tree / "labrig" / "code.py").write_text("1\n")
     for words in (["init", "-q"], ["add", "."], [*identity, "commit", "-q", "-m", "first"]):
         subprocess.run(["git", "-C", tree, *words], check=True)
-    assert collect_code_diff(find_code_changes(tree), tree) == b""
+    assert collect_code_diff(tree) == b""
     subprocess.run(["git", "clone", "-q", tree, tmp_path / "other"], check=True)
     (tree / "labrig" / "code.py").write_text("2\n")
     (tree / "labrig" / "größe.py").write_text("3\n")
     (tree / "notes").write_text("")
-    diff = collect_code_diff(find_code_changes(tree), tree)
+    diff = collect_code_diff(tree)
     subprocess.run(["git", "-C", tmp_path / "other", "apply", "-"], input=diff, check=True)
     copied = {path.name: path.read_text() for path in (tmp_path / "other" / "labrig").iterdir()}
     assert copied == {"code.py": "2\n", "größe.py": "3\n"}
@@ -78,14 +76,13 @@ def test_what_the_code_differs_from_its_commit_can_be_applied(tmp_path: Path) ->
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
 def test_new_files_that_are_no_code_stay_out_of_the_record(tmp_path: Path) -> None:
-    """Of new files only Python is in the patch; .env, keys, links and hidden files are named as left out."""
+    """Of new files only Python is in the patch; .env, keys, links and hidden files are left out."""
     tree, identity = tmp_path / "tree", ["-c", "user.name=n", "-c", "user.email=e"]
     room = tree / "labrig" / "room"
     room.mkdir(parents=True)
     (room / "code.py").write_text("1\n")
     for words in (["init", "-q"], ["add", "."], [*identity, "commit", "-q", "-m", "first"]):
         subprocess.run(["git", "-C", tree, *words], check=True)
-    assert find_code_changes(tree) == CodeChanges()
     private = (".env", ".env.py", "id_rsa", "patients.csv", ".cache/code.py")
     (room / ".cache").mkdir()
     for name in private:
@@ -94,10 +91,7 @@ def test_new_files_that_are_no_code_stay_out_of_the_record(tmp_path: Path) -> No
     (room / "link.py").symlink_to(tmp_path / "outside.py")
     (room / "code.py").write_text("2\n")
     (room / "new.py").write_text("3\n")
-    changes = find_code_changes(tree)
-    assert (changes.changed, changes.added) == (("labrig/room/code.py",), ("labrig/room/new.py",))
-    assert set(changes.left_out) == {f"labrig/room/{name}" for name in (*private, "link.py")}
-    diff = collect_code_diff(changes, tree)
+    diff = collect_code_diff(tree)
     assert b"+2" in diff
     assert b"+3" in diff
     assert b"SECRET" not in diff

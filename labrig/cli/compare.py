@@ -96,14 +96,14 @@ def _choose_runs(named: Sequence[Path], where: str | None, runs_dir: Path) -> li
 
 def _write(compared: Any, out: Path | None) -> Path:
     """Write the comparison into a new folder, or into `out`, and return the folder."""
-    from labrig.record.remote import output_folder
+    from labrig.record.output_folder import output_folder
     from labrig.record.writer import create_under_free_name
     from labrig.report.comparison_page import write_comparison
 
     now = SystemClock().utc()
 
     def write(folder: Path) -> Path:
-        with output_folder(str(folder), force=False) as made:
+        with output_folder(folder, force=False) as made:
             write_comparison(made, compared, now)
         return folder
 

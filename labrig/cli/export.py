@@ -41,8 +41,7 @@ def export(
         ),
     ],
     out: Annotated[
-        str | None,
-        typer.Option(metavar="DIR", help="Folder to write to, or its URL. Default: data/exports/RUN."),
+        Path | None, typer.Option(metavar="DIR", help="Folder to write to. Default: data/exports/RUN.")
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace existing files; copy a damaged record as it is.")
@@ -50,33 +49,31 @@ def export(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 4 when the record is damaged; tables are written all the same, a copy only with --force."""
-    from labrig.record.reader import fetch_folder
-    from labrig.record.remote import output_folder, require_apart, restore_url
+    from labrig.record.output_folder import output_folder, require_apart
 
     chosen, is_copy = frozenset(formats), Format.RECORD in formats
     if is_copy and len(chosen) > 1:
         raise InputError("record goes alone: the folder it writes is a run", "export the tables elsewhere")
-    source = fetch_folder(run)
-    place = str(find_in_lab(EXPORTS) / source.name) if out is None else out
-    write, damage = _prepare_copy(source) if is_copy else _prepare(source, chosen)
-    require_apart(place, source, record=is_copy)
+    place = find_in_lab(EXPORTS) / run.name if out is None else out
+    write, damage = _prepare_copy(run) if is_copy else _prepare(run, chosen)
+    require_apart(place, run, record=is_copy)
     if is_copy and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
     with output_folder(place, force=force) as folder:
         write(folder)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if as_json:
-        print_json({"run": restore_url(run), "out": place, "files": files, "ok": not damage})
+        print_json({"run": str(run), "out": str(place), "files": files, "ok": not damage})
     else:
         for file in [""] if is_copy else files:
-            print_line(f"{place.rstrip('/')}/{file}")
+            print_line(f"{place}/{file}")
     return 0 if report_damage(damage) is None else RecordError.exit_code
 
 
 def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
     """Return what copies the record, and the damage of every file to copy."""
     from labrig.record.check import check_run
-    from labrig.record.remote import copy_record
+    from labrig.record.output_folder import copy_record
 
     return partial(copy_record, source), check_run(source).damage
 

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 import typer
 
 from labrig.cli.output import say
-from labrig.errors import InputError
-from labrig.lab import RUNS, RUNS_DIR_VARIABLE, RunsDir, choose_runs_dir
+from labrig.lab import RUNS, RUNS_DIR_VARIABLE, choose_runs_dir
 from labrig.library.names import (
     CAMPAIGN_PREFIX,
     LAST,
@@ -41,22 +40,9 @@ RunsDirOption = Annotated[
 ]
 
 
-def choose_local_runs_dir(given: Path | None) -> RunsDir:
-    """Return the folder of the runs as `choose_runs_dir` does. Raises `InputError` when it is a URL."""
-    chosen = choose_runs_dir(given)
-    if ":" in str(chosen.path):
-        from labrig.record.remote import require_local
-
-        try:
-            require_local(chosen.path)
-        except InputError as error:
-            raise error.reword(f"{error.message}, {chosen.reason}") from error
-    return chosen
-
-
 def find_runs_dir(given: Path | None = None) -> Path:
-    """Return that folder, and say which it is if that cannot be seen from the command line."""
-    chosen = choose_local_runs_dir(given)
+    """Return the folder of the runs, and say which it is if that cannot be seen from the command line."""
+    chosen = choose_runs_dir(given)
     if given is None and chosen.path != RUNS:
         say(f"runs: {chosen.path}, {chosen.reason}")
     return chosen.path
@@ -103,29 +89,22 @@ def _complete_run(incomplete: str) -> list[str]:
     return []
 
 
-def _name_run(metavar: str, *, local: bool = True) -> Any:
-    """Return an argument that names runs; `local` refuses a URL, for a command that writes into them."""
+def _name_run(metavar: str) -> Any:
+    """Return an argument that names runs."""
 
     def find(run: Path) -> Path:
-        if local and ":" in str(run):
-            from labrig.record.remote import require_local
-
-            require_local(run)
         return require_run_folder(run, choose_runs_dir().path)
 
     def find_all(given: Any) -> Any:
         return [find(run) for run in given] if isinstance(given, list | tuple) else given and find(given)
 
-    urls = "" if local else ", or their URLs"
-    help_text = f"Folder of a run, or its name in data/runs{urls}."
+    help_text = "Folder of a run, or its name in data/runs."
     return typer.Argument(metavar=metavar, help=help_text, callback=find_all, autocompletion=_complete_run)
 
 
-RunArgument = Annotated[Path, _name_run("RUN", local=False)]
-RunsArgument = Annotated[list[Path], _name_run("RUN...", local=False)]
-LocalRunArgument = Annotated[Path, _name_run("RUN")]
-LocalRunsArgument = Annotated[list[Path], _name_run("RUN...")]
-LocalRunsOrNoneArgument = Annotated[list[Path] | None, _name_run("RUN...")]
+RunArgument = Annotated[Path, _name_run("RUN")]
+RunsArgument = Annotated[list[Path], _name_run("RUN...")]
+RunsOrNoneArgument = Annotated[list[Path] | None, _name_run("RUN...")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

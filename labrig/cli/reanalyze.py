@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.agreement import print_agreement
-from labrig.cli.options import LocalRunsOrNoneArgument, RunsDirOption, WorkersOption, find_runs_dir
+from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WorkersOption, find_runs_dir
 from labrig.cli.output import AsJson, print_line, print_table, say
 from labrig.cli.several_runs import add_damage, do_each, find_matching_runs, require_runs_or_condition
 from labrig.cli.signals import Interruption
@@ -21,7 +21,7 @@ _Work = tuple[Path, Callable[[], Mapping[str, object]]]
 
 
 def reanalyze(
-    run_paths: LocalRunsOrNoneArgument = None,
+    run_paths: RunsOrNoneArgument = None,
     where: Annotated[
         str | None,
         typer.Option(metavar="CONDITION", help="Measure the runs that fit, as for labrig runs --where."),

@@ -12,13 +12,13 @@ from labrig.cli.damage import report_damage
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     IntrinsicsOption,
-    LocalRunArgument,
-    LocalRunsArgument,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
     PlaneOption,
     PxPerMmOption,
+    RunArgument,
+    RunsArgument,
     RunsDirOption,
     SheathDiameterOption,
     find_runs_dir,
@@ -32,7 +32,7 @@ _MOST_NAMED = 3
 
 
 def report(
-    run_paths: LocalRunsArgument,
+    run_paths: RunsArgument,
     result: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Number of the result to show. Default: the newest."),
@@ -53,7 +53,7 @@ def report(
 
 
 def view(
-    run_path: LocalRunArgument,
+    run_path: RunArgument,
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be deleted and made again, and open it; with --json only make it."""

@@ -9,16 +9,16 @@ import typer
 from labrig.cli.options import (
     LiveKind,
     LiveOption,
-    LocalRunArgument,
     ProtocolArgument,
     RigOption,
+    RunArgument,
     RunsDirOption,
     SeedOption,
     SetOption,
     YesOption,
-    choose_local_runs_dir,
 )
 from labrig.cli.output import AsJson, say
+from labrig.lab import choose_runs_dir
 
 
 def run(
@@ -38,7 +38,7 @@ def run(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
-    chosen = choose_local_runs_dir(runs_dir)
+    chosen = choose_runs_dir(runs_dir)
     _refuse_taken_name(chosen.path, run_name)
     if runs_dir is None:  # before the other imports, which take a second
         say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
@@ -71,7 +71,7 @@ def _remark_on_yes(sources: Any) -> None:
 
 
 def resume(
-    run_path: LocalRunArgument,
+    run_path: RunArgument,
     rig: RigOption = None,
     live: LiveOption = None,
     as_json: AsJson = False,

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 import typer
 
 from labrig.cli.options import (
-    LocalRunsArgument,
     RunArgument,
     RunsArgument,
     RunsDirOption,
@@ -206,15 +205,13 @@ def check(runs: RunsArgument, as_json: AsJson = False) -> int:
 
     def check_one(path: Path) -> Mapping[str, object]:
         from labrig.record.check import check_run
-        from labrig.record.reader import fetch_folder
-        from labrig.record.remote import restore_url
 
-        found = check_run(fetch_folder(path))
+        found = check_run(path)
         if not as_json:
             _print_check(path, found)
         named = "; ".join(f"{problem.where}: {problem.message}" for problem in found.damage)
         return {
-            "run": restore_url(path),
+            "run": str(path),
             "ok": not found.damage,
             "reason": named or None,
             "protocol": found.experiment,
@@ -249,7 +246,7 @@ def _print_check(path: Path, found: Any) -> None:
 
 @app.command("annotate", help="Tag runs, add a note to them, or judge whether they can be trusted.")
 def annotate(
-    runs: LocalRunsArgument,
+    runs: RunsArgument,
     tag: Annotated[list[str] | None, typer.Option(metavar="TAG", help="Add a tag; repeatable.")] = None,
     untag: Annotated[
         list[str] | None, typer.Option(metavar="TAG", help="Take a tag off; repeatable.")

@@ -38,7 +38,6 @@ from labrig.record.notes import annotate_run
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Run
 from labrig.record.reader import open_run as open_run_folder
-from labrig.record.remote import is_url
 from labrig.runner.attendant import Attendant
 from labrig.runner.replay import Replay, replay_run, replay_work
 from labrig.runner.whole_run import FinishedRun, RunOrder, perform, write_page
@@ -65,13 +64,13 @@ __all__ = [
 ]
 
 AnyRun: TypeAlias = Run | Path | str
-"""A run, its folder or URL, its name in the folder of runs, or `last`."""
+"""A run, its folder, its name in the folder of runs, or `last`."""
 
 _SILENT = Attendant()
 
 
 def open_run(run: AnyRun, *, runs_dir: Path | str | None = None) -> Run:
-    """Open a run: by its folder, its URL, its name in the folder of runs, or as `last`, the newest there.
+    """Open a run: by its folder, its name in the folder of runs, or as `last`, the newest there.
 
     Raises
     ------
@@ -82,8 +81,6 @@ def open_run(run: AnyRun, *, runs_dir: Path | str | None = None) -> Run:
     """
     if isinstance(run, Run):
         return run
-    if is_url(run):
-        return open_run_folder(run)
     folder = _find_runs_dir(runs_dir)
     return open_run_folder(require_run_folder(Path(run), folder))
 

@@ -1,9 +1,7 @@
 """Read a run that is closed, interrupted or cut short; damage is refused with its place."""
 
-import atexit
 import math
 import re
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -56,7 +54,6 @@ from labrig.record.layout import (
 from labrig.record.manifest import check_file, is_opening_file, read_checksum, read_manifest, read_sums
 from labrig.record.notes import Annotations, read_annotations
 from labrig.record.pictures import RecordedPicture, locate_picture
-from labrig.record.remote import fetch_run, is_url, restore_url
 from labrig.record.results import finish_result, latest_result, list_results, new_result_dir, open_result
 from labrig.record.tables import add_axis_units, unescape_formula
 
@@ -95,8 +92,7 @@ def open_run(path: Path | str) -> "Run":
     Parameters
     ----------
     path : Path or str
-        Its folder, or a URL that fsspec knows. A run behind a URL is copied into a temporary folder, which lasts until
-        the process ends.
+        Its folder.
 
     Returns
     -------
@@ -108,18 +104,9 @@ def open_run(path: Path | str) -> "Run":
     RecordError
         When it is no run, or its manifest is damaged.
     """
-    folder = fetch_folder(path)
+    folder = Path(path)
     manifest = read_manifest(folder)
     return Run(folder, manifest, tuple(find_damage(folder, manifest, read_pictures=False)))
-
-
-def fetch_folder(path: Path | str) -> Path:
-    """Return the folder of a run, or that of a local copy if it is behind a URL. Raises as `fetch_run`."""
-    if not is_url(path):
-        return Path(path)
-    copy = tempfile.TemporaryDirectory(prefix="labrig-")
-    atexit.register(copy.cleanup)
-    return fetch_run(restore_url(path), Path(copy.name))
 
 
 class Run:

@@ -154,7 +154,7 @@ def _redo_checksums(png: bytes) -> bytes:
     "words",
     [
         "runs check RUN",
-        "runs --runs-dir RUNS --where trials_done>0 --sort started",
+        "runs --runs-dir RUNS --where trials_done>0",
         "runs show RUN",
         "runs annotate RUN --tag x",
         "resume RUN --rig RIG",
@@ -208,7 +208,7 @@ def _make_checksums_fit(run: Path) -> None:
         "calibrate intrinsics picture.png --board 9x6 --square-mm 2 --out OUT/i.json",
         "calibrate plane picture.png --origin-px 3 4 --insertion up --px-per-mm 10",
         "calibrate template picture.png --tip-px 30 30 --heading-deg 0 --out OUT/t.png",
-        "runs --runs-dir runs --where tag=x --sort started --reverse",
+        "runs --runs-dir runs --where tag=x",
         "export run --format csv --out OUT/x",
         "reanalyze run --set analysis.x=1",
         "devices jog --rig RIG --axis linear --distance 1 --speed 1 --current-ma 0 --yes",

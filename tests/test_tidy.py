@@ -160,7 +160,7 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
         "cli/bug_report.py",  # the traceback of a bug, under a name that nothing has
         "cli/start.py",  # the null device in place of a closed stream
         "record/json_lines.py",  # appended to
-        "record/remote.py",  # the copy of a record, in the temporary folder of an export
+        "record/output_folder.py",  # the copy of a record, in the temporary folder of an export
         "record/writer.py",  # the reserve of a new run
         "report/rerun_view.py",  # filled by a library, under a temporary name
     }

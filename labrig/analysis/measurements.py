@@ -17,7 +17,7 @@ from labrig.errors import InputError, LabrigError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.lab import choose_runs_dir
 from labrig.protocol.model import Model
-from labrig.record.catalogue import find_runs, manifest_fields
+from labrig.record.catalogue import list_runs, manifest_fields
 from labrig.record.manifest import is_simulated
 from labrig.record.reader import Run, open_run
 from labrig.record.tables import unescape_formula
@@ -241,7 +241,7 @@ def load_runs(
         When the condition cannot be read.
     """
     folder = choose_runs_dir().path if runs_dir is None else Path(runs_dir)
-    measured, left_out = open_measured_runs([found.summary.run for found in find_runs(folder, where)])
+    measured, left_out = open_measured_runs([summary.run for summary in list_runs(folder, where)])
     reasons = {str(run.run): run.error.message for run in left_out}
     tables = []
     for run in measured:

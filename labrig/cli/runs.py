@@ -14,16 +14,13 @@ from labrig.cli.options import (
     RunsDirOption,
     find_runs_dir,
 )
-from labrig.cli.output import AsJson, format_cell, print_json, print_line, print_table, say
+from labrig.cli.output import AsJson, print_json, print_line, print_table, say
 from labrig.cli.several_runs import do_for_each_run
 from labrig.errors import InputError, RecordError
 from labrig.lab import choose_runs_dir, find_lab_folder
 from labrig.text import format_count
 
 app = typer.Typer()
-
-# Fields that have a column of their own.
-_SHOWN = frozenset({"run", "exit_status", "experiment", "protocol", "tag", "verdict"})
 
 
 @app.callback(invoke_without_command=True)
@@ -38,34 +35,24 @@ def list_(
             "Operators: = != < <= > >= ~ (contains), and, or, not, brackets.",
         ),
     ] = None,
-    sort: Annotated[
-        str | None, typer.Option(metavar="FIELD", help="Sort by a field, smallest first.")
-    ] = None,
-    show: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FIELD",
-            help="A column more, such as mean_radius_mm or target_error_mm of the newest result; repeatable.",
-        ),
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List every run of a folder that fits, damaged runs too; nothing is verified."""
     if context.invoked_subcommand is not None:
         return
-    from labrig.record.catalogue import find_runs
+    from labrig.record.catalogue import list_runs
 
     folder = find_runs_dir(runs_dir)
-    every = find_runs(folder, where, sort, show or ())
+    every = list_runs(folder, where)
     if as_json:
-        print_json([_make_row(run) for run in every])
+        print_json([summary.document() for summary in every])
     elif every:
         _print_runs(every)
         from labrig.cli.next_steps import list_next_steps
 
-        for line in list_next_steps([run.summary for run in every]):
+        for line in list_next_steps(every):
             say(line)
-    elif where is not None and find_runs(folder):
+    elif where is not None and list_runs(folder):
         say("no run matches")
     else:
         say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {_suggest_first_run()}")
@@ -77,22 +64,15 @@ def _suggest_first_run() -> str:
     return "make the first with: labrig run steerability"
 
 
-def _make_row(found: Any) -> dict[str, object]:
-    asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
-    return {**found.summary.document(), **asked}
-
-
-def _print_runs(found: Sequence[Any]) -> None:
-    """Print a table, with a column more for each field that was searched, sorted by or asked for, and for remarks."""
-    asked = [name for name in found[0].fields if name not in _SHOWN]
-    columns = {name: [_join(run.fields[name]) for run in found] for name in asked}
+def _print_runs(listed: Sequence[Any]) -> None:
+    """Print a table, with a column more for verdicts, notes and tags where there are any."""
     remarks: dict[str, list[object]] = {
-        "verdict": [run.summary.verdict for run in found],
-        "notes": [run.summary.notes or None for run in found],
-        "tags": [", ".join(run.summary.tags) or None for run in found],
+        "verdict": [summary.verdict for summary in listed],
+        "notes": [summary.notes or None for summary in listed],
+        "tags": [", ".join(summary.tags) or None for summary in listed],
     }
-    columns |= {name: cells for name, cells in remarks.items() if any(cells)}
-    rows = [_format_summary(run.summary) for run in found]
+    columns = {name: cells for name, cells in remarks.items() if any(cells)}
+    rows = [_format_summary(summary) for summary in listed]
     print_table(
         ("run", "experiment", "exit status", "trials", *columns),
         [[*row, *cells] for row, *cells in zip(rows, *columns.values(), strict=True)],
@@ -103,10 +83,6 @@ def _format_summary(summary: Any) -> list[object]:
     done, planned = summary.trials_done, summary.trials_planned
     trials = f"{done} of {planned}" if planned else None
     return [summary.run.name, summary.protocol, summary.exit_status, trials]
-
-
-def _join(values: Sequence[object]) -> object:
-    return values[0] if len(values) == 1 else ", ".join(map(format_cell, values)) or None
 
 
 @app.command("show", help="Say what a run is and how it ended, and tell its events in words.")

@@ -20,9 +20,9 @@ def require_runs_or_condition(named: Sequence[Path], where: str | None, command:
 
 def find_matching_runs(runs_dir: Path, where: str | None) -> list[Path]:
     """Return the runs of a folder that fit a condition. Raises `InputError` if there are none."""
-    from labrig.record.catalogue import find_runs
+    from labrig.record.catalogue import list_runs
 
-    found = [run.summary.run for run in find_runs(runs_dir, where)]
+    found = [summary.run for summary in list_runs(runs_dir, where)]
     if not found:
         raise InputError(f"no run in {runs_dir} matches {where!r}", "labrig runs lists the runs")
     return found

@@ -8,7 +8,7 @@ from labrig.errors import LabrigError, Problem
 from labrig.experiments.registry import load_run_protocol
 from labrig.experiments.shared.holes import list_tracks
 from labrig.protocol.specimen_file import SpecimenTrack, TracksBySpecimen
-from labrig.record.catalogue import find_runs
+from labrig.record.catalogue import list_runs
 from labrig.record.condition import BLOCK_NAME
 from labrig.record.manifest import is_simulated
 from labrig.record.reader import open_run
@@ -41,7 +41,7 @@ def find_tracks(runs_dir: Path, names: Collection[str], *, simulated: bool) -> F
     unread = []
     if found:
         condition = " or ".join(f'{BLOCK_NAME}="{name}"' for name in found)
-        for path in [run.summary.run for run in reversed(find_runs(runs_dir, condition))]:
+        for path in [summary.run for summary in reversed(list_runs(runs_dir, condition))]:
             try:
                 left = _list_tracks(path, simulated)
             except LabrigError as error:

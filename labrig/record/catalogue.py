@@ -7,7 +7,7 @@ result holds reads results.
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -19,7 +19,7 @@ from pydantic_core import from_json
 
 from labrig.errors import InputError, RecordError
 from labrig.input_file import read_file
-from labrig.record.condition import ALWAYS_KNOWN, Value, find_paths, parse_condition, require_field
+from labrig.record.condition import ALWAYS_KNOWN, Value, find_paths, parse_condition
 from labrig.record.json_lines import plain_text, read_lines
 from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, SCHEMA_VERSION, inside
 from labrig.record.manifest import has_ended
@@ -73,76 +73,37 @@ class RunSummary:
         return {**asdict(self), "run": str(self.run)}
 
 
-@dataclass(frozen=True)
-class FoundRun:
-    """A run that fits, with the values of the fields that it was searched, sorted or asked for by."""
-
-    summary: RunSummary
-    fields: Mapping[str, Sequence[Value]]
-
-
-def list_runs(runs_dir: Path) -> list[RunSummary]:
+def list_runs(runs_dir: Path, where: str | None = None) -> list[RunSummary]:
     """List the runs of a folder, newest first, damaged runs last; other folders, exports and links are left out.
-
-    Raises
-    ------
-    InputError
-        When it is a file, or cannot be read.
-    """
-    return [read.summary for read in _read_runs(runs_dir)]
-
-
-def find_runs(
-    runs_dir: Path,
-    where: str | None = None,
-    sort: str | None = None,
-    show: Sequence[str] = (),
-) -> list[FoundRun]:
-    """Find the runs of a folder that fit a condition.
 
     Parameters
     ----------
     runs_dir : Path
         Folder of runs. A folder that does not exist yet holds none.
     where : str or None
-        The condition, as `labrig.record.condition` describes it; None: every run.
-    sort : str or None
-        The field to sort by, smallest first, runs without it last; None: newest first.
-    show : sequence of str
-        Further fields whose values are returned.
+        A condition that they fit, as `labrig.record.condition` describes it; None: every run.
 
     Raises
     ------
     InputError
-        When the condition cannot be read, or names a field that no run has.
+        When the folder cannot be read; when the condition cannot be read, or names a field that no run has.
     """
     condition = None if where is None else parse_condition(where)
-    names = [] if condition is None else [name for name, _ in condition.names]
-    names = list(dict.fromkeys([*names, *([] if sort is None else [sort]), *show]))
     runs = _read_runs(runs_dir)
-    if not runs:
-        return []
-    known = {path for run in runs for path in run.fields} | ALWAYS_KNOWN if names else set()
-    if any(not find_paths(name, known) for name in names):
+    if condition is None or not runs:
+        return [run.summary for run in runs]
+    known = {path for run in runs for path in run.fields} | ALWAYS_KNOWN
+    if any(not find_paths(name, known) for name, _ in condition.names):
         for run in runs:
             run.fields |= run.result_fields
         known |= {path for run in runs for path in run.fields}
-    if condition is not None:
-        condition.require_known(known)
-    if sort is not None:
-        require_field(sort, known, "--sort")
-    for name in show:
-        require_field(name, known, "--show")
-    paths = {name: find_paths(name, known) for name in names}
+    condition.require_known(known)
+    paths = {name: find_paths(name, known) for name, _ in condition.names}
 
     def look_up(run: _ReadRun) -> Callable[[str], list[Value]]:
-        return lambda name: list(
-            dict.fromkeys(value for path in paths[name] for value in run.fields.get(path, ()))
-        )
+        return lambda name: [value for path in paths[name] for value in run.fields.get(path, ())]
 
-    fitting = [run for run in runs if condition is None or condition.fits(look_up(run))]
-    found = [FoundRun(run.summary, {name: look_up(run)(name) for name in names}) for run in fitting]
-    return found if sort is None else sorted(found, key=lambda run: _sort_key(run.fields[sort]))
+    return [run.summary for run in runs if condition.fits(look_up(run))]
 
 
 def manifest_fields(manifest: Mapping[str, object]) -> Fields:
@@ -283,11 +244,3 @@ def _gather(value: object, path: str, left_out: frozenset[str], found: dict[str,
         found.setdefault(path, {})[plain_text(value)] = None
     elif value is None or isinstance(value, int | float):
         found.setdefault(path, {})[value if value is None or math.isfinite(value) else None] = None
-
-
-def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
-    """Order numbers before text before nothing; the first of several values counts."""
-    value = next((value for value in values if value is not None), None)
-    if value is None:
-        return 2, 0.0, ""
-    return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")

@@ -73,13 +73,14 @@ class Condition:
     def require_known(self, known: Collection[str]) -> None:
         """Refuse a name that no run has. Raises `InputError`, which names its place and the existing fields."""
         for name, column in self.names:
-            require_field(name, known, f"--where, character {column}")
+            if not find_paths(name, known):
+                raise InputError(
+                    f"--where, character {column}: no run has a field {name!r}", _list_fields(name, known)
+                )
 
 
-def require_field(name: str, known: Collection[str], where: str) -> None:
-    """Refuse a name that matches no known path; `where` begins the message. Raises `InputError`."""
-    if find_paths(name, known):
-        return
+def _list_fields(name: str, known: Collection[str]) -> str:
+    """Return the field that was probably meant by a name that is none, and the usual ones."""
     by_depth = sorted(known, key=lambda path: (path.count("."), path))
     short = list(dict.fromkeys(path.rpartition(".")[2] for path in by_depth))
     near = [path for path in short if path.startswith(name)]
@@ -88,9 +89,7 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
     shown_first = [field for field in _USUAL if field in short] or short[: len(_USUAL)]
     others = len(short) - len(shown_first)
     more = f", and {others} more keys of manifest, protocol and result" if others else ""
-    raise InputError(
-        f"{where}: no run has a field {name!r}", f"{meant}fields: {', '.join(shown_first)}{more}"
-    )
+    return f"{meant}fields: {', '.join(shown_first)}{more}"
 
 
 def find_paths(name: str, known: Collection[str]) -> tuple[str, ...]:

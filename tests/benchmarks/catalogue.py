@@ -10,7 +10,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 
-from labrig.record.catalogue import find_runs, list_runs
+from labrig.record.catalogue import list_runs
 from tests.benchmarks.table import print_rows
 from tests.record.runs import STARTED
 
@@ -32,7 +32,7 @@ def print_table(runs: int = RUNS) -> None:
             ("labrig runs --where, likewise", _command_s([*command, folder, "--where", SEARCH]), None),
             ("labrig runs of an empty folder", _command_s([*command, f"{folder}/none"]), None),
             ("the list alone", _median_s(lambda: list_runs(runs_dir)), None),
-            ("the search alone", _median_s(lambda: find_runs(runs_dir, SEARCH)), None),
+            ("the search alone", _median_s(lambda: list_runs(runs_dir, SEARCH)), None),
         ]
     print_rows(
         [f"{runs} runs", "ms", "limit ms"],

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.record.catalogue import find_runs, list_runs
+from labrig.record.catalogue import list_runs
 from labrig.record.condition import Value, find_paths, parse_condition
 from labrig.record.notes import annotate_run
 from tests.record.runs import ENDED, add_result, begin, closed_run, fill, interrupted_run
@@ -137,25 +137,17 @@ def test_runs_are_listed_newest_first_and_damaged_last(runs_dir: Path) -> None:
 
 def names(found: list[Any]) -> list[str]:
     """Return the names of found runs."""
-    return [run.summary.run.name for run in found]
+    return [summary.run.name for summary in found]
 
 
 def test_runs_are_found_by_manifest_protocol_notes_and_result(runs_dir: Path) -> None:
     """Fields of the newest result are read only when one is asked for."""
-    assert names(find_runs(runs_dir, "protocol.gel.percent>=13")) == ["second"]
-    assert names(find_runs(runs_dir, "tag=pilot and note~SLIP and verdict=doubtful")) == ["second"]
-    assert names(find_runs(runs_dir, "exit_status!=success")) == ["third", "damaged"]
-    (found,) = find_runs(runs_dir, "mean_radius_mm>27", show=["percent"])
-    assert (found.fields["mean_radius_mm"], found.fields["percent"]) == ([27.5], [13])
+    assert names(list_runs(runs_dir, "protocol.gel.percent>=13")) == ["second"]
+    assert names(list_runs(runs_dir, "tag=pilot and note~SLIP and verdict=doubtful")) == ["second"]
+    assert names(list_runs(runs_dir, "exit_status!=success")) == ["third", "damaged"]
+    assert names(list_runs(runs_dir, "mean_radius_mm>27")) == ["second"]
     with pytest.raises(InputError, match="no run has a field 'radius_mm'"):
-        find_runs(runs_dir, "radius_mm=1")
-
-
-def test_runs_are_sorted_by_a_field(runs_dir: Path) -> None:
-    """Smallest first, runs without it last."""
-    assert names(find_runs(runs_dir, sort="percent"))[:2] == ["first", "second"]
-    with pytest.raises(InputError, match="--sort"):
-        find_runs(runs_dir, sort="nonsense")
+        list_runs(runs_dir, "radius_mm=1")
 
 
 def test_a_list_reads_one_small_file_a_run(tmp_path: Path) -> None:

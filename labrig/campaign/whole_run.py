@@ -15,7 +15,8 @@ from labrig.record.reader import open_run
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome
 from labrig.runner.experiment import Experiment
-from labrig.runner.whole_run import RunOrder, is_measurable, record
+from labrig.runner.run_record import RunOrder
+from labrig.runner.whole_run import is_measurable, record
 
 _COMMAND = ("labrig", "campaign")
 

@@ -40,7 +40,8 @@ from labrig.record.reader import Run
 from labrig.record.reader import open_run as open_run_folder
 from labrig.runner.attendant import Attendant
 from labrig.runner.replay import Replay, replay_run, replay_work
-from labrig.runner.whole_run import FinishedRun, RunOrder, perform, write_page
+from labrig.runner.run_record import RunOrder
+from labrig.runner.whole_run import FinishedRun, perform, write_page
 from labrig.text import format_count
 
 __all__ = [

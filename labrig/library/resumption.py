@@ -95,7 +95,7 @@ def resume_run(
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
         return begin_session(rig, reopen, progress)
 
-    job = RigJob(experiment, recorded, description, plan.work, command_line)
+    job = RigJob(recorded, description, plan.work, command_line)
     ended = record_on_rig(job, attendant, begin, partial(conduct_remainder, experiment, recorded, past))
     return finish(ended, experiment, command_line, attendant)
 

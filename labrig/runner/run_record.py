@@ -15,8 +15,8 @@ from labrig.runner.experiment import Experiment
 
 
 @dataclass(frozen=True)
-class RecordOrder:
-    """What a record is opened with.
+class RunOrder:
+    """What to run, and where its record is kept.
 
     Attributes
     ----------
@@ -32,8 +32,6 @@ class RecordOrder:
         As in `sys.argv`.
     sources : Mapping
         The files that the run is made from, as its manifest has them.
-    trials : int
-        Trials by its plan.
     """
 
     experiment: Experiment
@@ -43,14 +41,15 @@ class RecordOrder:
     run_name: str | None
     command_line: tuple[str, ...]
     sources: Mapping[str, object]
-    trials: int
 
 
-def open_record(order: RecordOrder, clock: Clock, devices: Mapping[str, object]) -> Recorder:
+def open_record(order: RunOrder, trials: int, clock: Clock, devices: Mapping[str, object]) -> Recorder:
     """Make the folder of a run and begin its record.
 
     Parameters
     ----------
+    trials : int
+        Trials by its plan.
     devices : Mapping
         What the devices say of themselves.
 
@@ -66,7 +65,7 @@ def open_record(order: RecordOrder, clock: Clock, devices: Mapping[str, object])
         "operator": order.protocol.operator,
         "seed": order.protocol.seed,
         "started": started.isoformat(timespec="seconds"),
-        "trials_planned": order.trials,
+        "trials_planned": trials,
         "sources": dict(order.sources),
         "provenance": collect_provenance(order.command_line),
         "plugins": {

@@ -1,7 +1,7 @@
 """What a camera would say of sheath, tip, shaft, paper and markers of a simulated world, without pictures.
 
 A place is seen where the world's lens shows it, and read by the map of the plane that the rig was calibrated with, as
-from a picture. What else is off in pictures is drawn: `SIGHTING_ERRORS` and `SHAFT_ERRORS`, which were fitted to runs
+from a picture. What else is off in pictures is drawn: `SightingErrors` and `ShaftErrors`, which were fitted to runs
 of one rig, calibration/rig-simulated.yaml, with its light, noise and template. What they say of reading a picture grows
 with the mm per pixel of a rig; that another camera, light or template is as good as that one is not known.
 
@@ -49,6 +49,12 @@ RIM_PX = 25.0
 class SightingErrors:
     """Errors of places and directions that are measured in pictures, besides those of the map.
 
+    The defaults are of 40 runs of protocols/insertion.yaml on the simulated rig, seeds 700001 to 700040, with 4306
+    sightings. They hold for its light, its noise and its template. `fresh_share` and `correlated_mm` are between those
+    of the errors along and across, whose autocorrelations are 0.56 and 0.33 at 1 mm and 0.26 and 0.10 at 5 mm:
+    correlated ones alone make the heading too sure, and leave the final errors without their largest.
+    `python -m tests.benchmarks world-agrees` compares the ends of virtual insertions with those of whole runs.
+
     Attributes
     ----------
     along_mm, along_sd_mm, across_mm, across_sd_mm : float
@@ -74,67 +80,33 @@ class SightingErrors:
         Standard deviation of a marker's corner along each axis, common to its corners.
     """
 
-    along_mm: float
-    along_sd_mm: float
-    across_mm: float
-    across_sd_mm: float
-    rim_mm: float
-    fresh_share: float
-    correlated_mm: float
-    side_mm: float
-    turn_mm: float
-    missed_share: float
-    hidden_mm: float
-    hidden_share: float
-    sheath_along_mm: float
-    sheath_sd_mm: float
-    sheath_sd_rad: float
-    bend_mm: float
-    bend_sd_mm: float
+    along_mm: float = 0.038
+    along_sd_mm: float = 0.0122
+    across_mm: float = -0.007
+    across_sd_mm: float = 0.0066
+    rim_mm: float = 0.026
+    fresh_share: float = 0.5
+    correlated_mm: float = 5.0
+    side_mm: float = 0.046
+    turn_mm: float = 0.477
+    missed_share: float = 0.001
+    hidden_mm: float = 1.0
+    hidden_share: float = 0.58
+    sheath_along_mm: float = 0.006
+    sheath_sd_mm: float = 0.008
+    sheath_sd_rad: float = 0.0008
+    bend_mm: float = 0.042
+    bend_sd_mm: float = 0.028
     marker_sd_px: float = 0.05
 
     def scale(self, factor: float) -> "SightingErrors":
         """Return the errors where a pixel shows so much more; how a tip bends and what hides it stays as it is."""
         read = (
-            "along_mm",
-            "along_sd_mm",
-            "across_mm",
-            "across_sd_mm",
-            "rim_mm",
-            "sheath_along_mm",
-            "sheath_sd_mm",
-            "bend_mm",
-            "bend_sd_mm",
-        )
+            "along_mm", "along_sd_mm", "across_mm", "across_sd_mm", "rim_mm",
+            "sheath_along_mm", "sheath_sd_mm", "bend_mm", "bend_sd_mm",
+        )  # fmt: skip
         return replace(self, **{name: factor * getattr(self, name) for name in read})
 
-
-SIGHTING_ERRORS = SightingErrors(
-    along_mm=0.038,
-    along_sd_mm=0.0122,
-    across_mm=-0.007,
-    across_sd_mm=0.0066,
-    rim_mm=0.026,
-    fresh_share=0.5,
-    correlated_mm=5.0,
-    side_mm=0.046,
-    turn_mm=0.477,
-    missed_share=0.001,
-    hidden_mm=1.0,
-    hidden_share=0.58,
-    sheath_along_mm=0.006,
-    sheath_sd_mm=0.008,
-    sheath_sd_rad=0.0008,
-    bend_mm=0.042,
-    bend_sd_mm=0.028,
-)
-"""Of 40 runs of protocols/insertion.yaml on the simulated rig, seeds 700001 to 700040, with 4306 sightings.
-
-They hold for its light, its noise and its template. `fresh_share` and `correlated_mm` are between those of the errors
-along and across, whose autocorrelations are 0.56 and 0.33 at 1 mm and 0.26 and 0.10 at 5 mm: correlated ones alone make
-the heading too sure, and leave the final errors without their largest. `python -m tests.benchmarks world-agrees`
-compares the ends of virtual insertions with those of whole runs.
-"""
 
 TURN_MM = 2.0
 """Length of the tip over which its turn counts for `SightingErrors.turn_mm`."""
@@ -149,6 +121,9 @@ _END_POINTS = 4
 @dataclass(frozen=True)
 class ShaftErrors:
     """Errors of a shaft in a picture.
+
+    The default widths and lengths are those of 200 pictures of the simulated rig, with the seeds 7000 to 7199; ends are
+    those of the last pictures in 40 runs of protocols/insertion.yaml, with the seeds 700001 to 700040.
 
     Attributes
     ----------
@@ -172,17 +147,23 @@ class ShaftErrors:
         Standard deviation of the end's place along each axis, as the picture tells it.
     """
 
-    width: float
-    width_spread: float
-    correlated_mm: float
-    taper_sd: float
-    rim: float
-    length_mm: float
-    length_sd_mm: float
-    ends_mm: tuple[tuple[float, float, float], ...]
-    along_sd_mm: float
-    across_sd_mm: float
-    told_mm: float
+    width: float = 0.0050
+    width_spread: float = 0.24
+    correlated_mm: float = 1.27
+    taper_sd: float = 0.003
+    rim: float = 0.006
+    length_mm: float = 0.047
+    length_sd_mm: float = 0.085
+    ends_mm: tuple[tuple[float, float, float], ...] = (
+        (3.0, -0.16, -0.075),
+        (5.4, -0.07, 0.010),
+        (6.5, 0.01, 0.020),
+        (8.0, 0.05, 0.045),
+        (10.0, 0.03, 0.030),
+    )
+    along_sd_mm: float = 0.045
+    across_sd_mm: float = 0.015
+    told_mm: float = 0.066
 
     def scale(self, factor: float) -> "ShaftErrors":
         """Return the errors where a pixel shows so much more."""
@@ -196,27 +177,7 @@ class ShaftErrors:
         return float(np.interp(since_turn_mm, since, along)), float(np.interp(since_turn_mm, since, across))
 
 
-SHAFT_ERRORS = ShaftErrors(
-    width=0.0050,
-    width_spread=0.24,
-    correlated_mm=1.27,
-    taper_sd=0.003,
-    rim=0.006,
-    length_mm=0.047,
-    length_sd_mm=0.085,
-    ends_mm=(
-        (3.0, -0.16, -0.075),
-        (5.4, -0.07, 0.010),
-        (6.5, 0.01, 0.020),
-        (8.0, 0.05, 0.045),
-        (10.0, 0.03, 0.030),
-    ),
-    along_sd_mm=0.045,
-    across_sd_mm=0.015,
-    told_mm=0.066,
-)
-"""Widths and lengths are those of 200 pictures of the simulated rig, with the seeds 7000 to 7199; ends are those of the
-last pictures in 40 runs of protocols/insertion.yaml, with the seeds 700001 to 700040."""
+SHAFT_ERRORS = ShaftErrors()
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +273,7 @@ class WorldSight:
 
     def __post_init__(self) -> None:
         factor = self.plane.mm_per_px / FITTED_MM_PER_PX
-        self.errors, self.shaft_errors = SIGHTING_ERRORS.scale(factor), SHAFT_ERRORS.scale(factor)
+        self.errors, self.shaft_errors = SightingErrors().scale(factor), SHAFT_ERRORS.scale(factor)
         self._scatter, self._arc_mm = self.noise.standard_normal(2), 0.0
         self._perspective = Perspective.of(self.plane)
 

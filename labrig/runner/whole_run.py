@@ -10,7 +10,6 @@ from pathlib import Path
 
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
-from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 from labrig.devices.opening import Opening
 from labrig.devices.rig import Rig
@@ -33,14 +32,13 @@ from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.dry_run import plan_run
-from labrig.runner.experiment import Experiment, RunPlan
+from labrig.runner.experiment import Experiment
 from labrig.runner.needle_report import NeedleReport, add_closing_failure, report_needle
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
-from labrig.runner.run_record import RecordOrder, open_record
+from labrig.runner.run_record import RunOrder, open_record
 from labrig.runner.session import Progress, Session
 from labrig.runner.supervised_record import begin_session
 
@@ -60,22 +58,6 @@ class FinishedRun:
     can_resume: bool = False
     report: Path | None = None
     result: Mapping[str, object] | None = None
-
-
-@dataclass(frozen=True)
-class RunOrder:
-    """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line.
-
-    `sources` are the files that it is made from, as its manifest has them.
-    """
-
-    experiment: Experiment
-    protocol: ExperimentProtocol
-    rig: RigDescription | None
-    runs_dir: Path
-    run_name: str | None
-    command_line: tuple[str, ...]
-    sources: Mapping[str, object]
 
 
 def perform(order: RunOrder, attendant: Attendant) -> FinishedRun:
@@ -105,15 +87,15 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
     require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
     if order.rig is None:
         clock = SystemClock()
-        recorder = _open_record(order, plan, clock, {})
+        recorder = open_record(order, plan.trials, clock, {})
         return FinishedRun(recorder.path, conduct_without_rig(experiment, recorder, clock))
 
     def begin(rig: Rig, progress: Progress) -> Session:
         require_valid_calibration(plan, rig)
-        opening = partial(_open_record, order, plan, rig.clock, rig.describe())
+        opening = partial(open_record, order, plan.trials, rig.clock, rig.describe())
         return begin_session(rig, opening, progress)
 
-    job = RigJob(experiment, protocol, order.rig, plan.work, order.command_line)
+    job = RigJob(protocol, order.rig, plan.work, order.command_line)
     return record_on_rig(job, attendant, begin, partial(conduct, experiment, protocol))
 
 
@@ -186,9 +168,8 @@ def _end_interrupted(ended: FinishedRun, by: str, state: str) -> FinishedRun:
 
 @dataclass(frozen=True)
 class RigJob:
-    """What is recorded on a rig: an experiment and its protocol, the rig, the end of its progress, and the command."""
+    """What is recorded on a rig: its protocol, the rig, the end of its progress, and the command."""
 
-    experiment: Experiment
     protocol: ExperimentProtocol
     rig: RigDescription
     work: float
@@ -233,20 +214,6 @@ def record_on_rig(
                 raise
             return replace(ended, outcome=add_closing_failure(ended.outcome, failure))
     return replace(ended, signal_name=interrupted())
-
-
-def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:
-    opened = RecordOrder(
-        order.experiment,
-        order.protocol,
-        order.rig,
-        order.runs_dir,
-        order.run_name,
-        order.command_line,
-        order.sources,
-        plan.trials,
-    )
-    return open_record(opened, clock, devices)
 
 
 def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Path:

@@ -8,10 +8,9 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import Field
 
-from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, fill_in_design
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.model import Model
-from labrig.protocol.named_specimen import fill_in_specimens
+from labrig.protocol.named_files import TellDesign, fill_in_design, fill_in_specimens, tell_protocol
 from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import ExperimentProtocol, Needle
@@ -59,7 +58,7 @@ def load_protocol(
         tree = tree.put(("seed",), seed, Position("--seed"))
     model = _find_model(tree, models)
     if _takes_design(model):
-        tree = fill_in_design(tree, Path(path).parent, IN_PROTOCOL)
+        tree = fill_in_design(tree, Path(path).parent, tell_protocol)
     return validate_tree(fill_in_specimens(tree, model, Path(path).parent), model)
 
 
@@ -99,15 +98,15 @@ def _takes_design(model: type[ExperimentProtocol]) -> bool:
     return "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
 
 
-def load_designed_model(path: Path | str, model: type[AnyModel], filling: Filling) -> AnyModel:
-    """Return the model in a file whose needle may name a design file; `filling` says which numbers are filled in.
+def load_designed_model(path: Path | str, model: type[AnyModel], tell: TellDesign) -> AnyModel:
+    """Return the model in a file whose needle may name a design file; `tell` says what it takes of that.
 
     Raises
     ------
     FileFormatError
         With every problem of the file.
     """
-    return validate_tree(fill_in_design(load_tree(Path(path)), Path(path).parent, filling), model)
+    return validate_tree(fill_in_design(load_tree(Path(path)), Path(path).parent, tell), model)
 
 
 def protocol_schema(models: Models) -> JsonSchema:

@@ -171,7 +171,7 @@ _NUMBERS_OR_FILE: dict[str, Any] = {
     },
     "required": ["needle_id"],
     "if": {"required": ["design_file"]},
-    "then": {"properties": {"diameter_mm": False, "design_radius_mm": False, "design": False}},
+    "then": {"properties": {"design": False}},
     "else": {"required": ["diameter_mm", "design_radius_mm"]},
 }
 

@@ -98,8 +98,11 @@ def test_a_design_can_be_set_for_one_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ("  diameter_mm: 1.2\n" + LINE, "diameter_mm is 1.2, and design_file gives it too"),
-        ("  design_radius_mm: 30\n" + LINE, "design_radius_mm is 30, and design_file gives it too"),
+        ("  diameter_mm: 1.2\n" + LINE, "diameter_mm is 1.2, and design_file ../designs/n2.json says 1.4"),
+        (
+            "  design_radius_mm: 30\n" + LINE,
+            "design_radius_mm is 30, and design_file ../designs/n2.json says 45",
+        ),
         ("  design_file: /etc/design.json\n", "expected a relative name"),
         ("  design_file: ../../elsewhere.json\n", "leaves the folder above the one"),
         ("  design_file: ../link.json\n", "leaves the folder above the one"),

@@ -40,12 +40,9 @@ def test_a_gel_has_what_its_specimen_file_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("gel", "words"),
     [
-        (
-            "{specimen_file: A1, gelatin_percent: 13}",
-            "gelatin_percent is 13, and the file of specimen A1 says 10",
-        ),
-        ("{specimen_file: A1, name: A2}", 'name is "A2", and the file of specimen A1 says "A1"'),
-        ("{specimen_file: A1, block: null}", "only one of the two is allowed"),
+        ("{specimen_file: A1, gelatin_percent: 13}", "gelatin_percent is 13, and specimen_file A1 says 10"),
+        ("{specimen_file: A1, name: A2}", 'name is "A2", and specimen_file A1 says "A1"'),
+        ("{specimen_file: A1, block: null}", "block is empty (null), and specimen_file A1 says a section"),
         ("specimen_file: A11", "did you mean A1?"),
         ("specimen_file: ../A1", "a specimen's name is also that of its file"),
         ("specimen_file: 7", "specimen_file is 7, expected the name of a specimen"),

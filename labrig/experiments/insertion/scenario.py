@@ -1,13 +1,13 @@
 """The scenario of `labrig plan`: a needle, a target and obstacles, without any rig."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from labrig.protocol.designed_needle import Filling
+from labrig.protocol.design_file import NeedleDesign
 from labrig.protocol.load import load_designed_model
 from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
 from labrig.steering.parameters import PlanMethod, PlanWeights
@@ -98,6 +98,11 @@ class Scenario(Model):
     weights: PlanWeights = PlanWeights()
 
 
+def _tell_needle(design: NeedleDesign, _name: str, _sha256: str) -> Mapping[str, float]:
+    """Return what the needle of a plan takes of its design."""
+    return {key: getattr(design, key) for key in ScenarioNeedle.model_fields}
+
+
 def load_scenario(path: Path | str) -> Scenario:
     """Return the scenario in a file, YAML or JSON, with the numbers of the design file that it names.
 
@@ -106,7 +111,7 @@ def load_scenario(path: Path | str) -> Scenario:
     FileFormatError
         With every problem of the file.
     """
-    return load_designed_model(path, Scenario, _DESIGN)
+    return load_designed_model(path, Scenario, _tell_needle)
 
 
 def make_problem(scenario: Scenario) -> PlanProblem:
@@ -135,9 +140,3 @@ def make_problem(scenario: Scenario) -> PlanProblem:
         planar=scenario.planar,
         weights=scenario.weights,
     )
-
-
-_FILLED_IN = ("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm")
-_DESIGN = Filling(
-    _FILLED_IN, lambda design, _name, _sha256: {key: getattr(design, key) for key in _FILLED_IN}
-)

@@ -79,7 +79,8 @@ from labrig.experiments.insertion.settings import (
     with_start,
 )
 from labrig.experiments.shared.needle_events import NeedleRole
-from labrig.experiments.shared.roll_zero_search import RollZeroOrder, find_roll_zero
+from labrig.experiments.shared.roll_zero_order import RollZeroOrder
+from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight, TakenPicture

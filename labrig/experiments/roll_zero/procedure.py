@@ -1,7 +1,8 @@
 """Find and certify the roll zero of a needle as it is clamped."""
 
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
-from labrig.experiments.shared.roll_zero_search import RollZeroOrder, find_roll_zero
+from labrig.experiments.shared.roll_zero_order import RollZeroOrder
+from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.runner.session import Session
 
 

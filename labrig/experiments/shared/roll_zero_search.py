@@ -6,7 +6,7 @@ residuals and does not shift the zero.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 
 from labrig.analysis.origin import lateral_offset_mm
@@ -17,45 +17,14 @@ from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
-from labrig.experiments.shared.torsion_measurement import TorsionOrder, measure_torsion
-from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroSteps, Sheath
+from labrig.experiments.shared.roll_zero_order import RollZeroOrder
+from labrig.experiments.shared.torsion_measurement import measure_torsion
+from labrig.protocol.sections import RollZeroSteps
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight
 from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
-
-
-@dataclass(frozen=True)
-class RollZeroOrder:
-    """What to find a roll zero for: the needle, the steps, and the expected radius."""
-
-    needle: Needle
-    sheath: Sheath
-    advance: Advance
-    steps: RollZeroSteps
-    radius_mm: float
-    sentinel: GridSentinel | None = None
-
-    @property
-    def torsion(self) -> TorsionOrder | None:
-        """What to measure the torsion with; None: it is not measured."""
-        steps = self.steps.torsion
-        if steps is None:
-            return None
-        return TorsionOrder(
-            self.needle,
-            self.sheath,
-            self.advance,
-            self.steps,
-            steps,
-            self.radius_mm,
-        )
-
-    @property
-    def rolls_rad(self) -> list[float]:
-        """The rolls, spread evenly over a turn."""
-        return [2 * math.pi * step / self.steps.rolls for step in range(self.steps.rolls)]
 
 
 def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> RollZero:
@@ -76,7 +45,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> Roll
     session.reference_axes()
     before = photograph_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
-    rolls_rad = order.rolls_rad
+    rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
     strays_mm = [_measure_stray_mm(order, step, roll, sight, session) for step, roll in enumerate(rolls_rad)]
     fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
     session.record(
@@ -88,7 +57,9 @@ def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> Roll
         )
     )
     require_sure_zero(fit, steps)
-    torsion = None if order.torsion is None else measure_torsion(order.torsion, fit.zero_rad, sight, session)
+    torsion = (
+        None if steps.torsion is None else measure_torsion(order, steps.torsion, fit.zero_rad, sight, session)
+    )
     after = photograph_grid(order.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, order.sentinel, sight, session)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.run_name, torsion)

@@ -15,8 +15,9 @@ from labrig.devices.needle_state import Torsion
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
+from labrig.experiments.shared.roll_zero_order import RollZeroOrder
 from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, measure_bend
-from labrig.protocol.sections import Advance, Needle, RollZeroSteps, Sheath, TorsionSteps
+from labrig.protocol.sections import TorsionSteps
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
@@ -28,24 +29,9 @@ DIRECTIONS = (1, -1)
 _QUARTER_RAD = math.pi / 2
 
 
-@dataclass(frozen=True)
-class TorsionOrder:
-    """What to measure the torsion with: needle, sheath, speeds, steps of roll zero and torsion, expected radius."""
-
-    needle: Needle
-    sheath: Sheath
-    advance: Advance
-    roll_zero: RollZeroSteps
-    steps: TorsionSteps
-    radius_mm: float
-
-    @property
-    def holes(self) -> list[tuple[float, int]]:
-        """Depth and direction of each hole."""
-        return [(depth_mm, direction) for depth_mm in self.steps.depths_mm for direction in DIRECTIONS]
-
-
-def measure_torsion(order: TorsionOrder, zero_rad: float, sight: Sight, session: Session) -> Torsion:
+def measure_torsion(
+    order: RollZeroOrder, steps: TorsionSteps, zero_rad: float, sight: Sight, session: Session
+) -> Torsion:
     """Insert the needle at each depth from both sides, fit the lag, and return it.
 
     Raises
@@ -53,15 +39,18 @@ def measure_torsion(order: TorsionOrder, zero_rad: float, sight: Sight, session:
     MeasurementRefusedError
         When a picture does not show the needle, the bends do not fit it, or the lag is too uncertain.
     """
-    bends = [
-        _measure_hole(_Probe(order, zero_rad, session), number, sight) for number in range(len(order.holes))
-    ]
-    fit = fit_torsion(bends, find_lengths(order.steps), order.radius_mm)
+    holes = [(depth_mm, direction) for depth_mm in steps.depths_mm for direction in DIRECTIONS]
+    bends = []
+    for number, (depth_mm, direction) in enumerate(holes):
+        session.tell(f"torsion, {number + 1} of {len(holes)}")
+        probe = _Probe(order, steps, zero_rad, session)
+        bends.append(_measure_hole(probe, order.steps.rolls + number, depth_mm, direction, sight))
+    fit = fit_torsion(bends, find_lengths(steps), order.radius_mm)
     session.record(TorsionFound(needle_id=order.needle.needle_id, **asdict(fit)))
-    if math.degrees(fit.sd_rad) > order.steps.max_sd_deg:
+    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
         raise MeasurementRefusedError(
             f"the torsional lag is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and "
-            f"{order.steps.max_sd_deg:g} is the most that is kept",
+            f"{steps.max_sd_deg:g} is the most that is kept",
             "measure at more depths or go on further, and look at the pictures",
         )
     return Torsion(
@@ -73,17 +62,14 @@ def measure_torsion(order: TorsionOrder, zero_rad: float, sight: Sight, session:
     )
 
 
-def _measure_hole(probe: "_Probe", number: int, sight: Sight) -> TorsionBend:
+def _measure_hole(probe: "_Probe", hole: int, depth_mm: float, direction: int, sight: Sight) -> TorsionBend:
     """Insert into a fresh hole, withdraw, and return the deflections before and after the turn."""
     order, session = probe.order, probe.session
-    steps, (depth_mm, direction) = order.roll_zero, order.holes[number]
-    place = steps.rolls + number
-    session.tell(f"torsion, {number + 1} of {len(order.holes)}")
-    session.ask(ShiftToHole(steps.specimen.name, place, place * steps.hole_spacing_mm))
+    session.ask(ShiftToHole(order.steps.specimen.name, hole, hole * order.steps.hole_spacing_mm))
     turn, end = probe.insert(depth_mm, direction)
     withdraw(session, probe.path, find_speeds(session.description, order.advance, order.sheath))
     made = TorsionHole(
-        hole=place,
+        hole=hole,
         depth_mm=depth_mm,
         direction=direction,
         turn_frame=turn.frame,
@@ -101,7 +87,8 @@ def _measure_hole(probe: "_Probe", number: int, sight: Sight) -> TorsionBend:
 class _Probe:
     """One insertion for the torsion, and its path so far."""
 
-    order: TorsionOrder
+    order: RollZeroOrder
+    steps: TorsionSteps
     zero_rad: float
     session: Session
     path: list[AxisPositions] = field(default_factory=list)
@@ -125,7 +112,7 @@ class _Probe:
         side_rad = self.base_rad + _QUARTER_RAD
         self._turn(side_rad - direction * math.pi)
         self._turn(side_rad)
-        self._advance(depth_mm + self.order.steps.further_mm)
+        self._advance(depth_mm + self.steps.further_mm)
         return turn, self.session.take_picture(RollZeroRole.TORSION_END)
 
     def _turn_over(self, rolled: Sequence[RolledStretch], arcs_mm: Sequence[float]) -> int:

@@ -15,18 +15,8 @@ from labrig.needle.equations import EQUATION_3, RotationPlane
 from labrig.needle.hinge import Hinge
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 
-_SETTINGS: dict[Any, Any] = {
-    "svg.hashsalt": "labrig",
-    "text.parse_math": False,
-    "font.size": 9.5,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-}
+# This figure is an image by itself, with its own ground and letters.
+_SETTINGS = SETTINGS | {"figure.facecolor": "white", "axes.facecolor": "white", "svg.fonttype": "path"}
 # Okabe and Ito (2008).
 _SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
 _MARKERS = "osD^vPX"

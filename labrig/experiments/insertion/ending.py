@@ -441,17 +441,7 @@ def bound_error(
             in_plane=float(np.linalg.norm(seen.sd_mm)),
             target=target_sd_mm,
         ),
-        depth=None if seen.depth is None else _tell_depth(seen.depth),
-    )
-
-
-def _tell_depth(depth: Depth) -> EndDepth:
-    return EndDepth(
-        x_mm=depth.x_mm,
-        sd_mm=depth.sd_mm,
-        picture_x_mm=depth.picture_x_mm,
-        picture_sd_mm=depth.picture_sd_mm,
-        contradicts=depth.contradicts,
+        depth=None if seen.depth is None else EndDepth.model_validate(seen.depth, from_attributes=True),
     )
 
 

@@ -136,14 +136,5 @@ def _list_steps(followed: MarkersFollowed, frame: int, depth_mm: float) -> Itera
     for marker in followed.make_event(0, frame, depth_mm).markers:
         start_mm, place_mm = starts_mm[marker.marker_id], marker.place_mm
         seen_mm = None if place_mm is None else (place_mm[0] - start_mm[0], place_mm[1] - start_mm[1])
-        yield MarkerStep(
-            frame=frame,
-            depth_mm=depth_mm,
-            marker_id=marker.marker_id,
-            seen_mm=seen_mm,
-            reason=marker.reason,
-            believed=marker.believed,
-            displacement_mm=marker.displacement_mm,
-            sd_mm=marker.sd_mm,
-            unseen_mm=marker.unseen_mm,
-        )
+        measured = marker.model_dump(exclude={"corners_px", "place_mm"})
+        yield MarkerStep(frame=frame, depth_mm=depth_mm, seen_mm=seen_mm, **measured)

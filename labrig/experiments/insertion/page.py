@@ -17,13 +17,7 @@ from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.film import make_films
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.recorded_plan import read_plans, sample_plan
-from labrig.experiments.insertion.result import (
-    EndDepth,
-    InsertionResult,
-    InsertionTrial,
-    MarkerMotion,
-    TargetErrorSources,
-)
+from labrig.experiments.insertion.result import InsertionResult, InsertionTrial
 from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
 from labrig.record.reader import Run
 from labrig.report.budget_rows import list_budget_rows
@@ -81,25 +75,6 @@ class ShownInsertion:
 
 
 @dataclass(frozen=True)
-class SourcesRow:
-    """The distance of an insertion from its target in space [mm], what that consists of, and what the picture shows."""
-
-    number: int
-    interval_mm: tuple[float, float] | None
-    sources: TargetErrorSources
-    largest: str
-    depth: EndDepth | None
-
-
-@dataclass(frozen=True)
-class MarkerRow:
-    """What a marker moved in an insertion."""
-
-    number: int
-    marker: MarkerMotion
-
-
-@dataclass(frozen=True)
 class _Moment:
     """A picture to show: its frame, time, depth and occasion, and the plans up to then."""
 
@@ -145,10 +120,8 @@ def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> d
         "content": content,
         "not_in_interval": plane.unknown_quantities(),
         "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
-        "sources": _collect_sources(content),
-        "markers": [
-            MarkerRow(trial.trial + 1, marker) for trial in content.insertions for marker in trial.markers
-        ],
+        "sources": [trial for trial in content.insertions if trial.target_error_sources_mm is not None],
+        "markers": [trial for trial in content.insertions if trial.markers],
         "places": _describe_places(content.insertions),
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
@@ -168,15 +141,6 @@ def _describe_places(trials: Sequence[InsertionTrial]) -> str | None:
     return describe_places(
         [(trial.trial, by) for trial in trials if (by := trial.target_error_interval_by) is not None]
     )
-
-
-def _collect_sources(content: InsertionResult) -> list[SourcesRow]:
-    """Return what the intervals in space consist of, a row for each insertion that has one."""
-    return [
-        SourcesRow(trial.trial + 1, trial.target_error_interval_mm, sources, sources.largest, trial.depth)
-        for trial in content.insertions
-        if (sources := trial.target_error_sources_mm) is not None
-    ]
 
 
 def _write_verdict(content: InsertionResult) -> list[str]:

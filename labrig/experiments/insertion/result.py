@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import Literal
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
@@ -123,7 +123,31 @@ class EndDepth(Model):
     contradicts: bool
 
 
-class InsertionTrial(Model):
+class InsertionRow(Model):
+    """The members of an insertion that are a number or a word, the columns of the table; see `InsertionTrial`."""
+
+    trial: int
+    outcome: str
+    stop: str
+    cause: str
+    reached: bool | None
+    tolerance_mm: float
+    target_error_mm: float | None
+    sigma_target_error_mm: float | None = None
+    target_error_budget_mm: ErrorBudget | None = None
+    target_error_interval_mm: Point | None = None
+    target_error_interval_by: EndSource | None = None
+    unmeasured: str | None
+    template_error_mm: float | None
+    true_target_error_mm: float | None
+    true_min_clearance_mm: float | None
+    replans: int
+    length_mm: float | None
+    missed_sightings: int
+    mean_nis: float | None
+
+
+class InsertionTrial(InsertionRow):
     """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
 
     `reached`: it was steered there, and its end lies within the tolerance in space. None: it does in the plane, and one
@@ -144,35 +168,16 @@ class InsertionTrial(Model):
     clearances are from where they were then.
     """
 
-    trial: int
     start_t_s: float
-    outcome: str
-    stop: str
-    cause: str
-    reached: bool | None
     target_mm: tuple[float, float, float]
-    tolerance_mm: float
     obstacles: tuple[Obstacle, ...]
     final_frame: int | None
     tip_mm: Point | None
     shaft_mm: tuple[Point, ...]
-    target_error_mm: float | None
-    sigma_target_error_mm: float | None = None
-    target_error_budget_mm: ErrorBudget | None = None
-    target_error_interval_mm: Point | None = None
-    target_error_interval_by: EndSource | None = None
     target_error_interval_tip_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
-    unmeasured: str | None
-    template_error_mm: float | None
-    true_target_error_mm: float | None
-    true_min_clearance_mm: float | None
     true_path_mm: tuple[Point, ...]
-    replans: int
-    length_mm: float | None
-    missed_sightings: int
-    mean_nis: float | None
     steps: tuple[InsertionStep, ...]
     as_recorded: bool | None = None
     marker_ids: tuple[int | None, ...] = ()
@@ -188,35 +193,6 @@ class InsertionTrial(Model):
         }
         displacements = Displacements.by_marker(self.marker_ids, moved)
         return displacements.move_target(self.target_mm), displacements.move_obstacles(self.obstacles)
-
-
-class InsertionRow(Model):
-    """An insertion as a row of a table: the members of `InsertionTrial` that are a number or a word."""
-
-    trial: int
-    outcome: str
-    stop: str
-    cause: str
-    reached: bool | None
-    tolerance_mm: float
-    target_error_mm: float | None
-    sigma_target_error_mm: float | None
-    target_error_budget_mm: ErrorBudget | None
-    target_error_interval_mm: Point | None
-    target_error_interval_by: str | None
-    unmeasured: str | None
-    template_error_mm: float | None
-    true_target_error_mm: float | None
-    true_min_clearance_mm: float | None
-    replans: int
-    length_mm: float | None
-    missed_sightings: int
-    mean_nis: float | None
-
-    @classmethod
-    def of(cls, trial: InsertionTrial) -> Self:
-        """Return the row of an insertion."""
-        return cls(**{name: getattr(trial, name) for name in cls.model_fields})
 
 
 class SightingNoise(Model):
@@ -274,7 +250,7 @@ class InsertionResult(Result):
             for trial in self.insertions
             if trial.marker_steps
         }
-        insertions = {"insertions": Rows(InsertionRow, [InsertionRow.of(trial) for trial in self.insertions])}
+        insertions = {"insertions": Rows(InsertionRow, self.insertions)}
         return insertions | make_origin_table(self.origins) | steps | markers
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
-from labrig.experiments.roll_zero.result import RollZeroResult, TorsionResult, describe_torsion
+from labrig.experiments.roll_zero.result import RollZeroResult, describe_torsion
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
 from labrig.report.calibration_rows import describe_calibration
@@ -33,18 +33,6 @@ class RollRow:
     roll_deg: float
     deflection_mm: float
     residual_mm: float | None
-
-
-@dataclass(frozen=True)
-class TorsionRow:
-    """A hole for the torsion: depth [mm], side, deflections [mm], fitted lag [degrees], and why it took no part."""
-
-    depth_mm: float
-    side: str
-    bent_mm: float | None
-    turned_mm: float | None
-    lag_deg: float | None
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -101,26 +89,10 @@ def _collect_content(run: Run, result: RollZeroResult, folder: str) -> dict[str,
         "shots": shots,
         "unseen": len(shots) - len(result.rolls_rad),
         "fit": result.fit,
-        "torsion": None if result.torsion is None else _list_torsion_rows(result.torsion),
+        "torsion": result.torsion,
         "torsion_fit": fit,
         "torsion_fit_deg": None if fit is None else {key: math.degrees(value) for key, value in fit.items()},
     }
-
-
-def _list_torsion_rows(torsion: TorsionResult) -> list[TorsionRow]:
-    return [
-        TorsionRow(
-            hole.depth_mm,
-            "below" if hole.direction > 0 else "above",
-            hole.bent_mm,
-            hole.turned_mm,
-            None
-            if torsion.fit is None
-            else math.degrees(torsion.fit["lag_rad"] + torsion.fit["lag_rad_per_mm"] * hole.depth_mm),
-            hole.reason or "",
-        )
-        for hole in torsion.holes
-    ]
 
 
 def _list_rows(result: RollZeroResult) -> list[RollRow]:

@@ -1,19 +1,26 @@
 """Runs a campaign: reads its files, computes what is left of it, writes its table and its page."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.analysis.engine import Pool, run_in_order
+from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.campaign_file import load_campaign_file
-from labrig.campaign.conduct import Progress, conduct_campaign
 from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
+from labrig.campaign.statistics import WidthRule, require_measure
 from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, compute_task, describe_campaign, plan_campaign
+from labrig.campaign.tasks import CampaignTasks, TaskOrder, describe_campaign, list_values, plan_campaign
 from labrig.devices.clocks import SystemClock
+from labrig.errors import LabrigError
+
+Compute = Callable[[Iterable[TaskOrder]], Generator[TaskOutcome | LabrigError, None, None]]
+"""Returns what comes of each task, in their order."""
+Progress = Callable[[int, int], None]
+"""Told how many tasks are done, and how many there are."""
 
 
 @dataclass(frozen=True)
@@ -69,26 +76,41 @@ def open_store(loaded: LoadedCampaign, folder: Path) -> CampaignStore:
 
 
 def compute_campaign(
-    loaded: LoadedCampaign,
-    store: CampaignStore,
-    pool: Pool,
-    *,
-    progress: Progress = lambda _done, _of: None,
+    loaded: LoadedCampaign, store: CampaignStore, compute: Compute, progress: Progress
 ) -> None:
-    """Compute what is left of a campaign.
+    """Compute the tasks that the store does not have, until the last or a rule, and keep their rows as they come.
+
+    Rows come back in order. However it ends, those that came until then are kept, and the campaign can go on.
+
+    Parameters
+    ----------
+    store : CampaignStore
+        Has the rows of the leading tasks, if it was begun before.
+    compute : callable
+        Computes tasks.
 
     Raises
     ------
-    InputError, DiskError, MachineError
-        When it cannot go on; what is done stays done.
+    InputError
+        When tasks do not have the quantity by which they are judged.
+    DiskError, MachineError
+        When rows cannot be kept, or no task can be computed.
     """
-    by_rule = conduct_campaign(
-        CampaignTasks(loaded),
-        store,
-        lambda orders: run_in_order(pool, compute_task, orders),
-        progress,
-    )
-    if by_rule:
+    tasks, rule = CampaignTasks(loaded), WidthRule(loaded.file, loaded.by.measure)
+    ends = False
+    for row in store.read_rows():
+        if values := list_values(row, loaded.file):
+            require_measure(loaded.by, values)
+        ends = rule.take(row)
+    progress(store.done, tasks.count)
+    if not ends:
+        with closing(compute(tasks.list_orders(store.done))) as outcomes:
+            for new in tasks.make_rows(store.done, outcomes):
+                store.append([new])
+                if ends := rule.take(new):
+                    break
+                progress(store.done, tasks.count)
+    if ends:
         store.note_end()
 
 

@@ -24,6 +24,7 @@ from labrig.durable import (
 )
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
+from labrig.record.difference import find_differences
 from labrig.record.json_lines import LineFile, encode_document, encode_line, read_lines
 from labrig.record.layout import CAMPAIGN, LOCK
 from labrig.record.lock import FileLock
@@ -288,15 +289,8 @@ def _digest(document: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
-def _find_difference(kept: object, given: object, where: str = "") -> str:
+def _find_difference(kept: object, given: object) -> str:
     """Return the first place where two values of JSON differ, with both values."""
-    if isinstance(kept, Mapping) and isinstance(given, Mapping):
-        for key in dict.fromkeys([*given, *kept]):
-            if kept.get(key) != given.get(key) or (key in kept) != (key in given):
-                return _find_difference(kept.get(key), given.get(key), f"{where}.{key}".lstrip("."))
-    return f"{where or 'its file'} is {_shorten(kept)} there and {_shorten(given)} here"
-
-
-def _shorten(value: object) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    for key, there, here in find_differences(kept, given):
+        return f"{key} is {there} there and {here} here"
+    return "its file differs"

@@ -7,7 +7,7 @@ from pathlib import Path
 from labrig.cli.live import show_while_made
 from labrig.cli.options import LiveKind
 from labrig.cli.output import say
-from labrig.cli.pausing import UNPAUSED, Attention, RunRequests, take_requests
+from labrig.cli.pausing import RunRequests, take_requests
 from labrig.cli.progress import Reporter, progress
 from labrig.cli.rigs import open_rig_for_person
 from labrig.cli.signals import SignalNote
@@ -22,14 +22,14 @@ class TerminalAttendant(Attendant):
 
     Parameters
     ----------
-    attention : Attention
-        Whether the person may pause the run.
+    pauses : bool
+        Whether the person may pause the run, and is called by the bell.
     viewer : str or None
         How the run is shown while it is made.
     """
 
-    def __init__(self, attention: Attention = UNPAUSED, viewer: LiveKind | None = None) -> None:
-        self._attention = attention
+    def __init__(self, viewer: LiveKind | None = None, *, pauses: bool = False) -> None:
+        self._pauses = pauses
         self._viewer = viewer
 
     def say(self, text: str) -> None:
@@ -45,7 +45,7 @@ class TerminalAttendant(Attendant):
         self, rig: RigDescription, doing: str, seed: int, opening: Opening
     ) -> Iterator[tuple[Rig, SignalNote]]:
         """Open a rig for the person, and give the note of a signal."""
-        with open_rig_for_person(rig, doing, seed=seed, opening=opening, attention=self._attention) as (
+        with open_rig_for_person(rig, doing, seed=seed, opening=opening, pauses=self._pauses) as (
             opened,
             note,
         ):

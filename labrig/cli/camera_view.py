@@ -1,23 +1,14 @@
-"""What `labrig devices camera` does: takes pictures, scores each, and shows them at the terminal or in a browser."""
+"""What `labrig devices camera` does: takes pictures, scores each, and shows them in a browser."""
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import IO, cast
 
 from labrig.cli.calibration_files import require_writable
 from labrig.cli.camera_watch import CameraWatch
-from labrig.cli.output import (
-    SafeStandardError,
-    escape_controls,
-    print_checks,
-    print_line,
-    say,
-    show,
-)
+from labrig.cli.output import print_checks, print_line, say, show
 from labrig.cli.signals import note_signals
 from labrig.devices.camera import Camera, require_calibrated_camera
 from labrig.devices.hardware import open_camera
@@ -49,7 +40,7 @@ def view_camera(
     web : bool
         Whether a page is served.
     pictures : int or None
-        How many; None: until interrupted, or a default number where nobody could interrupt.
+        How many; None: until interrupted with a page, else a default number.
     save : Path or None
         Where the last picture is written.
 
@@ -61,21 +52,20 @@ def view_camera(
         When the camera cannot be opened, or gives no picture.
     """
     _require_new_png(save)
-    is_watched = sys.stdout.isatty() and not as_json and save is None
-    wanted = pictures if pictures is not None or web or is_watched else _COUNTED
+    wanted = pictures if pictures is not None or web else _COUNTED
     with ExitStack() as stack:
         interrupted = stack.enter_context(note_signals())
         camera = stack.enter_context(open_camera(rig, "labrig devices camera"))
         in_use = CameraInUse(
             driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings.in_use
         )
-        shows = _open_shows(stack, web=web, table=is_watched and wanted is None)
+        page = stack.enter_context(closing(_serve_page())) if web else None
         shown = ShownPicture(0, NO_PICTURE, f"Camera of rig {rig.name}", camera=in_use)
-        watch = CameraWatch(camera, shown, wanted, interrupted, shows)
+        watch = CameraWatch(camera, shown, wanted, interrupted, page)
         search = partial(
             find_landmarks, plane=partial(_load_valid_plane, rig, camera), sheath_diameter_mm=_SHEATH_MM
         )
-        if wanted is None or web:
+        if web:
             watch.search(search)
         while not watch.has_ended:
             watch.step()
@@ -102,16 +92,10 @@ def view_camera(
     return 0 if is_good else 1
 
 
-def _open_shows(stack: ExitStack, *, web: bool, table: bool) -> list[Callable[[ShownPicture], None]]:
-    """Open what shows pictures while they are taken: a page, a table on a terminal, both, or nothing."""
-    shows: list[Callable[[ShownPicture], None]] = []
-    if web:
-        page = stack.enter_context(closing(PicturePage()))
-        say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
-        shows.append(page.show)
-    if table:
-        shows.append(stack.enter_context(_open_table()))
-    return shows
+def _serve_page() -> PicturePage:
+    page = PicturePage()
+    say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
+    return page
 
 
 def _require_new_png(save: Path | None) -> None:
@@ -125,27 +109,6 @@ def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
     for path in rig.calibration_paths().values():
         require_calibrated_camera(rig.camera, path, camera.settings.in_use)
     return load_plane_map(rig)
-
-
-@contextmanager
-def _open_table() -> Iterator[Callable[[ShownPicture], None]]:
-    """Keep a table on the terminal up to date; it is gone in the end."""
-    from rich.console import Console
-    from rich.live import Live
-    from rich.text import Text
-
-    console = Console(file=cast("IO[str]", SafeStandardError()))
-    with Live(console=console, refresh_per_second=8, transient=True) as live:
-
-        def show_lines(picture: ShownPicture) -> None:
-            lines = [f"picture {picture.number}; Ctrl+C ends"]
-            for check in _list_checks(picture.scores):
-                lines.append(f"{check['status']:4}  {check['check']}: {check['value']}")
-                lines += [f"      {check['solution']}"] if check["solution"] else []
-            lines += [f"      {_describe(landmark)}" for landmark in picture.landmarks]
-            live.update(Text(escape_controls("\n".join(lines))))
-
-        yield show_lines
 
 
 def _list_checks(scores: Sequence[Score]) -> list[dict[str, str]]:

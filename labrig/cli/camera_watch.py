@@ -1,7 +1,7 @@
 """Takes pictures of a camera and scores each, while landmarks are searched in one of them beside that."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -11,7 +11,7 @@ from labrig.clock import Clock
 from labrig.devices.camera import Camera
 from labrig.devices.clocks import SystemClock
 from labrig.devices.worker import WorkerThread
-from labrig.report.picture_page import ShownPicture
+from labrig.report.picture_page import PicturePage, ShownPicture
 from labrig.vision.drawing import Landmark
 from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
@@ -33,8 +33,8 @@ class CameraWatch:
     wanted : int or None
         How many pictures; None: until a signal comes.
     interrupted : SignalNote
-    shows : sequence of callable
-        Each shows every picture, with its scores and the landmarks of one shortly before.
+    page : PicturePage or None
+        Shows every picture, with its scores and the landmarks of one shortly before.
     clock : Clock
         Paces pictures that a person watches.
     taken : list
@@ -49,7 +49,7 @@ class CameraWatch:
     shown: ShownPicture
     wanted: int | None
     interrupted: SignalNote
-    shows: Sequence[Callable[[ShownPicture], None]]
+    page: PicturePage | None
     clock: Clock = field(default_factory=SystemClock)
     taken: list[dict[str, Any]] = field(default_factory=list)
     last: ShownPicture | None = None
@@ -85,8 +85,8 @@ class CameraWatch:
         )
         if self.wanted is not None:
             self.taken.append({"picture": self.last.number, "scores": [asdict(score) for score in scores]})
-        for show in self.shows:
-            show(self.last)
+        if self.page is not None:
+            self.page.show(self.last)
 
     def search(self, find: Callable[[Picture], tuple[Landmark, ...]]) -> None:
         """Search one picture after another for landmarks, and take and show pictures meanwhile, to the end."""

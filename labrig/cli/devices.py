@@ -79,8 +79,7 @@ def camera(
         typer.Option(
             min=1,
             max=100_000,
-            help="Take so many pictures and end. Default: until interrupted; with --json, --save or without a "
-            "terminal 16.",
+            help="Take so many pictures and end. Default: 16; with --web until interrupted.",
         ),
     ] = None,
     save: Annotated[

@@ -42,7 +42,7 @@ def main() -> None:
 
 def _show(path: Path, wanted: ViewerKind, program: str) -> None:
     clock = SystemClock()
-    kind = wanted if wanted == "web" or has_display(os.environ) else "server"
+    kind = wanted if has_display(os.environ) else "web"
     viewer = start_viewer(kind, clock, program)
     _tell_where(viewer)
     run = open_run(path)
@@ -67,11 +67,6 @@ def _tell_where(viewer: RunningViewer) -> None:
         _tell(f"open {viewer.page}\nfrom another computer first: {forward}")
         if has_display(os.environ):
             webbrowser.open(viewer.page)
-    elif viewer.kind == "server":
-        _tell(
-            "there is no display here; to see the run on another computer:\n"
-            f"  {suggest_forwarding(viewer.port)}\n  rerun --connect {viewer.url}"
-        )
 
 
 def _tell_bug(_kind: type[BaseException], error: BaseException, _trace: TracebackType | None) -> None:

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.cli.output import say
@@ -15,29 +14,10 @@ from labrig.runner.run_control import RunControl
 _BY_KEY, _BY_COMMAND = "Ctrl+C", "labrig pause"
 
 
-@dataclass(frozen=True)
-class Attention:
-    """How a run treats its person.
-
-    Attributes
-    ----------
-    pauses : bool
-        Whether the first Ctrl+C at a terminal pauses; otherwise it stops.
-    rings : bool
-        Whether the bell rings when a person is waited for.
-    """
-
-    pauses: bool = True
-    rings: bool = True
-
-    def may_pause(self) -> bool:
-        """Return whether Ctrl+C pauses now: somebody must be able to read that, and to continue the run."""
-        at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
-        return self.pauses and at_terminal and not is_in_background(sys.stdin)
-
-
-UNPAUSED = Attention(pauses=False, rings=False)
-"""The first Ctrl+C stops and no bell rings, as where no run is made."""
+def may_pause() -> bool:
+    """Return whether Ctrl+C may pause a run now: somebody must be able to read that, and to continue it."""
+    at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
+    return at_terminal and not is_in_background(sys.stdin)
 
 
 class RunRequests:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from labrig.cli.output import say
-from labrig.cli.pausing import UNPAUSED, Attention
+from labrig.cli.pausing import may_pause
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.opening import Opening
@@ -26,7 +26,7 @@ def open_rig_for_person(
     *,
     seed: int = 0,
     opening: Opening | None = None,
-    attention: Attention = UNPAUSED,
+    pauses: bool = False,
 ) -> Iterator[tuple[Rig, SignalNote]]:
     """Open a rig for the person at the terminal, who is asked the questions; a signal stops the axes first.
 
@@ -38,8 +38,8 @@ def open_rig_for_person(
         Seed of every random draw of a simulated world.
     opening : Opening or None
         What of the rig to open, and how; None: all of it.
-    attention : Attention
-        Whether a person may pause what is done, and is called by the bell; by default the first Ctrl+C stops.
+    pauses : bool
+        Whether the first Ctrl+C at a terminal pauses, and the bell calls the person; otherwise it stops.
 
     Yields
     ------
@@ -52,11 +52,11 @@ def open_rig_for_person(
         As `open_rig`; nothing has moved.
     """
     with (
-        note_signals(attention.may_pause) as interrupted,
+        note_signals(lambda: pauses and may_pause()) as interrupted,
         open_rig(
             description,
             seed=seed,
-            person=TerminalOperator(interrupted, sys.stdin, rings=attention.rings),
+            person=TerminalOperator(interrupted, sys.stdin, rings=pauses),
             interrupted=interrupted,
             doing=doing,
             opening=opening or Opening(),

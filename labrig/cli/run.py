@@ -86,9 +86,8 @@ def resume(
 def _attend(live: LiveKind | None, *, as_json: bool) -> Any:
     """Return the person at the terminal, who may pause the run unless a program reads what it prints."""
     from labrig.cli.attendant import TerminalAttendant
-    from labrig.cli.pausing import Attention
 
-    return TerminalAttendant(Attention(pauses=not as_json), live)
+    return TerminalAttendant(live, pauses=not as_json)
 
 
 def _end(finished: Any, live: str | None, as_json: bool) -> int:

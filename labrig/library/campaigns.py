@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from labrig.analysis.engine import run_in_order
 from labrig.campaign.run import Campaign, compute_campaign, load_campaign_files, open_store
 from labrig.campaign.run import write_report as write_campaign
-from labrig.campaign.tasks import CampaignTasks
+from labrig.campaign.tasks import CampaignTasks, compute_task
 from labrig.errors import WorkersError
 from labrig.lab import CAMPAIGNS, find_in_lab
 from labrig.library.names import find_protocol_file, find_rig_file
@@ -71,8 +72,8 @@ def run_campaign(
                 compute_campaign(
                     loaded,
                     store,
-                    pool,
-                    progress=lambda done, of: tell(float(done - begin), f"{done} of {of} tasks"),
+                    lambda orders: run_in_order(pool, compute_task, orders),
+                    lambda done, of: tell(float(done - begin), f"{done} of {of} tasks"),
                 )
         except (KeyboardInterrupt, WorkersError):
             attendant.say(f"{store.done} of {count} tasks are done; the same command goes on behind them")

@@ -19,8 +19,8 @@ from labrig.report.web_page import LOCALHOST, serve_page
 
 DEFAULT_PORT, DEFAULT_WEB_PORT = 9876, 9090
 
-ViewerKind = Literal["window", "web", "server"]
-"""A window; a page for a browser; or, without a display, only what viewers elsewhere connect to."""
+ViewerKind = Literal["window", "web"]
+"""A window, or a page for a browser, here or on another computer."""
 
 _STARTS_WITHIN_S = 20.0
 _LOOK_EVERY_S = 0.05
@@ -104,10 +104,13 @@ def start_viewer(kind: ViewerKind, clock: Clock, program: str) -> RunningViewer:
     if kind == "window":
         command += ["--hide-welcome-screen", "--expect-data-soon"]
     else:
-        command += ["--server-memory-limit", _SERVER_MEMORY]
-        command += (
-            ["--serve-web", "--web-viewer-port", str(files_port)] if kind == "web" else ["--serve-grpc"]
-        )
+        command += [
+            "--server-memory-limit",
+            _SERVER_MEMORY,
+            "--serve-web",
+            "--web-viewer-port",
+            str(files_port),
+        ]
     viewer = RunningViewer(kind, _start(command, with_parent=kind != "window"), port, web_port)
     waited_from_s = clock.now_s()
     while not _listens(port):

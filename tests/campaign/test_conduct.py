@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 
 from labrig.analysis.experiment import TaskOutcome
-from labrig.campaign.conduct import conduct_campaign
 from labrig.campaign.inputs import LoadedCampaign
-from labrig.campaign.run import open_store
+from labrig.campaign.run import compute_campaign, open_store
 from labrig.campaign.tasks import CampaignTasks, TaskOrder
 from labrig.errors import InputError, LabrigError
 from tests.campaign.campaigns import Law, computing, load, write_campaign
@@ -33,8 +32,8 @@ class Told:
 def conduct(loaded: LoadedCampaign, place: Path, law: Law, told: Told | None = None) -> tuple[int, bool]:
     """Conduct a campaign whose tasks follow a law; return how many are done, and whether a rule ended it."""
     with open_store(loaded, place) as store:
-        by_rule = conduct_campaign(CampaignTasks(loaded), store, computing(law), told or Told())
-        return store.done, by_rule
+        compute_campaign(loaded, store, computing(law), told or Told())
+        return store.done, store.ended_by_rule
 
 
 def read(loaded: LoadedCampaign, place: Path) -> pd.DataFrame:
@@ -103,7 +102,8 @@ def test_a_rule_ends_it_at_the_same_task_however_often_it_was_interrupted(tmp_pa
         raise AssertionError("nothing is left to compute")
 
     with open_store(loaded, tmp_path / "broken") as store:
-        assert conduct_campaign(CampaignTasks(loaded), store, never, Told())
+        compute_campaign(loaded, store, never, Told())
+        assert store.ended_by_rule
 
 
 def test_it_goes_on_with_more_repetitions_but_not_with_other_values(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_a_file_that_was_changed_is_refused_with_the_key_that_differs(tmp_path: 
     sound = load(write_campaign(tmp_path, vary={"policy.near_mm": [5, 10]}))
     conduct(sound, tmp_path / "out", by_seed)
     for keys, difference in (
-        ({"vary": {"policy.near_mm": [5, 20]}}, r"policy\.near_mm is \[5, 10\] there and \[5, 20\] here"),
+        ({"vary": {"policy.near_mm": [5, 20]}}, r"policy\.near_mm\.1 is 10 there and 20 here"),
         ({"vary": {"policy.near_mm": [5, 10]}, "seed": 2}, "campaign.seed is 1 there and 2 here"),
     ):
         with pytest.raises(InputError, match=difference):

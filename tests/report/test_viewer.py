@@ -13,7 +13,6 @@ from labrig.devices.clocks import SystemClock
 from labrig.errors import MachineError
 from labrig.report.viewer import (
     RunningViewer,
-    ViewerKind,
     find_free_port,
     find_viewer,
     start_viewer,
@@ -24,11 +23,10 @@ _LISTEN = "0A"
 _LOCALHOST = "0100007F"
 
 
-@pytest.fixture(params=["server", "web"])
-def viewer(request: pytest.FixtureRequest) -> Iterator[RunningViewer]:
+@pytest.fixture
+def viewer() -> Iterator[RunningViewer]:
     """A viewer without a window."""
-    kind: ViewerKind = request.param
-    running = start_viewer(kind, SystemClock(), find_viewer())
+    running = start_viewer("web", SystemClock(), find_viewer())
     yield running
     running.process.kill()
     running.process.wait()
@@ -49,7 +47,6 @@ def test_a_viewer_listens_on_this_computer_alone_and_sends_no_usage_data(viewer:
     assert b"CI=1" in environment
 
 
-@pytest.mark.parametrize("viewer", ["web"], indirect=True)
 def test_the_page_for_a_browser_reaches_nothing_else(viewer: RunningViewer) -> None:
     """Its policy lets the browser talk to this computer alone, so neither fonts nor usage data go out."""
     with closing(HTTPConnection(LOCALHOST, viewer.web_port, timeout=10)) as browser:
@@ -76,4 +73,4 @@ def test_a_viewer_that_ends_at_once_is_reported(tmp_path: Path) -> None:
     broken.write_text("#!/bin/sh\nexit 7\n")
     broken.chmod(0o755)
     with pytest.raises(MachineError, match="ended with status 7"):
-        start_viewer("server", SystemClock(), str(broken))
+        start_viewer("web", SystemClock(), str(broken))

@@ -9,6 +9,7 @@ from labrig.cli.output import say
 from labrig.cli.signals import SignalNote
 from labrig.errors import DiskError
 from labrig.posix import is_in_background
+from labrig.runner.pausing import PauseRequests
 from labrig.runner.run_control import RunControl
 
 _BY_KEY, _BY_COMMAND = "Ctrl+C", "labrig pause"
@@ -20,7 +21,7 @@ def may_pause() -> bool:
     return at_terminal and not is_in_background(sys.stdin)
 
 
-class RunRequests:
+class RunRequests(PauseRequests):
     """Requests to pause one run.
 
     Parameters

@@ -10,7 +10,7 @@ from labrig.devices.operator import NO_OFFER, Offer, OperatorRequest
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError
-from labrig.runner.pausing import NoRequests, PauseRequests
+from labrig.runner.pausing import PauseRequests
 from labrig.runner.session import Progress
 
 Interrupted: TypeAlias = Callable[[], str | None]
@@ -58,7 +58,7 @@ class Attendant:
         run: Path,  # noqa: ARG002
     ) -> Iterator[PauseRequests]:
         """Take requests to pause the run during the block."""
-        yield NoRequests()
+        yield PauseRequests()
 
     @contextmanager
     def watch(self) -> Iterator[Callable[[Path], None]]:

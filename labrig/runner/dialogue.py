@@ -15,7 +15,7 @@ from labrig.record.events import (
     TrialStop,
     Undo,
 )
-from labrig.runner.pausing import NoRequests, PauseRequests
+from labrig.runner.pausing import PauseRequests
 from labrig.runner.trials import NO_PAST, BegunTrial, Past
 from labrig.text import format_count
 
@@ -71,7 +71,7 @@ class Dialogue:
         When a pause that is asked for now begins, as a person is told; empty for the end of the trial in progress.
     """
 
-    requests: PauseRequests = field(default_factory=NoRequests)
+    requests: PauseRequests = field(default_factory=PauseRequests)
     decisions: Decisions = field(default_factory=Decisions)
     conditions: tuple[Condition, ...] = ()
     trial: int | None = None

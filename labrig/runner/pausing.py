@@ -5,8 +5,6 @@ These are, without any code of the experiment: before each question, after its a
 experiment names further ones with `Session.reach_safe_point`.
 """
 
-from typing import Protocol
-
 BEFORE_QUESTION, AFTER_ANSWER, AT_QUESTION, TRIAL_END = (
     "before_question",
     "after_answer",
@@ -16,11 +14,12 @@ BEFORE_QUESTION, AFTER_ANSWER, AT_QUESTION, TRIAL_END = (
 """The safe points that every run has, as the record names them; `question` is a pause chosen instead of an answer."""
 
 
-class PauseRequests(Protocol):
-    """Requests to pause a run, and to continue it."""
+class PauseRequests:
+    """Requests to pause a run, and to continue it; here nobody can ask."""
 
-    def find(self, point: str) -> str | None:
+    def find(self, point: str) -> str | None:  # noqa: ARG002
         """Return by what a pause at this safe point is asked for, such as `Ctrl+C`; None if by nothing."""
+        return None
 
     def announce(self, when: str) -> None:
         """Tell those who have asked for a pause since the last call when it will begin."""
@@ -30,27 +29,7 @@ class PauseRequests(Protocol):
 
     def find_continuation(self) -> str | None:
         """Return by what the pause is to end, such as `labrig continue`; None if by nothing so far."""
+        return None
 
     def end(self) -> None:
         """Note that the run continues."""
-
-
-class NoRequests:
-    """Nobody can ask for a pause."""
-
-    def find(self, point: str) -> str | None:  # noqa: ARG002
-        """Return None."""
-        return None
-
-    def announce(self, when: str) -> None:
-        """Tell nobody."""
-
-    def begin(self) -> None:
-        """Do nothing."""
-
-    def find_continuation(self) -> str | None:
-        """Return None."""
-        return None
-
-    def end(self) -> None:
-        """Do nothing."""

@@ -1,7 +1,6 @@
 """The moves, pictures and disk space of a run, checked and estimated before anything moves."""
 
 from collections.abc import Iterator
-from typing import Protocol
 
 from labrig.devices.camera import require_calibrated_camera
 from labrig.devices.check import check_calibration
@@ -15,20 +14,6 @@ from labrig.runner.experiment import RunPlan
 _BYTES_A_STATE = 350
 _PNG_SHARE = 0.7
 """Of its raw bytes a PNG of a noisy camera takes about so much."""
-
-
-class Speeds(Protocol):
-    """The speeds of insertion and withdrawal in a protocol [mm/s]."""
-
-    @property
-    def speed_mm_s(self) -> float:
-        """Insertion speed [mm/s]."""
-        ...
-
-    @property
-    def withdraw_speed_mm_s(self) -> float:
-        """Withdrawal speed [mm/s]."""
-        ...
 
 
 def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:

@@ -29,7 +29,7 @@ from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_w
 from labrig.runner.dialogue import Dialogue
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
-from labrig.runner.pausing import NoRequests
+from labrig.runner.pausing import PauseRequests
 from labrig.runner.session import Progress, Session
 
 _TARGET_INCREMENTS = 10
@@ -283,7 +283,7 @@ class ReplayedRecord:
         self._found.counts[what] = self._found.counts.get(what, 0) + 1
 
 
-class RecordedRequests(NoRequests):
+class RecordedRequests(PauseRequests):
     """Asks for a pause at the safe points where the record has one.
 
     Parameters

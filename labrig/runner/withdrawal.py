@@ -20,10 +20,9 @@ from labrig.devices.operator import (
     WithdrawNeedle,
 )
 from labrig.devices.rig_file import RigDescription
-from labrig.protocol.sections import Sheath
+from labrig.protocol.sections import Advance, Sheath
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
 from labrig.record.reader import Run, open_run
-from labrig.runner.plan import Speeds
 from labrig.runner.session import Session
 
 _SAME_DEPTH_MM = 0.02
@@ -45,7 +44,7 @@ SLOWLY: Mapping[str, float] = {"insertion": 1.0, "rotation": 0.5, "linear": 1.0}
 """Default speed of each axis in a withdrawal [mm/s or rad/s]."""
 
 
-def find_speeds(rig: RigDescription, advance: Speeds, sheath: Sheath) -> Mapping[str, float]:
+def find_speeds(rig: RigDescription, advance: Advance, sheath: Sheath) -> Mapping[str, float]:
     """Return the speed of each axis in the withdrawals of a run, by its protocol's sections [mm/s or rad/s]."""
     return {
         "insertion": advance.withdraw_speed_mm_s,

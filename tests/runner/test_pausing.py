@@ -22,7 +22,7 @@ from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.dialogue import Dialogue
 from labrig.runner.past import read_past
-from labrig.runner.pausing import NoRequests
+from labrig.runner.pausing import PauseRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
 from tests.runner.sessions import Told, bench, sweep
@@ -47,7 +47,7 @@ def choose(choice: Choice, text: str = "") -> Answer:
 
 
 @dataclass
-class Asks(NoRequests):
+class Asks(PauseRequests):
     """Asks for a pause at the first safe point of a kind, once."""
 
     point: str

@@ -8,7 +8,7 @@ would have been estimated of the path that the needle took.
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,6 @@ from labrig.experiments.insertion.ending import (
     TargetErrorBounds,
     TracedPath,
     judge_end,
-    measure_end,
 )
 from labrig.experiments.insertion.events import (
     BevelTurn,
@@ -57,14 +56,14 @@ from labrig.experiments.insertion.settings import (
     with_observation_sd,
 )
 from labrig.record.agreement import SHARE_OF_SD
-from labrig.record.events import INTERRUPTED
+from labrig.record.events import INCOMPLETE, INTERRUPTED
 from labrig.record.reader import Run
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
-from labrig.vision.shaft_tip import ShaftTip
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template import load_template
 from labrig.vision.tip import TipFix
 
@@ -95,10 +94,10 @@ class _Events:
     """The recorded events of one insertion."""
 
     start: InsertionStart
-    stop: InsertionStop | None
+    stop: InsertionStop
     sheath: TrialOrigin | None
     way: tuple[InsertionEvent, ...]
-    true: TrueInsertion | None
+    true: TrueInsertion
     markers: tuple[MarkersSought, ...] = ()
 
     @property
@@ -172,12 +171,12 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         arrived=sum(trial.reached is True for trial in insertions),
         causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
         reached=_combine_reached([trial.reached for trial in insertions]),
-        target_error_mm=_find_largest([trial.target_error_mm for trial in insertions]),
+        target_error_mm=max(_known(trial.target_error_mm for trial in insertions), default=None),
         target_error_interval_mm=_find_widest([trial.target_error_interval_mm for trial in insertions]),
-        true_target_error_mm=_find_largest([trial.true_target_error_mm for trial in insertions]),
-        true_min_clearance_mm=_find_least([trial.true_min_clearance_mm for trial in insertions]),
+        true_target_error_mm=max(_known(trial.true_target_error_mm for trial in insertions), default=None),
+        true_min_clearance_mm=min(_known(trial.true_min_clearance_mm for trial in insertions), default=None),
         replans=sum(trial.replans for trial in insertions),
-        length_mm=_find_largest([trial.length_mm for trial in insertions]),
+        length_mm=max(_known(trial.length_mm for trial in insertions), default=None),
         insertions=tuple(insertions),
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
@@ -197,15 +196,20 @@ def _read_trials(run: Run) -> list[_Events]:
     return [
         _Events(
             trial.start,
-            trial.stop,
+            trial.stop or _stop_unrecorded(trial.start.trial),
             sheaths.get(trial.start.trial),
             tuple(event for event in way if event.trial == trial.start.trial),
-            true.get(trial.start.trial),
+            true.get(trial.start.trial, TrueInsertion(trial=trial.start.trial)),
             tuple(event for event in markers if event.trial == trial.start.trial),
         )
         for trial in trials
         if not trial.left_out and trial.exit_status != INTERRUPTED
     ]
+
+
+def _stop_unrecorded(trial: int) -> InsertionStop:
+    cause = "the run ended before the insertion did"
+    return InsertionStop(trial=trial, exit_status=INCOMPLETE, stop="interrupted", cause=cause)
 
 
 def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
@@ -221,6 +225,7 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     budget = None if end is None else _find_budget(end, target_mm, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
     target_sd_mm = find_target_sd_mm(source.protocol, markers.last)
+    nis = _known(step.nis for step in steps if step.believed)
     bounds = _judge_end(events, settings, source, end, steps, target_sd_mm=target_sd_mm)
     ending = _decide_ending(stop, bounds, _find_doubt(source, markers), tolerance_mm)
     return InsertionTrial(
@@ -238,9 +243,10 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         target_error_budget_mm=budget,
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
-        **_describe_truth(truth, true),
+        **truth.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
+        true_path_mm=_thin_path(true.path_mm),
         missed_sightings=sum(not step.believed for step in steps),
-        mean_nis=_average([step.nis for step in steps if step.believed]),
+        mean_nis=sum(nis) / len(nis) if nis else None,
         steps=tuple(steps),
         as_recorded=_agree(steps, events.estimates_mm),
         **markers.describe(),
@@ -277,20 +283,9 @@ def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[s
     }
 
 
-def _describe_stop(stop: InsertionStop | None) -> dict[str, Any]:
-    return {
-        "final_frame": None if stop is None else stop.final_frame,
-        "replans": 0 if stop is None else stop.replans,
-        "length_mm": None if stop is None else stop.depth_mm,
-    }
-
-
-def _describe_truth(truth: TrueInsertion | None, true: _TruePath) -> dict[str, Any]:
-    return {
-        "true_target_error_mm": None if truth is None else truth.true_target_error_mm,
-        "true_min_clearance_mm": None if truth is None else truth.true_min_clearance_mm,
-        "true_path_mm": _thin_path(true.path_mm),
-    }
+def _describe_stop(stop: InsertionStop) -> dict[str, Any]:
+    length_mm = None if stop.exit_status == INCOMPLETE else stop.depth_mm
+    return {"final_frame": stop.final_frame, "replans": stop.replans, "length_mm": length_mm}
 
 
 def _judge_end(
@@ -304,7 +299,7 @@ def _judge_end(
 ) -> TargetErrorBounds | None:
     """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
     start, stop = events.start, events.stop
-    if stop is None or (source.sentinel is not None and not source.sentinel.accepted):
+    if stop.exit_status == INCOMPLETE or (source.sentinel is not None and not source.sentinel.accepted):
         return None
     last = steps[-1] if steps else None
     return judge_end(
@@ -330,11 +325,9 @@ def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
 
 
 def _decide_ending(
-    stop: InsertionStop | None, bounds: TargetErrorBounds | None, doubt: Ending | None, tolerance_mm: float
+    stop: InsertionStop, bounds: TargetErrorBounds | None, doubt: Ending | None, tolerance_mm: float
 ) -> Ending:
     """Return how an insertion ended: as steered, unless camera or markers were moved or the shaft shows otherwise."""
-    if stop is None:
-        return Ending("stopped", "interrupted", "the run ended before the insertion did")
     if stop.outcome in ("reached", "reached_in_plane_only"):
         if doubt is not None:
             return doubt
@@ -456,18 +449,27 @@ def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> f
 
 
 def _measure_end(
-    stop: InsertionStop | None, source: _Source, roll_sd_rad: float
+    stop: InsertionStop, source: _Source, roll_sd_rad: float
 ) -> tuple[ShaftTip | None, str | None]:
     """Measure the shaft in the final picture; without a measurement, return the reason."""
-    if stop is None or stop.final_frame is None:
+    if stop.final_frame is None:
         return None, "there is no final picture"
     if source.sentinel is not None and not source.sentinel.accepted:
         return None, source.sentinel.reason
     picture = source.run.pictures.places[stop.final_frame]
     try:
-        return measure_end(picture.read(), source.view, source.protocol, roll_sd_rad), None
+        image, mask, protocol = picture.read(), source.view.mask, source.protocol
+        shaft = measure_shaft_tip(
+            image,
+            source.view.plane,
+            protocol.needle.diameter_mm,
+            protocol.sheath.diameter_mm,
+            masked=None if mask is None else mask.find_masked(image),
+            roll_sd_rad=roll_sd_rad,
+        )
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{source.run.path}/", "")
+    return shaft, None
 
 
 def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> ErrorBudget:
@@ -487,8 +489,8 @@ def _find_drift(sentinel: Sentinel | None) -> float:
     return 0.0 if sentinel is None else (sentinel.drift or 0.0)
 
 
-def _read_true_path(truth: TrueInsertion | None) -> _TruePath:
-    if truth is None or not truth.path_mm:
+def _read_true_path(truth: TrueInsertion) -> _TruePath:
+    if not truth.path_mm:
         return _NO_PATH
     path = np.asarray(truth.path_mm, dtype=np.float64)
     arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
@@ -505,16 +507,6 @@ def _to_point(point: FloatArray) -> Point:
     return float(point[0]), float(point[1])
 
 
-def _average(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known else None
-
-
-def _find_largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest of the known values; None if all are unknown."""
-    return max((value for value in values if value is not None), default=None)
-
-
 def _find_widest(intervals: Sequence[Point | None]) -> Point | None:
     """Return the interval that reaches furthest; None if there is none."""
     known = [interval for interval in intervals if interval is not None]
@@ -528,5 +520,5 @@ def _combine_reached(reached: Sequence[bool | None]) -> bool | None:
     return None if None in reached else True
 
 
-def _find_least(values: Sequence[float | None]) -> float | None:
-    return min((value for value in values if value is not None), default=None)
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]

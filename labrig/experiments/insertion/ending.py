@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from labrig.errors import Problem
 from labrig.experiments.insertion.events import BevelTurn
-from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import EndDepth, EndSource, TargetErrorSources
 from labrig.steering.arrival import TipOffset, bound_target_error, decide_arrival
 from labrig.steering.out_of_plane import (
@@ -26,13 +25,11 @@ from labrig.steering.out_of_plane import (
     covary_out_of_plane,
 )
 from labrig.steering.policy import Halt, SteeringSettings
-from labrig.steering.tip_search import TipView
 from labrig.vision.depth import Depth, PossibleDepth, measure_depth
 from labrig.vision.error_budget import PlaceErrors, budget_place
 from labrig.vision.out_of_plane import Perspective
-from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.shaft_tip import ShaftTip
 
 FloatArray = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -333,26 +330,6 @@ def decide_ending(
     if doubt is not None:
         return Ending("stopped", doubt.reason, doubt.detail)
     return bounds.decide(tolerance_mm)
-
-
-def measure_end(
-    image: Picture, view: TipView, protocol: InsertionProtocol, roll_zero_sd_rad: float
-) -> ShaftTip:
-    """Measure where the needle ends in the last picture.
-
-    Raises
-    ------
-    MeasurementRefusedError, PictureError
-        When the picture does not show it.
-    """
-    return measure_shaft_tip(
-        image,
-        view.plane,
-        protocol.needle.diameter_mm,
-        protocol.sheath.diameter_mm,
-        masked=None if view.mask is None else view.mask.find_masked(image),
-        roll_sd_rad=roll_zero_sd_rad,
-    )
 
 
 def judge_end(

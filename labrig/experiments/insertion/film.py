@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labrig.analysis.result import Point
 from labrig.experiments.insertion.colours import OBSTACLE, PLAN, TAKEN, TARGET
@@ -14,6 +15,8 @@ from labrig.record.reader import Run
 from labrig.report.film_pictures import Colour, Film, FilmPicture, Stroke
 from labrig.report.pictures import circle
 from labrig.vision.plane import PlaneMap
+
+FloatArray = NDArray[np.float64]
 
 _TIP_RADIUS_MM = 1.0
 _SEEN: Colour = (255, 255, 255)
@@ -50,10 +53,10 @@ def _list_pictures(
         yield FilmPicture(trial.final_frame, end, _write_end(trial))
 
 
-def _find_plan(plans: Sequence[PathSought], t_s: float) -> Sequence[Point]:
+def _find_plan(plans: Sequence[PathSought], t_s: float) -> Sequence[Point] | FloatArray:
     """Return the path that was followed at a rig time [s]; empty before the first."""
     followed = next((plan for plan in reversed(plans) if plan.found and plan.t_s <= t_s), None)
-    return () if followed is None else [(y, z) for _, y, z in sample_plan(followed).tolist()]
+    return () if followed is None else sample_plan(followed)
 
 
 def _draw_scene(trial: InsertionTrial, frame: int, plane: PlaneMap) -> Iterator[Stroke]:
@@ -71,7 +74,9 @@ def _draw_tip(step: InsertionStep, plane: PlaneMap) -> Iterator[Stroke]:
             yield Stroke(plane.to_px(np.array((step.tip_mm - along, step.tip_mm + along))), _SEEN, 1, "seen")
 
 
-def _draw_line(points_mm: Sequence[Point], colour: Colour, name: str, plane: PlaneMap) -> Iterator[Stroke]:
+def _draw_line(
+    points_mm: Sequence[Point] | FloatArray, colour: Colour, name: str, plane: PlaneMap
+) -> Iterator[Stroke]:
     if len(points_mm) > 1:
         yield Stroke(plane.to_px(np.array(points_mm)), colour, name=name)
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import AnalysisResult, AnyResult
+from labrig.analysis.result import AnalysisResult, AnyResult, Point
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
@@ -254,8 +255,8 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
         width=width,
         height=height,
         text_px=width / 40,
-        plan="" if last or not moment.plans else _draw_path(_sample(moment.plans[-1]), plane),
-        former=tuple(_draw_path(_sample(plan), plane) for plan in moment.plans[:-1] if plan.found),
+        plan="" if last or not moment.plans else _draw_path(sample_plan(moment.plans[-1]), plane),
+        former=tuple(_draw_path(sample_plan(plan), plane) for plan in moment.plans[:-1] if plan.found),
         taken=_draw_path(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
         truth=_draw_path(trial.true_path_mm, plane) if last else "",
         obstacles=tuple(polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in obstacles),
@@ -266,9 +267,5 @@ def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMa
     )
 
 
-def _sample(plan: PathSought) -> Sequence[tuple[float, float]]:
-    return [(y, z) for _, y, z in sample_plan(plan).tolist()]
-
-
-def _draw_path(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:
+def _draw_path(points_mm: Sequence[Point] | NDArray[np.float64], plane: PlaneMap) -> str:
     return polyline(plane.to_px(np.array(points_mm))) if len(points_mm) > 1 else ""

@@ -60,39 +60,32 @@ class Place(Model):
     marker_id: MarkerId | None = None
     """The id of a printed marker that moves with it: what the marker moves in the pictures after the first is
     added to its place. See markers."""
+    ask: bool = False
+    """Whether the operator names its pixel on a picture taken during the run."""
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a place that is given more than once, or not at all."""
+        given = (self.position_mm is not None) + (self.pixel is not None) + self.ask
+        if given != 1:
+            message = f"the place is given {given} times, expected one of position_mm, pixel and ask: true"
+            yield Conflict("position_mm", message, _WHERE)
 
 
 class Target(Place):
     """The point to reach."""
 
-    ask: bool = False
-    """Whether the operator names its pixel on a picture taken during the run."""
     tolerance_mm: PositiveMm = 2.0
     """How far from the target the needle may end [mm]."""
     sd_mm: NonNegativeMm = 0.0
     """How far it may be from where it is stated, along each axis: cast elsewhere, or moved unseen (standard
     deviation) [mm]."""
 
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield a target that is given more than once, or not at all."""
-        given = (self.position_mm is not None) + (self.pixel is not None) + self.ask
-        if given != 1:
-            message = f"the target is given {given} times, expected one of position_mm, pixel and ask: true"
-            yield Conflict("position_mm", message, _WHERE)
-
 
 class InsertionObstacle(Place):
     """A sphere that the needle keeps off."""
 
-    ask: bool = False
-    """Whether the operator names the pixel of its centre on a picture taken during the run."""
     radius_mm: PositiveMm
     """Radius of the sphere [mm]."""
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield an obstacle without a place, or with two."""
-        if (self.position_mm is not None) + (self.pixel is not None) + self.ask != 1:
-            yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
 
 
 class Markers(MarkerTrust):

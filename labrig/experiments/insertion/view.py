@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 from shapely import LineString
 from shapely import Point as PlanePoint
 
@@ -63,7 +64,7 @@ class _Drawing:
             case InsertionStart():
                 self._begin(stream, event)
             case PathSought():
-                self.draw_plan(stream, [(y, z) for _, y, z in sample_plan(event).tolist()], event.t_s)
+                self.draw_plan(stream, sample_plan(event), event.t_s)
             case MarkersSought():
                 self.moved = {
                     marker.marker_id: Displacement(marker.displacement_mm, marker.sd_mm)
@@ -100,7 +101,7 @@ class _Drawing:
             f"{CAMERA}/target", rr.LineStrips2D([target], colors=[TARGET], labels=["target"], radii=1.5)
         )
 
-    def draw_plan(self, stream: rr.RecordingStream, path_mm: Sequence[Point], t_s: float) -> None:
+    def draw_plan(self, stream: rr.RecordingStream, path_mm: NDArray[np.float64], t_s: float) -> None:
         """Draw the path that the needle is to take."""
         if len(path_mm) < 2:
             return
@@ -131,7 +132,11 @@ class _Drawing:
         _draw_number(stream, "roll", "heading", math.degrees(event.estimate.heading_rad))
 
     def _draw_line(
-        self, stream: rr.RecordingStream, name: str, path_mm: Sequence[Point], colour: tuple[int, int, int]
+        self,
+        stream: rr.RecordingStream,
+        name: str,
+        path_mm: Sequence[Point] | NDArray[np.float64],
+        colour: tuple[int, int, int],
     ) -> None:
         line = self.plane.to_px(np.array(path_mm))
         stream.log(f"{CAMERA}/{name}", rr.LineStrips2D([line], colors=[colour], radii=1.0))

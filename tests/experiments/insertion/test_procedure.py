@@ -45,7 +45,7 @@ from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.dialogue import Dialogue
-from labrig.runner.pausing import NoRequests
+from labrig.runner.pausing import PauseRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Progress, Session
 from tests.analysis.synthetic import NOW, PROVENANCE
@@ -104,7 +104,7 @@ def conduct_telling(opened: RunBench, protocol: ExperimentProtocol, then: Progre
     return outcome, open_run(opened.recorder.path)
 
 
-class AsksInTissue(NoRequests):
+class AsksInTissue(PauseRequests):
     """AsksInTissue once for a pause in tissue, when a number of steps has been made."""
 
     def __init__(self, steps: int) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.blueprint.components import AbsoluteTimeRange
 
 from labrig.analysis.result import CentreLines
 from labrig.durable import disk_errors, require_free_bytes, sync_file, temporary_file
@@ -36,6 +35,8 @@ from labrig.report.view import View
 _TITLE = "labrig"
 # The needle has left the sheath when it stands out this far [mm].
 _OUT_MM = 0.5
+# Legends stand at the left of the plots: so much of the motion stays free there.
+_LEGEND_SHARE = 0.3
 _LIVE_WINDOW_S = 60.0
 _SENT_WITHIN_S = 3.0
 # Moves and arrivals are in the log too; the viewer shows them when asked for all levels.
@@ -115,7 +116,7 @@ def make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blue
     view : View
         What the experiment adds; it stands first.
     motion_s : (float, float) or None
-        Begin and end of what is played over and over [rig time, s]; None to follow what arrives.
+        Begin and end of what plots show [rig time, s]; None to follow what arrives.
     """
     whole = rr.TimeRange(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite())
     overviews = [_make_plot(*plot, whole) for plot in view.overviews]
@@ -134,7 +135,8 @@ def make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blue
             rrb.Vertical(*overviews, *curves, row_shares=[*(5 for _ in overviews), *(3 for _ in curves)]),
             column_shares=[3, 2],
         ),
-        _make_time_panel(motion_s),
+        # At the newest: of a saved run that is its last picture, with the path in it.
+        rrb.TimePanel(timeline=TIME, state="collapsed", play_state="following"),
         collapse_panels=True,
     )
 
@@ -148,8 +150,9 @@ def _make_window(motion_s: tuple[float, float] | None) -> rr.TimeRange:
     if motion_s is None:
         before = rr.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_WINDOW_S)
         return rr.TimeRange(before, rr.TimeRangeBoundary.cursor_relative(seconds=0.0))
-    begin, end = (rr.TimeRangeBoundary.absolute(seconds=t_s) for t_s in motion_s)
-    return rr.TimeRange(begin, end)
+    begin_s, end_s = motion_s
+    begin_s -= _LEGEND_SHARE * (end_s - begin_s)
+    return rr.TimeRange(*(rr.TimeRangeBoundary.absolute(seconds=t_s) for t_s in (begin_s, end_s)))
 
 
 def _make_log() -> rrb.TextLogView:
@@ -159,19 +162,6 @@ def _make_log() -> rrb.TextLogView:
         name="Events",
         rows=rrb.TextLogRows(filter_by_log_level=list(_SHOWN_LEVELS)),
         columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
-    )
-
-
-def _make_time_panel(motion_s: tuple[float, float] | None) -> rrb.TimePanel:
-    if motion_s is None:
-        return rrb.TimePanel(timeline=TIME, state="collapsed", play_state="following")
-    begin, end = (rr.TimeInt(seconds=t_s) for t_s in motion_s)
-    return rrb.TimePanel(
-        timeline=TIME,
-        state="collapsed",
-        play_state="playing",
-        loop_mode="selection",
-        time_selection=AbsoluteTimeRange(min=begin, max=end),
     )
 
 

@@ -114,7 +114,8 @@ def _miss_after_cavity(psi: FloatArray, around: Surroundings) -> FloatArray:
 
     Beyond the cavity the needle turns towards the target as tightly as it can. If the target then lies inside the
     turning circle, the miss is its depth in that circle. If the cavity reaches beyond the target, the miss is the
-    target's distance from the straight line.
+    target's distance from the straight line. An arc that ends nearest to the target has it beside its tip: ahead, as
+    far as rounding tells.
     """
     radius_mm = around.problem.radius_mm
     pieces = np.repeat(psi * np.array([1 / _PIECES, 1.0]), _PIECES, axis=1)
@@ -125,7 +126,7 @@ def _miss_after_cavity(psi: FloatArray, around: Surroundings) -> FloatArray:
     beside = np.sqrt(np.maximum(np.sum(to_target**2, axis=-1) - ahead**2, 0.0))
     left = ahead - around.problem.cavity_mm
     misses = np.where(
-        left > 0.0, radius_mm - np.hypot(beside - radius_mm, left), np.where(ahead > 0.0, beside, 0.0)
+        left > 0.0, radius_mm - np.hypot(beside - radius_mm, left), np.where(ahead > -ROUNDING, beside, 0.0)
     )
     lengths = pieces[..., 0] / np.maximum(pieces[..., 0].sum(axis=-1, keepdims=True), ROUNDING)
     return np.asarray((np.maximum(misses[:, 1:], 0.0) * lengths).sum(axis=-1))

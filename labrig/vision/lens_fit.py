@@ -186,7 +186,12 @@ class Fit:
 
     def find_pose(self, view: ObservedView) -> _FloatArray | None:
         """Return the pose (6,) of another view through the same camera; None if there is none."""
-        solved, turn, shift = cv2.solvePnP(self._bend(view), view.pixels, self.matrix, self.parameters[4:])
+        try:
+            solved, turn, shift = cv2.solvePnP(
+                self._bend(view), view.pixels, self.matrix, self.parameters[4:]
+            )
+        except cv2.error:  # a camera that few views hardly determine may map no board to these pixels
+            return None
         return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
 
     def _bend(self, view: ObservedView) -> _FloatArray:

@@ -184,7 +184,8 @@ def _find_seeds(density: Density, spacing_px: float) -> list[_Seed]:
         )
         patch = density[top : top + side, left : left + side]
         spectrum = np.abs(np.fft.fftshift(np.fft.fft2((patch - patch.mean()) * taper[:, None] * taper)))
-        pair = _find_pair(spectrum[ring], waves[ring]) if len(bins) else None
+        is_even = np.ptp(patch) < _LEAST_NOISE  # what is left has peaks too, by rounding
+        pair = None if is_even or not len(bins) else _find_pair(spectrum[ring], waves[ring])
         if pair is not None:
             strength, peaks = pair
             summits = np.array([_find_summit(spectrum, peak) for peak in bins[list(peaks)]])

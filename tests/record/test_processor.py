@@ -25,8 +25,7 @@ def test_processor_and_kernels_are_described() -> None:
     found = json.loads(done.stdout)
     assert found["model"]
     assert found["libm"]
-    assert found["numpy"]
-    assert found["opencv"]
+    assert {"numpy", "opencv"} <= found.keys()  # their kernels; none where all are switched off
     assert found["ipp"]
     assert found["blas_numpy"]
 

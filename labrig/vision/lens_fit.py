@@ -186,12 +186,7 @@ class Fit:
 
     def find_pose(self, view: ObservedView) -> _FloatArray | None:
         """Return the pose (6,) of another view through the same camera; None if there is none."""
-        try:
-            solved, turn, shift = cv2.solvePnP(
-                self._bend(view), view.pixels, self.matrix, self.parameters[4:]
-            )
-        except cv2.error:  # a camera that few views hardly determine may map no board to these pixels
-            return None
+        solved, turn, shift = cv2.solvePnP(self._bend(view), view.pixels, self.matrix, self.parameters[4:])
         return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
 
     def _bend(self, view: ObservedView) -> _FloatArray:
@@ -212,37 +207,42 @@ class Pulls:
         Gradient of each view's sum of squares.
     prior : ndarray (P, P)
         Information of the prior of the warp.
+    scale : ndarray (P,)
+        Square root of the information of each parameter alone, with all poses known.
     """
 
     information: _FloatArray
     scores: _FloatArray
     prior: _FloatArray
+    scale: _FloatArray
 
     @classmethod
     def of(cls, fit: Fit, views: Sequence[ObservedView]) -> "Pulls":
         """Return the pulls of the views of a fit, in units of the corners' noise."""
-        parts, squares = [], 0.0
+        parts, squares, alone = [], 0.0, np.zeros(LENS + len(fit.warp))
         for view, pose in zip(views, fit.poses, strict=True):
             px, shared, by_pose = fit.project(view, pose)
             off = (view.pixels - px).ravel()
+            alone += np.sum(shared**2, axis=0)
             shared = _without_pose(shared, by_pose)
             parts.append((shared.T @ shared, shared.T @ off))
             squares += float(off @ off)
         variance = max(squares / max(_count_freedom(views), 1), np.finfo(float).tiny)
         information, scores = (np.array(part) / variance for part in zip(*parts, strict=True))
         prior = np.diag(np.concatenate((np.zeros(LENS), np.ones(len(fit.warp)))))
-        return cls(information, scores, prior)
+        scale = np.sqrt(np.maximum(alone / variance + np.diag(prior), np.finfo(float).tiny))
+        return cls(information, scores, prior, scale)
 
     def find_covariance(self, without: int | None = None) -> _FloatArray | None:
         """Return the covariance (P, P) by the corners' noise, of all views or of the others; None if undetermined."""
         total = self.information.sum(axis=0) + self.prior
         if without is not None:
             total = total - self.information[without]
-        scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
-        scaled = total / np.outer(scale, scale)
-        if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _LARGEST_CONDITION**2:
+        scaled = total / np.outer(self.scale, self.scale)
+        # Of what the poses explain, rounding is left: it must not be scaled up to look like information.
+        if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < _LARGEST_CONDITION**-2:
             return None
-        return np.asarray(np.linalg.inv(scaled) / np.outer(scale, scale))
+        return np.asarray(np.linalg.inv(scaled) / np.outer(self.scale, self.scale))
 
     def leave_out(self, fit: Fit, index: int) -> Fit | None:
         """Return the camera of the other views, by a step of Gauss and Newton; None if they do not determine it."""

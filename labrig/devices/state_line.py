@@ -27,7 +27,7 @@ def write_state_line(rig: RigDescription, states: Mapping[str, DriveReading]) ->
 
 
 def read_state_line(rig: RigDescription, line: Mapping[str, Any]) -> dict[str, DriveReading]:
-    """Return the reading of a line; speeds are not recorded. Raises `KeyError` where a value is missing."""
+    """Return the reading of a line. Raises `KeyError` where a value is missing."""
     states = {}
     for name, axis in rig.axes.items():
         columns = {channel: axis.inputs[channel].column(channel) for channel in axis.inputs}

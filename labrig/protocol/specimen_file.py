@@ -110,12 +110,6 @@ class SpecimenFile(Model):
         """Return the age at a moment, since the block was cast [h]; negative before that."""
         return (moment - datetime.fromisoformat(self.cast_on)).total_seconds() / 3600.0
 
-    def describe_curing(self) -> str | None:
-        """Return for how long and at which temperature it cures, as far as that is stated: 24 h at 5 °C."""
-        hours = () if self.cured_for_h is None else (f"{self.cured_for_h:g} h",)
-        celsius = () if self.cured_at_celsius is None else (f"at {self.cured_at_celsius:g} °C",)
-        return " ".join((*hours, *celsius)) or None
-
 
 class SpecimenTrack(Model):
     """The track that one insertion left in a block.

@@ -28,7 +28,7 @@ from labrig.record.results import list_results, read_result
 
 # Hashes, lists of all pictures and old tracks differ between runs, but nobody searches for them.
 _LEFT_OUT = frozenset({"schema_version", "command_line", "packages", "inputs", "created", "tracks"})
-_LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", "measurements", "cells", "corners", "maps"})
+_LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", "measurements", "cells", "corners"})
 
 Fields = dict[str, list[Value]]
 

@@ -36,13 +36,10 @@ from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_fit import GridCheck
 from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
-from labrig.vision.tip import TipFix
+from labrig.vision.tip import TipFix, is_off_rim
 
 FITTED_MM_PER_PX = 0.1053
 """Scale of the rig that the errors were fitted to."""
-
-RIM_PX = 25.0
-"""A tip closer to the rim of the picture than this is not found."""
 
 
 @dataclass(frozen=True)
@@ -405,10 +402,7 @@ class WorldSight:
 
     def _shows(self, u: float, v: float) -> bool:
         """Return whether a tip at a pixel is far enough from the rim of the picture to be found."""
-        if self.plane.image_size is None:
-            return True
-        width, height = self.plane.image_size
-        return RIM_PX <= u <= width - 1 - RIM_PX and RIM_PX <= v <= height - 1 - RIM_PX
+        return self.plane.image_size is None or is_off_rim(u, v, self.plane.image_size)
 
     def _scatter_on(self, arc_mm: float, drawn: FloatArray) -> FloatArray:
         """Return what scatters at a length of the path, (2,): an Ornstein-Uhlenbeck process, and noise beside it."""

@@ -32,6 +32,8 @@ _Point = tuple[float, float]
 # `python -m tests.benchmarks tip`. It rests on drawn pictures of the simulated camera, searched with a template that
 # was cut from such a picture; how well a template of another camera or needle is marked is not in it.
 TIP_SIGMA_PX = 0.14
+RIM_PX = 25.0
+"""A tip closer to the rim of the picture than this is not found."""
 # A window with less than this share of the template's standard deviation is flat.
 _FLAT = 0.4
 # Fewest pixels of the template's side in the smaller picture, and the largest reduction.
@@ -51,6 +53,12 @@ _LEAST_SCORE, _LEAST_DISTINCTNESS = 0.9, 0.05
 _MOST_TURNED_RAD = math.radians(15.0)
 # Headings tried if none is predicted, from -96 to 96 degrees.
 _HEADINGS_RAD = tuple(math.radians(12.0 * step) for step in range(-8, 9))
+
+
+def is_off_rim(u: float, v: float, size: tuple[int, int]) -> bool:
+    """Return whether a tip at a pixel is far enough from the rim of a picture (width, height) to be found."""
+    width, height = size
+    return RIM_PX <= u <= width - 1 - RIM_PX and RIM_PX <= v <= height - 1 - RIM_PX
 
 
 class TipFix(Model):

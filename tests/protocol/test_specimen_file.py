@@ -10,7 +10,7 @@ from labrig.errors import FileFormatError, InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, load_recorded_protocol
 from labrig.protocol.schema import schema_text
-from labrig.protocol.specimen_file import MOST_TRACKS, SpecimenFile, load_specimen, specimen_schema
+from labrig.protocol.specimen_file import MOST_TRACKS, load_specimen, specimen_schema
 from labrig.protocol.yaml_file import dump_yaml
 from tests.protocol.specimens import make_track, sweep_in, write_specimen
 
@@ -77,21 +77,6 @@ def test_a_malformed_specimen_file_is_refused_at_its_line(lines: str, words: str
     with pytest.raises(FileFormatError, match=r"A1\.yaml:\d+:\d+") as refused:
         load_specimen("A1", [path.parent])
     assert words in refused.value.message
-
-
-@pytest.mark.parametrize(
-    ("stated", "said"),
-    [
-        ({}, None),
-        ({"cured_for_h": 24}, "24 h"),
-        ({"cured_at_celsius": 5}, "at 5 °C"),
-        ({"cured_for_h": 24, "cured_at_celsius": 5}, "24 h at 5 °C"),
-    ],
-)
-def test_a_block_says_how_it_cures_as_far_as_its_file_does(stated: dict[str, int], said: str | None) -> None:
-    """Without a time, by its temperature; nothing where the file says nothing."""
-    block = {"name": "A1", "gelatin_percent": 10, "cast_on": "2026-11-20T09:30+01:00"}
-    assert SpecimenFile.model_validate({**block, **stated}).describe_curing() == said
 
 
 def test_a_file_under_another_name_or_elsewhere_is_refused(tmp_path: Path) -> None:

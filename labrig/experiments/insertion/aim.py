@@ -10,9 +10,7 @@ from labrig.experiments.insertion.protocol import InsertionObstacle, InsertionPr
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.steering.problem import Obstacle
 from labrig.vision.plane import PlaneMap
-
-RIM_PX = 25.0
-"""A tip closer to the rim of the picture than this is not found."""
+from labrig.vision.tip import RIM_PX, is_off_rim
 
 Point = tuple[float, float, float]
 Pixel = tuple[float, float]
@@ -160,7 +158,7 @@ def _find_target_out_of_view(target_mm: Point, plane: PlaneMap) -> Iterator[Prob
         return
     width, height = plane.image_size
     u, v = plane.to_px(np.array([target_mm[1:]]))[0].tolist()
-    if not (RIM_PX <= u <= width - 1 - RIM_PX and RIM_PX <= v <= height - 1 - RIM_PX):
+    if not is_off_rim(u, v, plane.image_size):
         message = (
             f"the target is outside of the camera's view: it would be seen at ({u:.0f}, {v:.0f}) px, and a tip is "
             f"found down to {RIM_PX:g} px from the rim of {width}x{height} px"

@@ -6,7 +6,7 @@ beyond its hole is not compared: needles of one sweep bend alike, side by side.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from labrig.errors import Problem, RecordError
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
@@ -62,9 +62,7 @@ def find_near_holes(
         return
     hole, track = near[0]
     more, gap_mm = len(near) - 1, _find_gap_mm(track, places_mm[hole], diameter_mm)
-    start_mm = find_place(
-        gel.block.tracks, [place - places_mm[0] for place in places_mm], diameter_mm, last_mm, gel
-    )
+    start_mm = find_place(gel, [place - places_mm[0] for place in places_mm], diameter_mm, last_mm)
     yield Problem(
         f"{key}.first_hole_mm",
         f"hole {hole + 1}, at {places_mm[hole]:g} mm, would be {max(gap_mm, 0.0):.2f} mm from hole {track.hole + 1} of "
@@ -82,11 +80,7 @@ def _suggest(start_mm: float | None, holes: int) -> str:
 
 
 def find_place(
-    old: Iterable[SpecimenTrack],
-    places_mm: Sequence[float],
-    diameter_mm: float,
-    last_mm: float,
-    gel: TrackedSpecimen,
+    gel: TrackedSpecimen, places_mm: Sequence[float], diameter_mm: float, last_mm: float
 ) -> float | None:
     """Return the first place, in steps of 0.5 mm, from which planned holes are clear of old ones; None without any.
 
@@ -96,16 +90,10 @@ def find_place(
         As they lie if the first of them is at 0.
     diameter_mm, last_mm : float
         As in `find_near_holes`.
-    gel : TrackedSpecimen
-        Its track_clearance_mm counts.
     """
-    held = tuple(old)
     for step in range(math.floor((last_mm - max(places_mm)) / _STEP_MM) + 1):
         start_mm = step * _STEP_MM
-        gaps_mm = (
-            _find_gap_mm(track, start_mm + place, diameter_mm) for track in held for place in places_mm
-        )
-        if all(gap_mm >= gel.track_clearance_mm for gap_mm in gaps_mm):
+        if all(_find_near(gel, start_mm + place_mm, diameter_mm) is None for place_mm in places_mm):
             return start_mm
     return None
 

@@ -31,7 +31,7 @@ def test_a_crossing_may_be_allowed_and_a_gel_without_a_file_has_no_tracks() -> N
 def test_a_full_block_has_no_next_hole() -> None:
     """The first place with the clearance is found; where the block ends before that, there is none."""
     block = gel(0.0, 8.0)
-    assert find_place(block.block.tracks, [0.0], 2.0, 100.0, block) == 4.0
+    assert find_place(block, [0.0], 2.0, 100.0) == 4.0
     tight = gel(0.0, 7.5)
-    assert find_place(tight.block.tracks, [0.0], 2.0, 100.0, tight) == 11.5
-    assert find_place(tight.block.tracks, [0.0], 2.0, 11.0, tight) is None
+    assert find_place(tight, [0.0], 2.0, 100.0) == 11.5
+    assert find_place(tight, [0.0], 2.0, 11.0) is None

@@ -1,4 +1,4 @@
-"""Draw a calibrated lens: the coverage by boards, the residuals, and the uncertainty of each pixel."""
+"""Draw the corners of a calibrated lens's boards with their residuals."""
 
 import io
 from pathlib import Path
@@ -6,29 +6,22 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from scipy.ndimage import zoom
 
 from labrig.durable import write_atomically
 from labrig.report.figures import SETTINGS
 from labrig.report.palette import mark
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.lens_judgement import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
 
 _DOTS_PER_INCH = 130
-_LEVELS_PX = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-# Contours are drawn on a map that is finer by this factor, interpolated in its logarithm.
-_FINER = 6
-_LEAST_SIGMA_PX = 1e-6
+_LEAST_RMS_PX = 1e-6
 # Residuals are enlarged until their rms is this share of the picture's width.
 _ARROW_SHARE = 0.02
 _LEFT_OUT = "#999999"
 
 
 def write_lens_figure(path: Path, lens: Intrinsics) -> None:
-    """Draw residuals and coverage beside the uncertainty over the picture, as PNG.
+    """Draw corners and residuals over the picture, as PNG.
 
     Raises
     ------
@@ -36,24 +29,22 @@ def write_lens_figure(path: Path, lens: Intrinsics) -> None:
         If the file cannot be written.
     """
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(10.0, 4.6), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        _draw_residuals(left, lens)
-        _draw_uncertainty(right, lens)
-        for axes in (left, right):
-            axes.set_xlim(-0.5, lens.image_size[0] - 0.5)
-            axes.set_ylim(lens.image_size[1] - 0.5, -0.5)
-            axes.set_aspect("equal")
-            axes.set_xlabel("u (px)")
-            axes.set_ylabel("v (px)")
-            axes.spines[:].set_visible(True)
+        figure = Figure(figsize=(6.4, 5.4), layout="constrained")
+        axes = figure.subplots()
+        _draw_residuals(axes, lens)
+        axes.set_xlim(-0.5, lens.image_size[0] - 0.5)
+        axes.set_ylim(lens.image_size[1] - 0.5, -0.5)
+        axes.set_aspect("equal")
+        axes.set_xlabel("u (px)")
+        axes.set_ylabel("v (px)")
+        axes.spines[:].set_visible(True)
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH, facecolor="white")
     write_atomically(path, buffer.getvalue())
 
 
 def _draw_residuals(axes: Axes, lens: Intrinsics) -> None:
-    longer = _ARROW_SHARE * lens.image_size[0] / max(lens.rms_px, _LEAST_SIGMA_PX)
+    longer = _ARROW_SHARE * lens.image_size[0] / max(lens.rms_px, _LEAST_RMS_PX)
     for index, view in enumerate(lens.views):
         if not view.corners_px:
             continue
@@ -85,30 +76,3 @@ def _draw_scale(axes: Axes, size: tuple[int, int], longer: float, length_px: flo
     u, v = 0.03 * size[0], 0.95 * size[1]
     axes.plot((u, u + longer * length_px), (v, v), color="black", linewidth=1.8, solid_capstyle="butt")
     axes.annotate(f"{length_px:g} px", (u, v), xytext=(0, 3), textcoords="offset points", fontsize=8.5)
-
-
-def _draw_uncertainty(axes: Axes, lens: Intrinsics) -> None:
-    if lens.projection_sigma_px is None:
-        axes.set_title("The views do not determine the lens")
-        return
-    sigma = np.maximum(np.array(lens.projection_sigma_px), _LEAST_SIGMA_PX)
-    width, height = lens.image_size
-    u, v = np.linspace(0, width - 1, sigma.shape[1]), np.linspace(0, height - 1, sigma.shape[0])
-    smooth = np.exp(zoom(np.log(sigma), _FINER))
-    finer = (np.linspace(0, width - 1, smooth.shape[1]), np.linspace(0, height - 1, smooth.shape[0]))
-    levels = (0.0, *_LEVELS_PX, max(2 * _LEVELS_PX[-1], 1.01 * float(smooth.max())))
-    norm = BoundaryNorm(levels, mpl.colormaps["Blues"].N)
-    axes.contourf(*finer, smooth, levels=levels, cmap="Blues", norm=norm, alpha=0.7)
-    drawn = axes.contour(*finer, smooth, levels=_LEVELS_PX, colors="#555555", linewidths=0.5)
-    axes.clabel(drawn, fmt="%g", fontsize=7.5)
-    places = np.stack(np.meshgrid(u[1:-1:2], v[1:-1:2]), axis=-1).reshape(-1, 2)
-    for place, value in zip(places, sigma[1:-1:2, 1:-1:2].ravel(), strict=True):
-        axes.annotate(f"{value:.2f}", tuple(place), ha="center", va="center", fontsize=8.5, fontweight="bold")
-    corner = (WORKING_MARGIN * (width - 1), WORKING_MARGIN * (height - 1))
-    sides = [(1.0 - 2.0 * WORKING_MARGIN) * (side - 1) for side in (width, height)]
-    label = f"working area: {LARGEST_PROJECTION_SIGMA_PX:g} px at most"
-    axes.add_patch(
-        Rectangle(corner, *sides, fill=False, edgecolor="#d55e00", linestyle="--", linewidth=1.2, label=label)
-    )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), borderaxespad=0.0)
-    axes.set_title("Uncertainty of a pixel, one standard deviation (px)")

@@ -137,16 +137,10 @@ class Intrinsics:
         Why not, each with what to photograph next.
     covariance : tuple of rows or None
         Of the parameters in the order of `PARAMETERS`, nine by nine.
-    projection_sigma_px : tuple of rows of floats or None
-        Standard deviation of the pixel of a direction over the picture, row by row from corner to corner; see
-        `labrig.vision.lens_judgement`.
     effect : LensEffect or None
         What the covariance does to lengths, radii and the plane's distance.
     coverage : float or None
         Share of the picture inside the convex hull of all corners.
-    different_views : int or None
-    tilt_spread_deg : float or None
-        Largest angle between two boards.
     board_warp : BoardWarp or None
         How far the board is from flat.
     sigma_from : "corners" or "views"
@@ -169,11 +163,8 @@ class Intrinsics:
     accepted: bool
     reasons: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...] | None = None
-    projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
     effect: LensEffect | None = None
     coverage: float | None = None
-    different_views: int | None = None
-    tilt_spread_deg: float | None = None
     board_warp: BoardWarp | None = None
     sigma_from: SigmaSource = "corners"
 

@@ -5,11 +5,6 @@ standard deviation of the focal length: an error of it is very nearly a shift of
 the principal point a small rotation of the camera, and the map of the plane absorbs both. So a lens is judged by what
 its covariance leaves in lengths and radii through a plane map that is made with it, over the working area, and by what
 it does to the plane's distance.
-
-The uncertainty of each pixel is stated likewise: the rotation and the shift along the axis that fit best over the part
-of the picture covered by boards are removed, as in mrcal's maps. On OpenCV's thirteen photographs 0.043 px in the
-middle and 0.25 at (100, 100) are left, by the scatter between views; mrcal, which takes corners for independent, gives
-0.026 and 0.14.
 """
 
 from collections.abc import Sequence
@@ -17,7 +12,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.text import round_down, round_up
@@ -26,34 +21,26 @@ from labrig.vision.intrinsics import (
     Intrinsics,
     LensEffect,
     ViewResidual,
-    root_of,
     undistort_by_each,
     vary_lens,
 )
-from labrig.vision.lens_fit import LEAST_VIEWS, Fit, ObservedView
+from labrig.vision.lens_fit import Fit, ObservedView
 
 _FloatArray = NDArray[np.float64]
 
 _LEAST_TILT_SPREAD_DEG = 20.0
 _LEAST_COVERAGE = 0.35
 _LARGEST_HOLDOUT_PX = 1.0
-# The working area is the picture inside this margin; a pixel there may be as uncertain as this.
-WORKING_MARGIN = 0.15
-LARGEST_PROJECTION_SIGMA_PX = 1.0
+# The working area is the picture inside this margin.
+_WORKING_MARGIN = 0.15
 # Largest standard deviation of a length or a radius, and of the plane's distance, as shares. A distance is no length in
 # the plane: it enters with the height of the needle over it and with refraction, which change lengths by some percent,
 # so that this share of them is below the first.
 _LARGEST_EFFECT, _LARGEST_DISTANCE_EFFECT = 0.002, 0.01
 # Arcs by which lengths and radii are judged: radius over the picture's longer side, angle, and places on a grid.
 _ARC_RADIUS, _ARC_RAD, _ARC_PLACES = 0.2, np.deg2rad(82.0), (5, 4)
-# Columns and rows of the map from corner to corner, and of the grid over which rotation, shift and paper are fitted.
-_MAP_SHAPE = (9, 7)
-_FIT_SHAPE = (16, 12)
-_MIDDLE_MARGIN = 0.25
-_LEAST_FITTED = 4
-# Poses whose tilts and places (in distances from the camera) differ by less count as one pose.
-_SAME_TILT_RAD = np.deg2rad(4.0)
-_SAME_PLACE = 0.04
+# Columns and rows of the paper's points.
+_PAPER_SHAPE = (16, 12)
 
 
 def judge_lens(
@@ -64,18 +51,16 @@ def judge_lens(
     residuals: tuple[ViewResidual, ...],
 ) -> Intrinsics:
     """Return the fitted lens with its evidence, accepted or with the reasons for refusing it."""
-    normals, centres = _find_poses(views, fit)
+    normals = _find_normals(views, fit)
     spread = float(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0)))
     seen = np.vstack([view.pixels for view in views])
     bare = replace(
         _make_intrinsics(fit, size, residuals),
         holdout_rms_px=float(holdout_px) if holdout_px is not None and np.isfinite(holdout_px) else None,
         coverage=float(cv2.contourArea(cv2.convexHull(seen.astype(np.float32)))) / (size[0] * size[1]),
-        different_views=_count_different(normals, centres),
-        tilt_spread_deg=float(np.rad2deg(spread)),
     )
-    found = replace(bare, projection_sigma_px=_map_projection(bare, seen), effect=measure_effect(bare))
-    reasons = (*_judge_poses(found, normals, seen), *_judge_numbers(found))
+    found = replace(bare, effect=measure_effect(bare))
+    reasons = (*_judge_poses(found, float(np.rad2deg(spread)), normals, seen), *_judge_numbers(found))
     return replace(found, accepted=not reasons, reasons=reasons)
 
 
@@ -101,19 +86,9 @@ def _make_intrinsics(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResid
     )
 
 
-def _judge_poses(found: Intrinsics, normals: _FloatArray, seen: _FloatArray) -> list[str]:
+def _judge_poses(found: Intrinsics, spread_deg: float, normals: _FloatArray, seen: _FloatArray) -> list[str]:
     """Return what the board's poses lack."""
-    reasons = []
-    different, spread_deg, coverage = (
-        found.different_views or 0,
-        found.tilt_spread_deg or 0.0,
-        found.coverage or 0.0,
-    )
-    if different < LEAST_VIEWS:
-        reasons.append(
-            f"the board was held in {different} pose{'' if different == 1 else 's'} that can be told apart, at least "
-            f"{LEAST_VIEWS} are needed: turn it, tilt it and move it between the photographs"
-        )
+    reasons, coverage = [], found.coverage or 0.0
     if spread_deg < _LEAST_TILT_SPREAD_DEG:
         reasons.append(
             f"the board's tilts differ by {round_down(spread_deg, 1)} degrees at most, {_LEAST_TILT_SPREAD_DEG:.0f} "
@@ -146,25 +121,15 @@ def _find_emptiest_corner(seen: _FloatArray, size: tuple[int, int]) -> str:
     return names[int(np.argmax(away))]
 
 
-def _find_poses(views: Sequence[ObservedView], fit: Fit) -> tuple[_FloatArray, _FloatArray]:
-    """Return each board's normal towards the camera and its centre [mm], each (N, 3)."""
+def _find_normals(views: Sequence[ObservedView], fit: Fit) -> _FloatArray:
+    """Return each board's normal towards the camera (V, 3)."""
     turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
     posed = zip(turns, views, fit.poses[:, 3:], strict=True)
-    centres = np.array([turn @ view.board.mean(axis=0) + shift for turn, view, shift in posed])
+    away = np.array(
+        [turn[:, 2] @ (turn @ view.board.mean(axis=0) + shift) > 0.0 for turn, view, shift in posed]
+    )
     normals = np.array([turn[:, 2] for turn in turns])
-    away = np.sum(normals * centres, axis=1) > 0.0
-    return np.where(away[:, None], -normals, normals), centres
-
-
-def _count_different(normals: _FloatArray, centres: _FloatArray) -> int:
-    """Count poses; poses of nearly the same tilt and place count as one."""
-    kept: list[int] = []
-    for index, (normal, centre) in enumerate(zip(normals, centres, strict=True)):
-        same_tilt = normals[kept] @ normal > np.cos(_SAME_TILT_RAD)
-        same_place = np.linalg.norm(centres[kept] - centre, axis=1) < _SAME_PLACE * np.linalg.norm(centre)
-        if not (same_tilt & same_place).any():
-            kept.append(index)
-    return len(kept)
+    return np.where(away[:, None], -normals, normals)
 
 
 def _judge_numbers(found: Intrinsics) -> list[str]:
@@ -179,7 +144,6 @@ def _judge_numbers(found: Intrinsics) -> list[str]:
         )
     try:
         found.undistort_px(picture_grid(found.image_size, (33, 25)))
-        reasons += _judge_projection(found)
     except MeasurementRefusedError:
         reasons.append(
             "the lens model folds inside the picture: photograph the board near the picture's edges"
@@ -207,23 +171,6 @@ def _judge_effect(found: Intrinsics) -> list[str]:
     ]
 
 
-def _judge_projection(found: Intrinsics) -> list[str]:
-    """Return where in the working area the lens is too uncertain."""
-    if found.projection_sigma_px is None:
-        return []
-    inner = np.array(found.projection_sigma_px)[1:-1, 1:-1]
-    places = picture_grid(found.image_size, _MAP_SHAPE).reshape(*_MAP_SHAPE[::-1], 2)[1:-1, 1:-1]
-    worst = np.unravel_index(np.argmax(inner), inner.shape)
-    if inner[worst] <= LARGEST_PROJECTION_SIGMA_PX:
-        return []
-    u, v = places[worst]
-    reason = (
-        f"the lens is uncertain by {round_up(inner[worst], 2)} px at ({u:.0f}, {v:.0f}), the limit is "
-        f"{LARGEST_PROJECTION_SIGMA_PX:.2f} px: photograph the board there, so close that it fills that part"
-    )
-    return [reason]
-
-
 def measure_effect(lens: Intrinsics) -> LensEffect | None:
     """Return what a lens's uncertainty does to measurements through a plane map made with it; None if it is unknown.
 
@@ -235,7 +182,7 @@ def measure_effect(lens: Intrinsics) -> LensEffect | None:
     if lens.covariance is None:
         return None
     arcs = _draw_arcs(lens.image_size)
-    paper = picture_grid(lens.image_size, _FIT_SHAPE, WORKING_MARGIN)
+    paper = picture_grid(lens.image_size, _PAPER_SHAPE, _WORKING_MARGIN)
     places = np.vstack((paper, arcs.reshape(-1, 2)))
     try:
         lenses = vary_lens(lens)
@@ -265,7 +212,7 @@ def _draw_arcs(size: tuple[int, int]) -> _FloatArray:
     for quarter in range(4):
         bent = arc @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), quarter)
         bent -= 0.5 * (bent.min(axis=0) + bent.max(axis=0))
-        room = np.maximum((1.0 - 2.0 * WORKING_MARGIN) * np.array(size) - np.ptp(bent, axis=0), 0.0)
+        room = np.maximum((1.0 - 2.0 * _WORKING_MARGIN) * np.array(size) - np.ptp(bent, axis=0), 0.0)
         axes = [np.linspace(-0.5, 0.5, count) * side for count, side in zip(_ARC_PLACES, room, strict=True)]
         middles = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 1, 2) + 0.5 * (np.array(size) - 1.0)
         arcs.append(middles + bent)
@@ -297,50 +244,3 @@ def picture_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 
         for extent, count in zip(size, shape, strict=True)
     )
     return np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
-
-
-def projection_sigma_px(lens: Intrinsics, px: ArrayLike, seen_px: ArrayLike) -> _FloatArray:
-    """Return the standard deviation (N,) of the pixels of fixed directions [px], both axes together.
-
-    Parameters
-    ----------
-    px : array_like (N, 2)
-        Pixels of the directions.
-    seen_px : array_like (M, 2)
-        Rotation and shift are fitted inside the hull of these pixels.
-
-    Raises
-    ------
-    MeasurementRefusedError
-        If the lens has no covariance, or its model has no inverse in the picture.
-    """
-    if lens.covariance is None:
-        raise MeasurementRefusedError(
-            "the views do not determine the lens", "photograph the board in more poses"
-        )
-    wanted = np.asarray(px, dtype=np.float64)
-    rays = lens.directions(np.vstack((wanted, _choose_fit_px(lens.image_size, seen_px))))
-    # A flat scene at distance one; its shift along the axis is the sixth derivative, sideways shifts are rotations.
-    slopes = lens.project(rays / rays[:, 2:])[1]
-    camera, moves = slopes[:, [0, 1, 2, 5]], slopes[:, 6:] @ root_of(np.array(lens.covariance))
-    fitted = slice(2 * len(wanted), None)
-    compensation = np.linalg.lstsq(camera[fitted], moves[fitted], rcond=None)[0]
-    left = (moves - camera @ compensation)[: 2 * len(wanted)]
-    return np.asarray(np.sqrt(np.sum(left**2, axis=1).reshape(-1, 2).sum(axis=1)))
-
-
-def _map_projection(lens: Intrinsics, seen_px: _FloatArray) -> tuple[tuple[float, ...], ...] | None:
-    """Return the uncertainty over the picture, 7 rows of 9 places from corner to corner; None if it is unknown."""
-    try:
-        sigma = projection_sigma_px(lens, picture_grid(lens.image_size, _MAP_SHAPE), seen_px)
-    except MeasurementRefusedError:
-        return None
-    return tuple(map(tuple, sigma.reshape(_MAP_SHAPE[1], _MAP_SHAPE[0]).tolist()))
-
-
-def _choose_fit_px(size: tuple[int, int], seen_px: ArrayLike) -> _FloatArray:
-    """Return the pixels (N, 2) over which rotation and shift are fitted."""
-    hull = cv2.convexHull(np.asarray(seen_px, dtype=np.float32))
-    grid = picture_grid(size, _FIT_SHAPE)
-    kept = [cv2.pointPolygonTest(hull, (float(u), float(v)), measureDist=False) >= 0.0 for u, v in grid]
-    return grid[kept] if sum(kept) >= _LEAST_FITTED else picture_grid(size, _FIT_SHAPE, _MIDDLE_MARGIN)

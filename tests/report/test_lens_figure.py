@@ -24,16 +24,11 @@ def lens(**known: Any) -> Intrinsics:
     )
 
 
-def test_figure_is_drawn_with_and_without_what_is_known(tmp_path: Path) -> None:
-    """A lens that the views determine, and one that they do not, each give a picture with something on it."""
+def test_figure_shows_the_corners_and_what_was_left_out(tmp_path: Path) -> None:
+    """The picture has something on it, and changes with the coverage that its title states."""
     pictures = []
-    cases: tuple[tuple[str, dict[str, Any]], ...] = (
-        ("known.png", {"projection_sigma_px": tuple((0.1,) * 9 for _ in range(7)), "coverage": 0.5}),
-        ("unknown.png", {}),
-    )
-    for name, known in cases:
+    for name, known in (("known.png", {"coverage": 0.5}), ("unknown.png", {})):
         write_lens_figure(tmp_path / name, lens(**known))
         pictures.append(read_picture(tmp_path / name))
-    assert all(picture.shape[1] > 1000 and np.ptp(picture) > 200 for picture in pictures)
-    known_picture, unknown_picture = pictures
-    assert not np.array_equal(known_picture, unknown_picture)
+    assert all(picture.shape[1] > 700 and np.ptp(picture) > 200 for picture in pictures)
+    assert not np.array_equal(pictures[0], pictures[1])

@@ -6,7 +6,7 @@ from pathlib import Path
 from labrig.analysis.result import AnyResult
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.reader import Run
-from labrig.report.writing import write_report
+from labrig.report.page import write_report
 
 
 def write_page(run: Run, result: AnyResult | None, created: datetime) -> Path:

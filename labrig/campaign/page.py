@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from labrig import __version__
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.figures import (
     MapCircle,
@@ -26,15 +25,14 @@ from labrig.report.figure_files import write_figure
 from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import (
     count_decimals,
-    format_time,
     label_quantity,
     name_settings,
     number,
     signed,
     split_quantity,
 )
-from labrig.report.rendering import render
-from labrig.report.writing import REPORT_FILE
+from labrig.report.page import REPORT_FILE, tell_writing
+from labrig.report.page import write_page as write_document
 from labrig.text import format_count
 
 RESULT_FILE = "result.json"
@@ -83,11 +81,10 @@ def write_page(
         "measure": label_quantity(result.measure),
         "maps": maps,
         "commands": [shlex.join(case.command) for case in result.worst],
-        "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
+        "written": tell_writing(created),
         **figures,
     }
-    page = render(TEMPLATE, shown, _make_filters(result))
-    write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
+    write_document(folder / REPORT_FILE, TEMPLATE, shown, _make_filters(result))
     return folder / REPORT_FILE
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig import __version__
 from labrig.analysis.comparison import ComparedRuns, Comparison, Pair
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
@@ -15,14 +14,12 @@ from labrig.report.figure_files import write_figure
 from labrig.report.formatting import (
     UNKNOWN,
     count_decimals,
-    format_time,
     join_words,
     number,
     signed,
     split_quantity,
 )
-from labrig.report.rendering import TEMPLATES, render
-from labrig.report.writing import REPORT_FILE
+from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.text import format_count
 
 TABLE_FILES = ("measurements.csv", "measurements.json")
@@ -78,11 +75,9 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
         "marks": mark_groups(content.groups),
         "figure": figure,
         "sources": _list_sources(content),
-        "written": f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
+        "written": tell_writing(created),
     }
-    filters = _make_filters(content)
-    page = render(TEMPLATES / "comparison.html.jinja", shown, filters)
-    write_atomically(folder / REPORT_FILE, page.encode("utf-8"))
+    write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, _make_filters(content))
 
 
 def _make_title(content: Comparison) -> str:

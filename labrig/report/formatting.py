@@ -1,6 +1,7 @@
 """Text of numbers, times and lists on the pages."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from markupsafe import Markup, escape
@@ -56,14 +57,18 @@ _QUANTITIES = {
     "mean_radius": "mean radius",
     "reach": "reach",
 }
-_UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "degrees", "s": "s", "percent": "%"}
+_UNITS = {
+    "mm_s": "mm/s", "rad_s": "rad/s", "mm": "mm", "px": "px", "rad": "rad", "deg": "degrees", "s": "s", "percent": "%",
+}  # fmt: skip
+_WITH_UNIT = re.compile(rf"(.+?)_({'|'.join(_UNITS)})")
 
 
 def split_quantity(column: str) -> tuple[str, str | None]:
     """Return what a column holds in words, and its unit; None without one: `radius_mm` is ("radius", "mm")."""
-    stem, _, end = column.rpartition(".")[2].rpartition("_")
-    name, unit = (stem, _UNITS[end]) if stem and end in _UNITS else (column.rpartition(".")[2], None)
-    return _QUANTITIES.get(name, name.replace("_", " ")), unit
+    last = column.rpartition(".")[2]
+    parts = _WITH_UNIT.fullmatch(last)
+    name = parts[1] if parts else last
+    return _QUANTITIES.get(name, name.replace("_", " ")), _UNITS[parts[2]] if parts else None
 
 
 def label_quantity(column: str) -> str:

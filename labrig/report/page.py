@@ -1,12 +1,49 @@
-"""What a page shows, as its experiment gives it; loads nothing that draws."""
+"""The page of a run, `RUN/report.html`: its content comes from the experiment, all else from the record.
 
-from collections.abc import Callable, Mapping, Sequence
+What stands on every page is in `templates/base.html.jinja`: the head, what was done, and what the numbers rest on.
+"""
+
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from labrig import __version__
+from labrig.analysis.pictures import load_lens
+from labrig.analysis.result import AnyResult
+from labrig.durable import write_atomically
+from labrig.errors import RecordError
+from labrig.record.events import INCOMPLETE, INTERRUPTED, TrialStart, TrialStop
+from labrig.record.manifest import is_simulated
+from labrig.record.notes import Annotations
+from labrig.record.reader import Run
+from labrig.report.event_words import list_decisions
 from labrig.report.film_pictures import Film
-from labrig.report.formatting import Rows
+from labrig.report.formatting import (
+    Rows,
+    flatten,
+    format_time,
+    format_value,
+    interval,
+    mark_breaks,
+    number,
+    signed,
+)
+from labrig.report.load_figure import draw_load_figure
+from labrig.text import format_count
+from labrig.vision.error_budget import ErrorBudget
+from labrig.vision.plane import PlaneMap
+
+REPORT_FILE = "report.html"
+TEMPLATES = Path(__file__).parent / "templates"
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -17,21 +54,140 @@ class Page:
     ----------
     facts : tuple
         Terms and values of the protocol; shown without a result too.
-    template : Path or None
-        The experiment's template, which extends `base.html.jinja`; None shows only the head.
+    template : Path
+        The experiment's template, which extends `base.html.jinja`; that one alone shows what every page has. Beside
+        `shown` it finds `run`, `result`, its `content` and its `folder`.
     verdict : sequence of str
         The result in a sentence or two.
-    calibration : tuple
-        Accuracy of lens and plane.
+    plane : PlaneMap or None
+        By which the pictures were measured; None for an experiment that measures none.
     shown : Mapping
-        Variables of the template, with all drawings.
+        Further variables of the template, with all drawings.
     make_films : callable
         Returns films of the recorded pictures.
     """
 
     facts: Rows = ()
-    template: Path | None = None
+    template: Path = TEMPLATES / "base.html.jinja"
     verdict: Sequence[str] = ()
-    calibration: Rows = ()
+    plane: PlaneMap | None = None
     shown: Mapping[str, Any] = field(default_factory=dict)
     make_films: Callable[[], Sequence[Film]] = tuple
+
+
+def write_report(
+    run: Run, page: Page, result: AnyResult | None, created: datetime, *, kind: str, can_resume: bool
+) -> Path:
+    """Write `RUN/report.html`, replacing an older one, and return its path.
+
+    Parameters
+    ----------
+    run : Run
+        A run of any experiment and exit status.
+    page : Page
+        The content from its experiment.
+    result : AnyResult or None
+        The result behind it; None for a run without a result, which the page states.
+    created : datetime
+        Calendar time, aware.
+    kind : str
+        Title of the experiment.
+    can_resume : bool
+        Whether an interrupted run of it can be continued.
+
+    Raises
+    ------
+    RecordError
+        When the record or the result is too damaged to show anything.
+    DiskError
+        When the page cannot be written; an older one is untouched.
+    """
+    trials = run.read_trials(TrialStart, TrialStop)
+    annotations, unreadable = _read_annotations(run)
+    known = {f"{problem.where}: {problem.message}" for problem in run.damage}
+    shown = {
+        "run": run,
+        "page": page,
+        "result": result,
+        "content": None if result is None else result.content,
+        "folder": "" if result is None else f"analysis/{result.path.name}",
+        "kind": kind,
+        "can_resume": can_resume,
+        "written": tell_writing(created),
+        "status": str(run.manifest.get("exit_status", INCOMPLETE)),
+        "is_simulated": not run.truth.empty or is_simulated(run.manifest),
+        "annotations": annotations,
+        "unreadable": unreadable,
+        "damage": () if result is None else [fault for fault in result.content.damage if fault not in known],
+        "unended": trials[-1].start.trial + 1 if trials and trials[-1].stop is None else None,
+        "ended": sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in trials),
+        "done": sum(trial.exit_status == "success" and not trial.left_out for trial in trials),
+        "decisions": list_decisions(run),
+        "lens": None if page.plane is None else load_lens(run),
+        "load": draw_load_figure(run.states, "load"),
+        **page.shown,
+    }
+    write_page(run.path / REPORT_FILE, page.template, shown)
+    return run.path / REPORT_FILE
+
+
+def write_page(
+    path: Path, template: Path, shown: Mapping[str, Any], filters: Mapping[str, Any] = _NONE
+) -> None:
+    """Write a page; text in it is escaped, and a variable that is missing is refused. `filters` are added to ours.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written; an older one is untouched.
+    """
+    environment = _open_environment(template.parent, tuple(filters.items()))
+    write_atomically(path, environment.get_template(template.name).render(shown).encode())
+
+
+def tell_writing(created: datetime) -> str:
+    """Return when a page was written, and by what."""
+    return f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}"
+
+
+def _read_annotations(run: Run) -> tuple[Annotations, str]:
+    """Return verdict, tags and notes of a run, or none and why they cannot be read."""
+    try:
+        return run.annotations, ""
+    except RecordError as error:
+        return Annotations(), error.message.replace(f"{run.path}/", "")
+
+
+def _take_medians(budgets: Iterable[ErrorBudget | None]) -> ErrorBudget | None:
+    """Return the median of each source over the budgets that know it; None without a budget."""
+    known = pd.DataFrame([budget.model_dump() for budget in budgets if budget is not None], dtype=float)
+    return None if known.empty else ErrorBudget.model_validate(known.median().dropna().to_dict())
+
+
+_FILTERS = {
+    "number": number,
+    "signed": signed,
+    "interval": interval,
+    "count_of": format_count,
+    "breakable": mark_breaks,
+    "rows": flatten,
+    "shell": lambda path: shlex.quote(str(path)),
+    "joined": shlex.join,
+    "time": format_time,
+    "told": format_value,
+    "medians": _take_medians,
+}
+
+
+@lru_cache(maxsize=8)
+def _open_environment(folder: Path, filters: tuple[tuple[str, Any], ...]) -> Environment:
+    """Return what reads templates of a folder and ours; it is kept, since each template is compiled once in it."""
+    environment = Environment(
+        loader=FileSystemLoader([folder, TEMPLATES]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update({**_FILTERS, **dict(filters)})
+    return environment

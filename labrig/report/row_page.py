@@ -8,15 +8,13 @@ import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from labrig.analysis.pictures import PLANE_FILE
+from labrig.analysis.pictures import PLANE_FILE, load_plane_map
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.row_table import RowTable
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
-from labrig.report.calibration_rows import describe_calibration
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.formatting import Rows, number
-from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.palette import mark
 from labrig.report.pictures import THUMBNAIL, photograph
@@ -30,7 +28,7 @@ _MOST_PICTURES = 24
 
 def make_page(run: Run, protocol: ExperimentProtocol, result: AnalysisResult[RowTable] | None) -> Page:
     """Return the page of a run; without a result, the facts of its protocol."""
-    facts = (*_list_facts(protocol), ("Trials made", format_trials_done(run)))
+    facts = _list_facts(protocol)
     if result is None:
         return Page(facts)
     content = result.content
@@ -39,12 +37,11 @@ def make_page(run: Run, protocol: ExperimentProtocol, result: AnalysisResult[Row
         facts,
         TEMPLATE,
         [_write_verdict(content)],
-        describe_calibration(run) if PLANE_FILE in run.calibration_files else (),
+        load_plane_map(run) if PLANE_FILE in run.calibration_files else None,
         {
             "columns": content.columns,
             "rows": [[_tell(row.get(name)) for name in content.columns] for row in content.rows],
             "figures": [_draw(content, name, place) for place, name in enumerate(_list_quantities(content))],
-            "folder": f"analysis/{result.path.name}",
             "pictures": [
                 (photograph(run.read_frame(int(str(row["frame"]))), THUMBNAIL), f"trial {row['trial']}")
                 for row in shown

@@ -13,9 +13,6 @@ Send = Callable[[Any, str], None]
 Follow = Callable[[Any, str, RecordLines], None]
 """(recording stream of rerun, name of its time line, lines of the record that it has not seen yet)"""
 
-Words = Callable[[Mapping[str, Any]], str]
-"""Returns an event as a sentence."""
-
 
 def _send_nothing(_stream: Any, _timeline: str) -> None:
     """Add nothing."""
@@ -46,7 +43,7 @@ class View:
     needs : callable
         Whether a picture is drawn however many wait, such as one from which a result is measured.
     words : Mapping
-        The sentence of each kind of event that the experiment has.
+        The sentence of each kind of event that the experiment has, as a template over the fields of the event.
     added : tuple of str
         The place of each curve that `send` and `follow` draw, except those that they give a colour themselves.
     """
@@ -57,7 +54,7 @@ class View:
     overviews: tuple[tuple[str, str], ...] = ()
     documents: tuple[tuple[str, str], ...] = ()
     needs: Callable[[FrameLine], bool] = _is_never_needed
-    words: Mapping[str, Words] = field(default_factory=dict)
+    words: Mapping[str, str] = field(default_factory=dict)
     added: tuple[str, ...] = ()
 
 

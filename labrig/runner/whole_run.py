@@ -229,7 +229,7 @@ def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Pa
         When the page cannot be written.
     """
     # Imported late: the processes that measure are forked before matplotlib is loaded, and stay small.
-    from labrig.report.writing import write_report
+    from labrig.report.page import write_report
 
     require_devices_installed(str(run.path), run.plugin_packages)
     protocol = load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model})

@@ -67,7 +67,7 @@ def test_a_gel_is_made_with_a_pause_a_skip_a_repetition_and_an_undo(labrig: Labr
     assert [group["trials"] for group in result["specimens"]] == [2]
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     for words in (
-        "by Ctrl+C, for ",
+        "by Ctrl+C.",
         "Trial 2 was skipped.",
         "Trial 1 was to be made again",
         "Taken back: the repetition.",

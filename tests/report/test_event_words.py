@@ -23,7 +23,7 @@ from labrig.report.event_words import describe_event
                 "confirmed": False,
                 "answer": "",
             },
-            "operator: refused “shift to hole (A1, hole 3, position 16 mm)”",
+            "operator: refused “shift to hole (specimen A1, hole 3, position 16 mm)”",
             "WARN",
         ),
         ({"kind": "skip", "t_s": 1.0, "trial": 3}, "Trial 4 was skipped.", "WARN"),
@@ -39,4 +39,4 @@ def test_an_event_is_a_sentence(event: dict[str, object], text: str, level: str)
 
 def test_an_experiment_has_words_of_its_own() -> None:
     """A sentence of an experiment takes precedence."""
-    assert describe_event({"kind": "flip"}, {"flip": lambda _: "bevel turns"}).text == "bevel turns"
+    assert describe_event({"kind": "flip", "by": 2}, {"flip": "bevel turns {{ by }}"}).text == "bevel turns 2"

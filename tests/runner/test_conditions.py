@@ -13,7 +13,7 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.events import ConditionMet, Pause, ValueMeasured
 from labrig.record.reader import open_run
 from labrig.record.reopen import reopen_run
-from labrig.report.decisions import list_decisions
+from labrig.report.event_words import list_decisions
 from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.past import read_past
 from tests.runner.sessions import bench, sweep

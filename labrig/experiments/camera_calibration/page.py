@@ -38,8 +38,6 @@ def _collect_content(run: Run, result: AnyResult, content: CalibrationResult) ->
     corners = {name: np.asarray(pixels) for name, pixels in content.corners.items()}
     used = [] if lens is None else [view for view in lens["views"] if view["used"]]
     return {
-        "content": content,
-        "folder": f"analysis/{result.path.name}",
         "files": sorted(file.name for file in result.path.glob("*.json")),
         "coverage": None
         if lens is None

@@ -30,8 +30,7 @@ def make_page(_run: Run, protocol: DesignProtocol, result: AnalysisResult[Design
     if result is None:
         return Page(facts)
     content = result.content
-    shown = _collect_content(content, protocol) | {"folder": f"analysis/{result.path.name}"}
-    return Page(facts, TEMPLATE, list(list_findings(content)), shown=shown)
+    return Page(facts, TEMPLATE, list(list_findings(content)), shown=_collect_content(content, protocol))
 
 
 def _list_facts(protocol: DesignProtocol) -> Rows:
@@ -48,7 +47,6 @@ def _list_facts(protocol: DesignProtocol) -> Rows:
 def _collect_content(content: DesignResult, protocol: DesignProtocol) -> dict[str, Any]:
     search, cells = content.search, content.cells
     return {
-        "content": content,
         "section": _draw_section(content),
         "tolerances": protocol.tolerances,
         "figure": data_uri(draw_hinge_figure(cells, search.fit, "svg"), "image/svg+xml"),

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import AnalysisResult, AnyResult, Point
+from labrig.analysis.result import AnalysisResult, Point
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
@@ -21,10 +21,7 @@ from labrig.experiments.insertion.recorded_plan import read_plans, sample_plan
 from labrig.experiments.insertion.result import InsertionResult, InsertionTrial
 from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
 from labrig.record.reader import Run
-from labrig.report.budget_rows import list_budget_rows
-from labrig.report.calibration_rows import describe_calibration
 from labrig.report.formatting import Rows, number
-from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.text import format_count
@@ -88,21 +85,17 @@ class _Moment:
 
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult] | None) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
-    facts = _list_facts(run, protocol)
+    facts = _list_facts(protocol)
     if result is None:
         return Page(facts)
-    content = result.content
+    content, plane = result.content, load_plane_map(run)
+    shown = _collect_content(run, content, plane)
     return Page(
-        facts,
-        TEMPLATE,
-        _write_verdict(content),
-        describe_calibration(run),
-        _collect_content(run, result, content),
-        partial(make_films, run, content, load_plane_map(run)),
+        facts, TEMPLATE, _write_verdict(content), plane, shown, partial(make_films, run, content, plane)
     )
 
 
-def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
+def _list_facts(protocol: InsertionProtocol) -> Rows:
     return (
         ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
         ("Gel", f"{protocol.specimen.gelatin_percent:g} %"),
@@ -110,21 +103,17 @@ def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
         ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
         ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
         ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
-        ("Insertions that arrived", format_trials_done(run)),
     )
 
 
-def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
-    plane, plans = load_plane_map(run), read_plans(run)
+def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dict[str, Any]:
+    plans = read_plans(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
-        "content": content,
-        "not_in_interval": plane.unknown_quantities(),
-        "budget": list_budget_rows([[trial.target_error_budget_mm for trial in content.insertions]]),
+        "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "sources": [trial for trial in content.insertions if trial.target_error_sources_mm is not None],
         "markers": [trial for trial in content.insertions if trial.markers],
         "places": _describe_places(content.insertions),
-        "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
             _draw_insertion(run, trial, plans.get(trial.trial, ()), plane)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -28,7 +27,7 @@ from labrig.record.following import RecordLines
 from labrig.record.reader import Run
 from labrig.report.pictures import circle
 from labrig.report.record_drawing import CAMERA, EVENTS, set_time
-from labrig.report.view import View, Words
+from labrig.report.view import View
 from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.problem import Obstacle
 from labrig.steering.problem import Point as SpacePoint
@@ -189,47 +188,18 @@ def _draw_number(stream: rr.RecordingStream, plot: str, name: str, value: float 
         stream.log(rr.new_entity_path([plot, name]), rr.Scalars(value))
 
 
-def _describe_plan(event: Mapping[str, Any]) -> str:
-    if not event["found"]:
-        return f"no path from {event['depth_mm']:.1f} mm on: {event['reason']}"
-    arcs = len(event["arcs"])
-    return (
-        f"path planned at {event['depth_mm']:.1f} mm ({event['because']}): "
-        f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {event['length_mm']:.0f} mm"
-    )
-
-
-def _describe_sighting(event: Mapping[str, Any]) -> str:
-    if not event["accepted"]:
-        return f"tip not seen at {event['depth_mm']:.1f} mm: {event['reason']}"
-    trust = "" if event["believed"] else ", not believed"
-    return f"tip seen at {event['depth_mm']:.1f} mm{trust}"
-
-
-def _describe_markers(event: Mapping[str, Any]) -> str:
-    return "; ".join(
-        f"marker {marker['marker_id']} has moved by {math.hypot(*marker['displacement_mm']):.2f} mm"
-        + ("" if marker["believed"] else f", not seen: {marker['reason'] or 'it jumped'}")
-        for marker in event["markers"]
-    )
-
-
-def _describe_turn(event: Mapping[str, Any]) -> str:
-    turn_deg = math.degrees(event["to_rad"] - event["from_rad"])
-    return f"bevel turns by {turn_deg:+.0f}° at {event['depth_mm']:.1f} mm"
-
-
-def _describe_sheath(event: Mapping[str, Any]) -> str:
-    if not event["accepted"]:
-        return f"sheath is not where it should be: {event['reason']}"
-    return f"sheath found, {event['disagreement_mm']:.2f} mm from where the encoder puts it"
-
-
-_WORDS: Mapping[str, Words] = {
-    "flip": _describe_turn,
-    "plan": _describe_plan,
-    "observation": _describe_sighting,
-    "origin": _describe_sheath,
-    "hold": lambda event: f"needle holds still: {event['detail'] or event['stop']}",
-    "markers": _describe_markers,
+_WORDS = {
+    "flip": "bevel turns by {{ '%+.0f' % (to_rad - from_rad) | degrees }}° at {{ '%.1f' % depth_mm }} mm",
+    "plan": "{% if found %}path planned at {{ '%.1f' % depth_mm }} mm ({{ because }}): {{ arcs | count }} "
+    "{{ 'arc' if arcs | count == 1 else 'arcs' }}, {{ '%.0f' % length_mm }} mm{% else %}no path from "
+    "{{ '%.1f' % depth_mm }} mm on: {{ reason }}{% endif %}",
+    "observation": "tip {% if accepted %}seen at {{ '%.1f' % depth_mm }} mm{{ '' if believed else ', not believed' }}"
+    "{% else %}not seen at {{ '%.1f' % depth_mm }} mm: {{ reason }}{% endif %}",
+    "origin": "sheath {% if accepted %}found, {{ '%.2f' % disagreement_mm }} mm from where the encoder puts it"
+    "{% else %}is not where it should be: {{ reason }}{% endif %}",
+    "hold": "needle holds still: {{ detail or stop }}",
+    "markers": "{% for marker in markers %}marker {{ marker.marker_id }} has moved by "
+    "{{ '%.2f' % marker.displacement_mm | norm }} mm"
+    "{{ '' if marker.believed else ', not seen: ' ~ (marker.reason or 'it jumped') }}"
+    "{{ '' if loop.last else '; ' }}{% endfor %}",
 }

@@ -10,12 +10,12 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, describe_torsion
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
-from labrig.report.calibration_rows import describe_calibration
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.page import Page
 from labrig.report.palette import DESIGN, mark
@@ -58,8 +58,7 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
     if result is None:
         return Page(facts)
     content = result.content
-    shown = _collect_content(run, content, f"analysis/{result.path.name}")
-    return Page(facts, TEMPLATE, _write_verdict(content), describe_calibration(run), shown)
+    return Page(facts, TEMPLATE, _write_verdict(content), load_plane_map(run), _collect_content(run, content))
 
 
 def _write_verdict(result: RollZeroResult) -> list[Markup]:
@@ -78,12 +77,10 @@ def _write_verdict(result: RollZeroResult) -> list[Markup]:
     return lines
 
 
-def _collect_content(run: Run, result: RollZeroResult, folder: str) -> dict[str, Any]:
+def _collect_content(run: Run, result: RollZeroResult) -> dict[str, Any]:
     shots = _list_shots(run)
     fit = None if result.torsion is None else result.torsion.fit
     return {
-        "content": result,
-        "folder": folder,
         "rows": _list_rows(result),
         "figure": _draw_figure(result, "roll-zero") if result.rolls_rad else None,
         "shots": shots,

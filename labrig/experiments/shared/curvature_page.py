@@ -24,8 +24,6 @@ from labrig.experiments.shared.needle_pictures import (
 )
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.record.reader import Run
-from labrig.report.budget_rows import list_budget_rows
-from labrig.report.calibration_rows import describe_calibration
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure
 from labrig.report.formatting import Rows, number
 from labrig.report.page import Page
@@ -92,18 +90,13 @@ def make_curvature_page(
         facts,
         TEMPLATE,
         verdict,
-        describe_calibration(run),
+        plane,
         {
-            "content": content,
-            "folder": f"analysis/{result.path.name}",
             "rows": rows,
-            "not_in_interval": plane.unknown_quantities(),
-            "budget": list_budget_rows(
-                [
-                    [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
-                    [measurement.tip_budget_mm for measurement in shown],
-                ]
-            ),
+            "budgets": {
+                "Radius": [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
+                "Needle's tip": [measurement.tip_budget_mm for measurement in shown],
+            },
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": None if design is None else _draw_figure(design, rows, content, lines),
             "view": _draw_last_picture(run, content, lines, plane),

@@ -12,7 +12,6 @@ from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
 from labrig.report.figures import Design
 from labrig.report.formatting import UNKNOWN, Rows, interval, join_words, number
-from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.text import format_count
 
@@ -38,7 +37,6 @@ def _list_facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
         ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
         ("Order of holes", _tell_hole_order(protocol)),
         ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
-        ("Insertions made", format_trials_done(run)),
         ("Repeated", "; ".join(_list_repetitions(run)) or UNKNOWN),
     )
 

@@ -82,9 +82,9 @@ def jog(
         ),
     ] = None,
     check: Annotated[
-        Literal["travel", "backlash", "limits"] | None,
+        Literal["travel", "limits"] | None,
         typer.Option(
-            help="travel: compare with your reading of graph paper. backlash: measure the play on the way back. "
+            help="travel: go there and back, and compare direction, lead and play with your readings of graph paper. "
             "limits: go to both limits of a referenced axis."
         ),
     ] = None,
@@ -107,10 +107,8 @@ def jog(
         match check:
             case "limits":
                 findings = commissioning.check_limits(opened, axis, speed)
-            case "backlash":
-                findings = [commissioning.check_backlash(opened, axis, far, speed)]
             case "travel":
-                findings = [commissioning.check_travel(opened, axis, far, speed)]
+                findings = commissioning.check_travel(opened, axis, far, speed)
             case _:
                 findings = [commissioning.jog(opened, axis, far, speed)]
     return print_checks([asdict(finding) for finding in findings], as_json)

@@ -16,13 +16,11 @@ from typing import ClassVar, Protocol, dataclass_transform
 class OperatorRequest:
     """Something that a person is asked to do or to confirm; `sentence` names its fields in braces.
 
-    `by_hand` marks what a yes only says to be done: asking for it once more changes nothing that labrig keeps.
     `brings_gel` says whether a specimen lies before the sheath after a yes; None: as before. Until that is said one is
     taken to lie there, so that needle and sheath count as in tissue when they move in.
     """
 
     sentence: ClassVar[str]
-    by_hand: ClassVar[bool] = False
     brings_gel: ClassVar[bool | None] = None
 
     def __init_subclass__(cls) -> None:
@@ -38,7 +36,6 @@ class OperatorRequest:
 class MountNeedle(OperatorRequest):
     """Mount the needle in the clamp."""
 
-    by_hand = True
     sentence = "Mount needle {needle_id} in the clamp."
 
     needle_id: str
@@ -57,7 +54,7 @@ class ConfirmAxesAtZero(OperatorRequest):
 class PlaceSpecimen(OperatorRequest):
     """Put a specimen into the frame."""
 
-    by_hand = brings_gel = True
+    brings_gel = True
     sentence = "Place specimen {name} ({gelatin_percent:g} % gelatin) in the frame."
 
     name: str
@@ -67,7 +64,7 @@ class PlaceSpecimen(OperatorRequest):
 class ShiftToHole(OperatorRequest):
     """Shift the specimen so that a hole stands before the sheath; people count holes from one."""
 
-    by_hand = brings_gel = True
+    brings_gel = True
 
     specimen: str
     hole: int
@@ -101,7 +98,6 @@ class HoldBoard(OperatorRequest):
 class LayGraphPaper(OperatorRequest):
     """Lay graph paper into the steering plane."""
 
-    by_hand = True
     sentence = (
         "Lay the graph paper ({pitch_mm:g} mm pitch) flat in the steering plane, its lines along the "
         "insertion."
@@ -117,7 +113,7 @@ class PlacePhantom(OperatorRequest):
     coordinates of a frame would also have the error of how the graph paper was laid.
     """
 
-    by_hand = brings_gel = True
+    brings_gel = True
 
     name: str
     gelatin_percent: float
@@ -192,7 +188,7 @@ class ConfirmStopped(OperatorRequest):
 class ClearBench(OperatorRequest):
     """Take something away."""
 
-    by_hand, brings_gel = True, False
+    brings_gel = False
     sentence = "Take away {what}."
 
     what: str

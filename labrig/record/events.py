@@ -267,7 +267,7 @@ class OperatorNote(Event):
 
 
 class Undo(Event):
-    """A person has taken back what came last: the kind of that event, `operator` for the answer to a question."""
+    """A person has taken back the decision that came last: the kind of that event."""
 
     kind: ClassVar[str] = UNDO
 

@@ -190,29 +190,22 @@ def jog(rig: Rig, name: str, distance: float, speed: float | None = None) -> Fin
     return Finding(name, "jog", "PASS", f"{distance:g} {unit} asked, {went:.4g} {unit} by its encoder")
 
 
-def check_travel(rig: Rig, name: str, distance: float, speed: float | None = None) -> Finding:
-    """Move one axis by a distance and compare it with a scale that a person reads: direction, and lead or gear.
+def check_travel(rig: Rig, name: str, distance: float, speed: float | None = None) -> list[Finding]:
+    """Move one axis by a distance and back, and compare it with a scale that a person reads three times.
 
-    Raises as `jog`.
+    The way there tells direction, and lead or gear; the way back tells the play. Raises as `jog`.
     """
     make_sure_needle_is_out(rig)
-    before = _read_scale(rig, name, "Lay a scale beside the axis, positive the way the axis counts.")
+    axis = rig.axis(name).description
+    begin = _read_scale(rig, name, "Lay a scale beside the axis, positive the way the axis counts.")
     _jog(rig, name, distance, speed)
-    after = _read_scale(rig, name, "The axis has moved.")
-    return judge_travel(name, rig.axis(name).description, distance, after - before)
-
-
-def check_backlash(rig: Rig, name: str, distance: float, speed: float | None = None) -> Finding:
-    """Move one axis forwards, then back by the same distance, and find its play from a scale that a person reads.
-
-    Raises as `jog`.
-    """
-    make_sure_needle_is_out(rig)
-    _jog(rig, name, abs(distance), speed)
-    before = _read_scale(rig, name, "The axis has come from below.")
-    _jog(rig, name, -abs(distance), speed)
-    after = _read_scale(rig, name, "The axis has gone back.")
-    return judge_backlash(name, rig.axis(name).description, distance, after - before)
+    there = _read_scale(rig, name, "The axis has moved.")
+    travel = judge_travel(name, axis, distance, there - begin)
+    if travel.status == "FAIL":
+        return [travel]
+    _jog(rig, name, -distance, speed)
+    end = _read_scale(rig, name, "The axis has gone back.")
+    return [travel, judge_backlash(name, axis, -distance, end - there)]
 
 
 def check_limits(rig: Rig, name: str, speed: float | None = None) -> list[Finding]:

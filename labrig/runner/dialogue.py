@@ -89,7 +89,7 @@ class Dialogue:
     failed: dict[int, AnswerIsNoError] = field(default_factory=dict)
     _noun: str = "trial"
     _started: bool = False
-    _undoable: list[Event | OperatorRequest] = field(default_factory=list)
+    _undoable: list[Event] = field(default_factory=list)
     _met: list[ConditionMet] = field(default_factory=list)
 
     # What happens
@@ -120,14 +120,11 @@ class Dialogue:
                 self._undoable.append(event)
 
     def note_answer(self, request: OperatorRequest, *, confirmed: bool) -> None:
-        """Take note of an answer; it can be undone if it only says that something was done by hand."""
+        """Take note of an answer."""
         self.calls += 1
         if confirmed and request.brings_gel is not None:
             self.specimen = request.brings_gel
-        if request.by_hand:
-            self._undoable.append(request)
-        else:
-            self._undoable.clear()
+        self._undoable.clear()
 
     def take_met(self) -> tuple[ConditionMet, ...]:
         """Return the conditions that were met since the last safe point; there is none afterwards."""
@@ -177,8 +174,8 @@ class Dialogue:
         return self.finished if self.trial is None else self.trial
 
     @property
-    def last_undoable(self) -> Event | OperatorRequest | None:
-        """What came last, if it can be taken back: nothing has moved since."""
+    def last_undoable(self) -> Event | None:
+        """The decision that came last, if it can be taken back: nothing was answered and nothing has moved since."""
         return self._undoable[-1] if self._undoable else None
 
     def list_choices(self, *, paused: bool) -> tuple[Choice, ...]:
@@ -195,8 +192,7 @@ class Dialogue:
         if self.marked_trial is not None and self.marked_trial not in self.decisions.bad:
             yield Choice.MARK_BAD
         yield Choice.NOTE
-        last = self.last_undoable
-        if isinstance(last, Event) or (last is not None and not paused):
+        if self._undoable:
             yield Choice.UNDO
 
     def _can_repeat(self) -> bool:

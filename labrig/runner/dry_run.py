@@ -98,15 +98,11 @@ def simulate(
 ) -> TaskOutcome:
     """Return what comes of one virtual run, without pictures; the same seed gives the same bits in any process.
 
-    The rig is None for a protocol that moves none.
-
     Raises
     ------
     InputError
         When the experiment or the rig does not allow it, or the protocol cannot be run.
     """
-    if not experiment.moves_rig:
-        return experiment.simulate(protocol, seed)
     if rig is None:
         raise InputError("a virtual run needs a rig, and there is none", "name a rig file of kind simulated")
     made = run_virtually(experiment, protocol, rig, seed)

@@ -17,7 +17,6 @@ from labrig.plugins import EXPERIMENTS, INTERFACE, Plugin, find_plugin
 from labrig.protocol.sections import ExperimentProtocol
 
 if TYPE_CHECKING:  # an analysis imports its experiment's package, and must load nothing that moves or draws
-    from labrig.analysis.experiment import TaskOutcome
     from labrig.analysis.result import AnyResult, Summary
     from labrig.record.events import Event
     from labrig.record.reader import Run
@@ -80,7 +79,6 @@ PLACES: Mapping[str, tuple[str, ...]] = {
     "make_view": ("view",),
     "follow": ("view",),
     "find_problems": ("protocol", "study"),
-    "simulate": ("virtual",),
     "tell_values": ("virtual",),
 }
 """Part of an experiment -> the modules of its package in which it may stand; a small one is a single module."""
@@ -130,7 +128,7 @@ class Experiment(MeasuredExperiment):
     @property
     def can_simulate(self) -> bool:
         """Whether a run of it can be computed without pictures."""
-        return self.find_part("simulate") is not None or self.find_part("tell_values") is not None
+        return self.find_part("tell_values") is not None
 
     def find_part(self, name: str) -> Any:
         """Return a part; None if it has none. Raises `PluginError` when its module cannot be imported."""
@@ -204,10 +202,6 @@ class Experiment(MeasuredExperiment):
             blamed = self.blame(error)
             blamed.hint = f"{blamed.hint}; the record is {session.recorder.path}"
             raise blamed from error
-
-    def simulate(self, protocol: ExperimentProtocol, seed: int) -> TaskOutcome:
-        """Return what comes of one virtual run of a protocol that moves no rig."""
-        return cast("TaskOutcome", self.part("simulate")(protocol, seed))
 
     def tell_values(
         self, events: Sequence[Event], truths: Sequence[Mapping[str, Any]]

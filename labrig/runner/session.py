@@ -382,8 +382,10 @@ class Session:
                 self._pause(AT_QUESTION, "prompt")
             case Choice.NOTE:
                 self.record(OperatorNote(text=answer.note, trial=dialogue.trial))
-            case Choice.UNDO:
-                return self._undo()
+            case Choice.UNDO if dialogue.last_undoable is not None:
+                undone = dialogue.last_undoable
+                self.record(Undo(undone=undone.kind))
+                return isinstance(undone, RESCHEDULING)
             case Choice.MARK_BAD if dialogue.marked_trial is not None:
                 self.record(MarkBad(trial=dialogue.marked_trial, reason=answer.note))
             case Choice.REPEAT if dialogue.finished is not None:
@@ -393,17 +395,6 @@ class Session:
                 self.record(Skip(trial=attempt.trial, repeats=attempt.repeats))
                 return True
         return False
-
-    def _undo(self) -> bool:
-        """Take back what came last: a decision, or the answer to a question, which is asked once more."""
-        last = self.dialogue.last_undoable
-        if isinstance(last, OperatorRequest):
-            self.record(Undo(undone=OperatorQuestion.kind))
-            self._ask_operator(last)
-            return False
-        assert last is not None
-        self.record(Undo(undone=last.kind))
-        return isinstance(last, RESCHEDULING)
 
     def _look_for_requests(self) -> None:
         """Tell who has asked for a pause when it will begin."""

@@ -197,7 +197,6 @@ def test_a_cluster_needs_its_extra(labrig: Labrig, made: Path, monkeypatch: pyte
 EXAMPLES = {
     "campaign-assumptions": ("sample.n=2",),
     "campaign-camera": ("vary={rig.world.noise_sd: [18]}", f"set={json.dumps(TINY)}"),
-    "campaign-hinge": (),
     "campaign-policy": ("set={target.position_mm: [0, 0, 40], obstacles: []}",),
     "campaign-reach": ("sample.n=2",),
     "campaign-replanning": ("vary={policy.replan_every_mm: [10, 80]}", "stop_when=null"),

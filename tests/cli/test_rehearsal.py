@@ -56,7 +56,7 @@ def _rig(tmp_path: Path) -> Path:
 @pytest.mark.slow
 def test_an_axis_is_commissioned_as_the_chapter_says(rig: Path) -> None:
     """It moves at its speed, is measured against a scale that the question shows, and is given its zero."""
-    _, travel, _ = _read_commands("Move each axis")
+    _, travel = _read_commands("Move each axis")
     home = _read_commands("Home")[0]
     asked: list[str] = []
 
@@ -68,7 +68,7 @@ def test_an_axis_is_commissioned_as_the_chapter_says(rig: Path) -> None:
         done = run_at_terminal(*command[:-1], rig, answer=answer)
         assert (done.exit_code, "FAIL" in done.shown) == (0, False), done.shown
     first_words = [question.split()[0] for question in asked]
-    assert first_words == ["Lay", "The", "The", "Confirm"]
+    assert first_words == ["Lay", "The", "The", "The", "The", "Confirm"]
     assert "shows 10.000. Type the reading of the axis linear" in asked[2]
 
 

@@ -25,7 +25,6 @@ from labrig.errors import (
 )
 from labrig.record.json_lines import decode_line
 from labrig.runner.commissioning import (
-    check_backlash,
     check_limits,
     check_travel,
     home_axes,
@@ -158,12 +157,15 @@ def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
 
 
 def test_travel_is_compared_with_a_scale() -> None:
-    """The axis moves by the requested distance, and a person's reading decides."""
+    """The axis moves by the requested distance and back, and a person's readings decide."""
     with _bare() as (opened, _):
-        assert check_travel(opened.rig, "insertion", 10.0).status == "PASS"
-        assert check_backlash(opened.rig, "rotation", 1.0).status == "PASS"
-        shaft = opened.drives["insertion"].shaft_counts
-        assert abs(shaft - INSERTION.scale().to_counts(10.0)) <= 2
+        for axis, distance in (("insertion", 10.0), ("rotation", 1.0)):
+            findings = check_travel(opened.rig, axis, distance)
+            assert [(found.check, found.status) for found in findings] == [
+                ("travel", "PASS"),
+                ("backlash", "PASS"),
+            ]
+        assert abs(opened.drives["insertion"].shaft_counts) <= 2
 
 
 def test_limits_are_visited_once_the_axis_is_referenced() -> None:

@@ -3,8 +3,8 @@
 Rooms, top to bottom; each may import only what stands below it (`lint-imports` holds that):
 
 - `cli` parses, calls, prints; alone prints, prompts and exits
-- `library` is what the commands and a notebook call
 - `campaign` repeats a protocol virtually, thousands of times, and makes one table of it
+- `library` is what the commands and a notebook call
 - `testing` holds the tests that every driver passes, ours and a lab's own
 - `experiments` has a folder for each experiment, and the registry that finds them
 - `runner` is what every run needs: the interface of an experiment, the session, plan, resume, replay, withdrawal
@@ -49,7 +49,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from labrig.library.campaigns import run_campaign as run_campaign
+    from labrig.campaign.run import run_campaign as run_campaign
     from labrig.library.door import annotate_run as annotate_run
     from labrig.library.door import check as check
     from labrig.library.door import compare as compare
@@ -77,7 +77,7 @@ _HANDED_OUT = {
         ),
         "labrig.library.door",
     ),
-    "run_campaign": "labrig.library.campaigns",
+    "run_campaign": "labrig.campaign.run",
 }  # fmt: skip
 
 

@@ -36,13 +36,16 @@ class Spread:
     ci95: Interval | None
 
 
-def compute_spread(values: Sequence[float]) -> Spread:
-    """Return the spread of `values`: standard deviation with n - 1, interval by Student's t."""
+def compute_spread(values: Sequence[float], comparisons: int = 1) -> Spread:
+    """Return the spread of `values`: standard deviation with n - 1, interval by Student's t.
+
+    The intervals of several `comparisons` hold together (Bonferroni).
+    """
     n = len(values)
     if n < 2:
         return Spread(n, float(values[0]) if n else None, None, None)
     mean, sd = float(np.mean(values)), float(np.std(values, ddof=1))
-    half_width = float(stdtrit(n - 1, 0.975)) * sd / n**0.5
+    half_width = float(stdtrit(n - 1, 1.0 - 0.025 / comparisons)) * sd / n**0.5
     return Spread(n, mean, sd, (mean - half_width, mean + half_width))
 
 

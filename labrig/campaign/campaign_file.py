@@ -1,6 +1,8 @@
 """The campaign file: a base protocol, what is varied, how often it is repeated, and when it stops."""
 
 import json
+import math
+import re
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -22,30 +24,16 @@ MOST_ARMS = 1000
 MOST_TASKS = 10_000_000
 _LEAST_TO_JUDGE = 30
 """Repetitions: the interval of a mean of fewer may be narrow by chance, and a rule that looks at it stops too early."""
+_LOOK_AGAIN = 1.25
+"""Ratio of the numbers of repetitions at which a rule looks."""
 
-_OF_PICTURES = (
-    "max_current_ma",
-    "ask_when",
-    "stop_when",
-    "sentinel",
-    "rig.camera",
-    "rig.can",
-    "rig.faults",
-    "rig.calibration.template",
-    "rig.calibration.mask",
-    "rig.recording.fsync_period_s",
-    "rig.recording.least_free_mb",
-    "rig.world.needle.bevel_deg",
-    "rig.world.needle.link_mm",
-    "rig.world.light",
-    "rig.world.blur_px",
-    "rig.world.noise_sd",
-    "rig.world.bubbles_per_specimen",
-    "rig.world.ignores",
-    "rig.world.markers",
+_OF_PICTURES = re.compile(
+    r"(max_current_ma|ask_when|stop_when|sentinel"
+    r"|rig\.(camera(?!\.(width|height)_px)|can|faults|calibration\.(template|mask)"
+    r"|recording\.(fsync_period_s|least_free_mb)"
+    r"|world\.(light|blur_px|noise_sd|bubbles_per_specimen|ignores|markers|needle\.(bevel_deg|link_mm))))(\..+)?"
 )
-_OF_THE_LENS = ("rig.camera.width_px", "rig.camera.height_px")
-"""Must be those of the world's lens, which counts without pictures too."""
+"""Keys that change nothing without pictures; the size of a picture is that of the world's lens, which does."""
 
 _OTHER_KINDS = {
     "experiment": ("this is a protocol, expected a campaign file", "labrig run THIS_FILE"),
@@ -140,10 +128,20 @@ class CampaignFile(Model):
     @property
     def arm_count(self) -> int:
         """The number of arms."""
-        count = max(1, len(self.arms))
-        for values in self.vary.values():
-            count *= len(values)
-        return count
+        return max(1, len(self.arms)) * math.prod(map(len, self.vary.values()))
+
+    @property
+    def round_tasks(self) -> int:
+        """The number of tasks of one repetition of all arms at all points."""
+        return self.arm_count * self.points
+
+    @property
+    def looks(self) -> tuple[int, ...]:
+        """After which repetitions the rule looks: fixed beforehand, as each look is a chance to stop too early."""
+        looks = [max(_LEAST_TO_JUDGE, self.repetitions)]
+        while looks[-1] < self.most_repetitions:
+            looks.append(max(looks[-1] + 1, math.ceil(_LOOK_AGAIN * looks[-1])))
+        return () if self.stop_when is None else tuple(looks)
 
     @property
     def varied_keys(self) -> tuple[str, ...]:
@@ -153,14 +151,11 @@ class CampaignFile(Model):
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield keys and values that are given twice or mean nothing, and campaigns that are too large."""
-        given = [
-            *(("set", key) for key in self.set),
-            *(("arms", key) for key in dict.fromkeys(chain(*self.arms.values()))),
-            *(("vary", key) for key in self.vary),
-            *(("sample.keys", key) for key in (() if self.sample is None else self.sample.keys)),
-        ]
+        drawn = {} if self.sample is None else self.sample.keys
+        named = dict.fromkeys(chain(*self.arms.values()))
+        sections = {"set": self.set, "arms": named, "vary": self.vary, "sample.keys": drawn}
         first: dict[str, str] = {}
-        for section, key in given:
+        for section, key in ((section, key) for section, keys in sections.items() for key in keys):
             yield from _judge_key(section, key, self.depth)
             if first.setdefault(key, section) != section:
                 yield Conflict(section, f"{key} is in {first[key]} too", "give it in one of them")
@@ -168,32 +163,14 @@ class CampaignFile(Model):
             if len(set(map(show_value, values))) < len(values):
                 yield Conflict(f"vary.{key}", f"{key} has a value more than once", "give each once")
         if self.arm_count > MOST_ARMS:
-            yield Conflict(
-                "vary",
-                f"these are {self.arm_count} arms, at most {MOST_ARMS} are possible",
-                "draw points with sample: instead of a grid",
-            )
-        elif (tasks := self.arm_count * self.points * self.most_repetitions) > MOST_TASKS:
-            yield Conflict(
-                "repetitions",
-                f"these are {tasks} tasks, at most {MOST_TASKS} are possible",
-                "fewer arms, points or repetitions",
-            )
-        if self.stop_when is not None:
-            yield from self._judge_rule(self.stop_when)
-
-    def _judge_rule(self, rule: StopWhen) -> Iterable[Conflict]:
-        least = max(_LEAST_TO_JUDGE, self.repetitions)
-        if rule.at_most < least:
-            yield Conflict(
-                "stop_when.at_most",
-                f"at_most is {rule.at_most}, must be at least {least}",
-                "leave out stop_when to make all repetitions",
-            )
-
-    def first_look(self) -> int:
-        """Return after how many repetitions the rule is asked for the first time."""
-        return max(_LEAST_TO_JUDGE, self.repetitions)
+            message = f"these are {self.arm_count} arms, at most {MOST_ARMS} are possible"
+            yield Conflict("vary", message, "draw points with sample: instead of a grid")
+        elif (tasks := self.round_tasks * self.most_repetitions) > MOST_TASKS:
+            message = f"these are {tasks} tasks, at most {MOST_TASKS} are possible"
+            yield Conflict("repetitions", message, "fewer arms, points or repetitions")
+        if self.stop_when is not None and self.stop_when.at_most < self.looks[0]:
+            message = f"at_most is {self.stop_when.at_most}, must be at least {self.looks[0]}"
+            yield Conflict("stop_when.at_most", message, "leave out stop_when to make all repetitions")
 
 
 def show_value(value: object) -> str:
@@ -204,24 +181,16 @@ def show_value(value: object) -> str:
 def _judge_key(section: str, key: str, depth: str) -> Iterable[Conflict]:
     """Yield why a key means nothing in a campaign."""
     if key == "seed":
-        yield Conflict(
-            section,
-            "seed is drawn by the campaign for each repetition, from its own seed",
-            "leave it out; more repetitions are more seeds",
-        )
+        message = "seed is drawn by the campaign for each repetition, from its own seed"
+        yield Conflict(section, message, "leave it out; more repetitions are more seeds")
     elif depth == "world" and needs_pictures(key):
-        yield Conflict(
-            section,
-            f"{key} changes nothing at depth: world, which has no pictures, no devices and no record",
-            "say depth: rig, or leave it out",
-        )
+        message = f"{key} changes nothing at depth: world, which has no pictures, no devices and no record"
+        yield Conflict(section, message, "say depth: rig, or leave it out")
 
 
 def needs_pictures(key: str) -> bool:
     """Return whether a key changes nothing in a run that is computed without pictures, bus and record."""
-    if key in _OF_THE_LENS:
-        return False
-    return any(key == known or key.startswith(f"{known}.") for known in _OF_PICTURES)
+    return _OF_PICTURES.fullmatch(key) is not None
 
 
 def load_campaign_file(path: Path, overrides: Sequence[str] = ()) -> CampaignFile:

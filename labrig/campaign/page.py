@@ -1,24 +1,16 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
 import pandas as pd
 
-from labrig.campaign.campaign_file import CampaignFile
-from labrig.campaign.figures import (
-    MapCircle,
-    draw_arms,
-    draw_map,
-    draw_over_key,
-    draw_over_points,
-)
-from labrig.campaign.inputs import LoadedCampaign, make_models
+from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult, PairResult
+from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.report.figure_files import write_figure
@@ -38,15 +30,11 @@ from labrig.text import format_count
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
 _MOST_NAMED = 3
-
-
-@dataclass(frozen=True)
-class MapOfArm:
-    """A map of an arm: what it is called, the drawing, and whether that shows obstacles."""
-
-    arm: str
-    figure: DrawnFigure
-    has_circles: bool
+_ENDS = {
+    "complete": "All are done.",
+    "by_rule": "The rule of the campaign ended it.",
+    "incomplete": "{done} of {tasks} are done.",
+}
 
 
 def write_page(
@@ -64,13 +52,11 @@ def write_page(
     DiskError
         When one of them cannot be written.
     """
-    figures = {
-        "arms_figure": draw_arms(result),
-        "key_figure": _draw_key(loaded.file, result),
-        "points_figure": _draw_points(loaded.file, result, table),
-    }
-    maps = _draw_maps(loaded, result, table)
-    for figure in (*figures.values(), *(drawn.figure for drawn in maps)):
+    drawn = () if loaded.file.sample is None else tuple(loaded.file.sample.keys)
+    arms, points = draw_arms(result, table), draw_over_points(result, table, drawn) if drawn else None
+    circles = loaded.arms[0].protocol.find_map_circles(*drawn) if len(drawn) == 2 else ()
+    maps = [*_draw_maps(result, table, drawn, circles)]
+    for figure in (arms, points, *(figure for _, figure in maps)):
         if figure is not None:
             write_figure(folder, figure)
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
@@ -79,66 +65,36 @@ def write_page(
         "file": loaded.file,
         "verdict": _summarise(result),
         "measure": label_quantity(result.measure),
+        "arms_figure": arms,
+        "points_figure": points,
         "maps": maps,
+        "circles": circles,
         "commands": [shlex.join(case.command) for case in result.worst],
         "written": tell_writing(created),
-        **figures,
     }
     write_document(folder / REPORT_FILE, TEMPLATE, shown, _make_filters(result))
     return folder / REPORT_FILE
 
 
-def _draw_key(file: CampaignFile, result: CampaignResult) -> DrawnFigure | None:
-    """Draw the first varied key with two numbers or more."""
-    keys = [key for key, values in file.vary.items() if len(values) > 1 and all(map(_is_number, values))]
-    known = any(arm.mean is not None for arm in result.arms)
-    return draw_over_key(result, keys[0]) if keys and known else None
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _draw_points(file: CampaignFile, result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None:
-    if file.sample is None or result.measure not in table.columns:
-        return None
-    return draw_over_points(result, table, tuple(file.sample.keys))
-
-
-def _draw_maps(loaded: LoadedCampaign, result: CampaignResult, table: pd.DataFrame) -> Sequence[MapOfArm]:
-    """Draw a map for each arm, where two keys are sampled and there is a tolerance."""
-    sample = loaded.file.sample
-    if (
-        sample is None
-        or len(sample.keys) != 2
-        or result.tolerance is None
-        or result.measure not in table.columns
-    ):
-        return ()
-    horizontal, vertical = sample.keys
-    protocol = make_models(loaded.inputs[0], {}, loaded.file.seed)[0]
-    circles = [MapCircle(*circle) for circle in protocol.find_map_circles(horizontal, vertical)]
-    maps = []
-    for index, arm in enumerate(result.arms):
+def _draw_maps(
+    result: CampaignResult,
+    table: pd.DataFrame,
+    keys: Sequence[str],
+    circles: Sequence[tuple[float, float, float]],
+) -> Iterator[tuple[str, DrawnFigure]]:
+    """Yield the name and a map of each arm, where two keys are sampled and there is a tolerance."""
+    for index, arm in enumerate(result.arms, start=1):
         rows = table[(table["arm"] == arm.name) & table["error"].isna()]
-        if len(rows):
-            name = "map" if len(result.arms) == 1 else f"map-{index + 1}"
-            drawn = draw_map(rows, (horizontal, vertical), loaded.by, circles, name)
-            maps.append(MapOfArm(arm.name, drawn, bool(circles)))
-    return maps
+        if len(keys) == 2 and result.tolerance is not None and len(rows):
+            yield arm.name, draw_map(result, rows, (keys[0], keys[1]), circles, f"map-{index}")
 
 
 def _summarise(result: CampaignResult) -> Sequence[str]:
     """Return the result in a sentence or two."""
-    arms = format_count(len(result.arms), "arm")
+    arms, ended = format_count(len(result.arms), "arm"), _ENDS[result.ended]
     whole = f"{format_count(result.done, 'task')} of {result.experiment} in {arms}."
-    ends = {
-        "complete": "All are done.",
-        "by_rule": "The rule of the campaign ended it.",
-        "incomplete": f"{result.done} of {result.tasks} are done.",
-    }
     failed = f" {format_count(result.failed, 'task')} failed with an error." if result.failed else ""
-    return _state_finding(result), f"{whole} {ends[result.ended]}{failed}"
+    return _state_finding(result), f"{whole} {ended.format(done=result.done, tasks=result.tasks)}{failed}"
 
 
 def _state_finding(result: CampaignResult) -> str:

@@ -5,14 +5,8 @@ from typing import Literal
 
 import pandas as pd
 
-from labrig.campaign.inputs import LoadedCampaign
-from labrig.campaign.sampling import Settings, find_point, list_arms, write_overrides
-from labrig.campaign.statistics import (
-    ArmResult,
-    PairResult,
-    compare_arms,
-    judge_arm,
-)
+from labrig.campaign.statistics import ArmResult, PairResult, compare_arms, judge_arm
+from labrig.campaign.tasks import LoadedCampaign, write_overrides
 from labrig.protocol.model import Model
 
 _WORST = 5
@@ -64,7 +58,7 @@ class CampaignResult(Model):
 
 
 def make_result(
-    loaded: LoadedCampaign, table: pd.DataFrame, *, tasks: int, file: Path, by_rule: bool = False
+    loaded: LoadedCampaign, table: pd.DataFrame, *, file: Path, by_rule: bool = False
 ) -> CampaignResult:
     """Return what the table of a campaign says.
 
@@ -72,34 +66,33 @@ def make_result(
     ----------
     table : DataFrame
         One row for each task that is done, in order.
-    tasks : int
-        The number of tasks if no rule ends it earlier.
     file : Path
         The table.
     by_rule : bool
         Whether a rule ended it.
     """
     campaign, by = loaded.file, loaded.by
-    arms = list_arms(campaign)
-    rows = {arm.name: table[table["arm"] == arm.name] for arm in arms}
-    results = tuple(judge_arm(rows[arm.name], arm.name, arm.settings, by) for arm in arms)
-    ended: Literal["complete", "by_rule", "incomplete"] = "complete" if len(table) == tasks else "incomplete"
+    names = [arm.name for arm in loaded.arms]
+    arms = tuple(
+        judge_arm(table[table["arm"] == arm.name], arm.name, arm.settings, by) for arm in loaded.arms
+    )
+    is_whole = len(table) >= loaded.count
     return CampaignResult(
         campaign=campaign.campaign,
         title=campaign.title,
         table=str(file),
-        base=str(loaded.files.base),
+        base=str(loaded.base),
         rig=None if loaded.rig is None else str(loaded.rig),
-        experiment=loaded.experiment,
+        experiment=loaded.arms[0].protocol.experiment,
         depth=campaign.depth,
         measure=by.measure,
         tolerance=by.tolerance,
-        tasks=tasks,
+        tasks=loaded.count,
         done=len(table),
-        failed=sum(arm.failed for arm in results),
-        ended="by_rule" if by_rule else ended,
-        arms=results,
-        pairs=compare_arms(table, [arm.name for arm in arms], by) if len(arms) > 1 else (),
+        failed=sum(arm.failed for arm in arms),
+        ended="by_rule" if by_rule else "complete" if is_whole else "incomplete",
+        arms=arms,
+        pairs=compare_arms(table, names, by) if len(names) > 1 else (),
         worst=_find_worst(loaded, table),
         failures=_count_failures(table),
     )
@@ -107,33 +100,29 @@ def make_result(
 
 def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
     """Return the tasks with the largest values, those without any first."""
-    campaign, measure = loaded.file, loaded.by.measure
+    measure, sound = loaded.by.measure, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
-    sound = table[table["error"].isna()]
     ordered = sound.sort_values([measure, "task"], ascending=[False, True], na_position="first")
-    arms = {arm.name: arm.settings for arm in list_arms(campaign)}
-    cases = []
-    for row in ordered.head(_WORST).to_dict("records"):
-        settings = {**campaign.set, **arms[row["arm"]], **find_point(campaign, int(row["point"]))}
-        value = row[measure]
-        cases.append(
-            WorstCase(
-                task=int(row["task"]),
-                arm=str(row["arm"]),
-                value=None if pd.isna(value) else float(value),
-                end=str(row["exit_status"]) if pd.isna(row["reason"]) else str(row["reason"]),
-                command=write_command(loaded, int(row["seed"]), settings),
-            )
+    return tuple(
+        WorstCase(
+            task=row["task"],
+            arm=row["arm"],
+            value=None if pd.isna(row[measure]) else row[measure],
+            end=row["exit_status"] if pd.isna(row["reason"]) else row["reason"],
+            command=_write_command(loaded, row["task"]),
         )
-    return tuple(cases)
+        for row in ordered.head(_WORST).to_dict("records")
+    )
 
 
-def write_command(loaded: LoadedCampaign, seed: int, settings: Settings) -> tuple[str, ...]:
+def _write_command(loaded: LoadedCampaign, number: int) -> tuple[str, ...]:
     """Return the command that makes a task as a whole run, on the simulated rig with pictures."""
+    task = loaded.find_task(number)
+    settings = write_overrides({**loaded.file.set, **task.arm.settings, **task.drawn})
     of_rig = () if loaded.rig is None else ("--rig", str(loaded.rig))
-    changes = (part for override in write_overrides(settings) for part in ("--set", override))
-    return ("labrig", "run", str(loaded.files.base), *of_rig, "--seed", str(seed), *changes)
+    changes = (part for setting in settings for part in ("--set", setting))
+    return ("labrig", "run", str(loaded.base), *of_rig, "--seed", str(task.seed), *changes)
 
 
 def _count_failures(table: pd.DataFrame) -> tuple[Failure, ...]:

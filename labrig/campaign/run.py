@@ -1,26 +1,29 @@
-"""Runs a campaign: reads its files, computes what is left of it, writes its table and its page."""
+"""A campaign by one call: reads its files, computes what is left of it, writes its table and its page."""
 
-import os
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from labrig.analysis.engine import run_in_order
 from labrig.analysis.experiment import TaskOutcome
-from labrig.campaign.campaign_file import load_campaign_file
-from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
-from labrig.campaign.statistics import WidthRule, require_measure
-from labrig.campaign.store import CampaignStore
-from labrig.campaign.tasks import CampaignTasks, TaskOrder, describe_campaign, list_values, plan_campaign
+from labrig.campaign.statistics import ends_by_rule, require_measure
+from labrig.campaign.store import FIXED, TABLE_FILE, CampaignStore, Row, open_store
+from labrig.campaign.tasks import LoadedCampaign, Task, compute_task, load_campaign, make_row
 from labrig.devices.clocks import SystemClock
-from labrig.errors import LabrigError
+from labrig.errors import LabrigError, WorkersError
+from labrig.lab import CAMPAIGNS, find_in_lab
+from labrig.library.names import find_protocol_file
+from labrig.library.pools import open_pool
+from labrig.runner.attendant import Attendant
+from labrig.text import format_count
 
-Compute = Callable[[Iterable[TaskOrder]], Generator[TaskOutcome | LabrigError, None, None]]
+Compute = Callable[[Iterable[Task]], Generator[TaskOutcome | LabrigError, None, None]]
 """Returns what comes of each task, in their order."""
-Progress = Callable[[int, int], None]
-"""Told how many tasks are done, and how many there are."""
+_SILENT = Attendant()
 
 
 @dataclass(frozen=True)
@@ -33,50 +36,76 @@ class Campaign:
     report: Path
 
 
-def load_campaign_files(
-    file: Path,
-    find_rig: Callable[[Path | None, Path], Path],
+def run_campaign(
+    file: Path | str,
     *,
+    out: Path | str | None = None,
+    rig: Path | str | None = None,
     settings: Sequence[str] = (),
-    rig: Path | None = None,
-    progress: Callable[[float], None] = lambda _: None,
-) -> LoadedCampaign:
-    """Read a campaign and all that it names, relative to its own folder.
+    workers: int | None = None,
+    cluster: str | None = None,
+    attendant: Attendant = _SILENT,
+) -> Campaign:
+    """Repeat a protocol virtually as a campaign file says; return its table, its result and its page.
+
+    Begun again on the same folder, it goes on behind its last row; interrupted, it leaves a page of what is done.
 
     Parameters
     ----------
-    find_rig : callable
-        Returns the rig file for the one that is named, if any, and the protocol.
-    settings : sequence of str
-        `key=value` each; they replace values of the campaign file.
-    rig : Path or None
-        Takes the place of the rig that the file names.
-    progress : callable
-        Told the share of the arms that was read.
+    out : Path, str or None
+        Its folder; None: one of the campaign's name in `data/campaigns` of the lab folder.
+    rig, settings
+        As for `load_campaign`.
+    workers, cluster
+        As for `open_pool`.
 
     Raises
     ------
     FileFormatError, InputError
         When something cannot be used.
+    DiskError, MachineError
+        When it cannot go on; what is done stays done.
     """
-    content = load_campaign_file(file, settings)
-    base = _resolve(file, content.base)
-    named = rig if content.rig is None or rig is not None else _resolve(file, content.rig)
-    return load_campaign(CampaignFiles(file, base, lambda: find_rig(named, base)), content, progress)
-
-
-def _resolve(file: Path, name: str) -> Path:
-    """Return a file that a campaign file names, relative to the working folder as that is."""
-    return Path(os.path.normpath(file.parent / name))
-
-
-def open_store(loaded: LoadedCampaign, folder: Path) -> CampaignStore:
-    """Begin a campaign in a folder, or go on with it; raises as `CampaignStore.open`."""
-    return CampaignStore.open(folder, describe_campaign(loaded), plan_campaign(loaded))
+    with attendant.progress("reading the arms", 1.0) as progress:
+        loaded = load_campaign(
+            find_protocol_file(Path(file), is_campaign=True),
+            settings=settings,
+            rig=None if rig is None else Path(rig),
+            progress=lambda share: progress(share, "arms"),
+        )
+    folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
+    with (
+        open_pool(workers, cluster, "computed tasks", attendant.say) as pool,
+        open_store(folder, loaded.describe()) as store,
+    ):
+        begin, count = len(store.rows), loaded.count
+        if store.change:
+            attendant.say(f"note: the first rows were {store.change}; last digits may differ")
+        if begin:
+            attendant.say(f"{folder}: {begin} of {count} tasks are done already")
+        try:
+            with attendant.progress(loaded.file.campaign, float(max(1, count - begin))) as tell:
+                compute_campaign(
+                    loaded,
+                    store,
+                    partial(run_in_order, pool, compute_task),
+                    lambda done: tell(float(done - begin), f"{done} of {count} tasks"),
+                )
+        except (KeyboardInterrupt, WorkersError):
+            done = len(store.rows)
+            attendant.say(f"{done} of {count} tasks are done; the same command goes on behind them")
+            if done:
+                attendant.say(f"report  {write_report(loaded, store).report}")
+            raise
+        if begin == len(store.rows):
+            tasks = format_count(begin, "task")
+            attendant.say(f"{folder}: the campaign has ended with {tasks}; nothing is left to do")
+        attendant.say("writing the report")
+        return write_report(loaded, store)
 
 
 def compute_campaign(
-    loaded: LoadedCampaign, store: CampaignStore, compute: Compute, progress: Progress
+    loaded: LoadedCampaign, store: CampaignStore, compute: Compute, progress: Callable[[int], None]
 ) -> None:
     """Compute the tasks that the store does not have, until the last or a rule, and keep their rows as they come.
 
@@ -84,10 +113,10 @@ def compute_campaign(
 
     Parameters
     ----------
-    store : CampaignStore
-        Has the rows of the leading tasks, if it was begun before.
     compute : callable
         Computes tasks.
+    progress : callable
+        Told how many tasks are done.
 
     Raises
     ------
@@ -96,29 +125,33 @@ def compute_campaign(
     DiskError, MachineError
         When rows cannot be kept, or no task can be computed.
     """
-    tasks, rule = CampaignTasks(loaded), WidthRule(loaded.file, loaded.by.measure)
-    ends = False
-    for row in store.read_rows():
-        if values := list_values(row, loaded.file):
-            require_measure(loaded.by, values)
-        ends = rule.take(row)
-    progress(store.done, tasks.count)
-    if not ends:
-        with closing(compute(tasks.list_orders(store.done))) as outcomes:
-            for new in tasks.make_rows(store.done, outcomes):
-                store.append([new])
-                if ends := rule.take(new):
-                    break
-                progress(store.done, tasks.count)
-    if ends:
-        store.note_end()
+    for row in store.rows:
+        _judge(loaded, row)
+    begin = len(store.rows)
+    progress(begin)
+    if begin >= loaded.count or ends_by_rule(loaded.file, loaded.by, store.rows):
+        return
+    with closing(compute(loaded.list_tasks(begin))) as outcomes:
+        for task, outcome in zip(loaded.list_tasks(begin), outcomes, strict=False):
+            row = make_row(task, outcome)
+            _judge(loaded, row)
+            store.append(row)
+            progress(len(store.rows))
+            if ends_by_rule(loaded.file, loaded.by, store.rows):
+                return
+
+
+def _judge(loaded: LoadedCampaign, row: Row) -> None:
+    """Refuse a row whose values do not have the measure as a number; a task that failed has none."""
+    others = {*FIXED, *loaded.file.varied_keys}
+    if values := [name for name, value in row.items() if name not in others and not isinstance(value, str)]:
+        require_measure(loaded.by, values)
 
 
 def write_report(loaded: LoadedCampaign, store: CampaignStore) -> Campaign:
-    """Write the table and the page of the tasks that are done. Raises `DiskError`, `RecordError`."""
-    table = store.write_table()
-    result = make_result(
-        loaded, table, tasks=CampaignTasks(loaded).count, file=store.table_file, by_rule=store.ended_by_rule
-    )
+    """Write the table and the page of the tasks that are done. Raises `DiskError`."""
+    table, file = store.write_table(), store.folder / TABLE_FILE
+    by_rule = ends_by_rule(loaded.file, loaded.by, store.rows)
+    result = make_result(loaded, table, file=file, by_rule=by_rule)
     report = write_page(store.folder, loaded, result, table, SystemClock().utc())
-    return Campaign(store.folder, result, store.table_file, report)
+    return Campaign(store.folder, result, file, report)

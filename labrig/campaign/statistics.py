@@ -13,7 +13,7 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from labrig.analysis.statistics import compute_spread
@@ -26,8 +26,6 @@ FloatArray = NDArray[np.float64]
 
 _LEAST_FOR_QUANTILE = 10
 """Values; the 90 % quantile of fewer lies between the two largest, whatever the others are."""
-_LOOK_AGAIN = 1.25
-"""Ratio of the numbers of repetitions at which a rule looks: each further look is a chance to stop too early."""
 
 
 class ArmResult(Model):
@@ -79,25 +77,14 @@ class Judgement:
     tolerance: float | None
 
 
-def require_measure(by: Judgement, values: Mapping[str, object]) -> None:
-    """Refuse a measure that tasks do not have, or that is a word.
-
-    Parameters
-    ----------
-    values : Mapping of str to object
-        The quantities of a task by name; None where it has no value.
-
-    Raises
-    ------
-    InputError
-        Lists the quantities that there are.
-    """
-    known = [name for name, value in values.items() if not isinstance(value, str)]
-    if by.measure not in known:
-        near = get_close_matches(by.measure, known, 1)
+def require_measure(by: Judgement, quantities: Sequence[str]) -> None:
+    """Refuse a measure that is none of the quantities that tasks have as numbers. Raises `InputError`, lists them."""
+    if by.measure not in quantities:
+        near = get_close_matches(by.measure, quantities, 1)
         meant = f"did you mean {near[0]}? " if near else ""
         raise InputError(
-            f"measure: the tasks have no number {by.measure!r}", f"{meant}name one of: {', '.join(known)}"
+            f"measure: the tasks have no number {by.measure!r}",
+            f"{meant}name one of: {', '.join(quantities)}",
         )
 
 
@@ -160,36 +147,28 @@ def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Judgement) -> tu
 
 
 def _compare(table: pd.DataFrame, a: str, b: str, by: Judgement, pairs: int) -> PairResult:
-    same = ["repetition", "point"]
     sound = table[table["error"].isna()].assign(value=lambda rows: read_values(rows, by.measure))
-    both = sound[sound["arm"] == a].merge(sound[sound["arm"] == b], on=same, suffixes=("_a", "_b"))
+    both = sound[sound["arm"] == a].merge(
+        sound[sound["arm"] == b], on=["repetition", "point"], suffixes=("_a", "_b")
+    )
     values = both[["value_a", "value_b"]].to_numpy(np.float64)
-    known = values[~np.isnan(values).any(axis=1)]
-    level = 1.0 - 0.025 / pairs
-    share, share_ci95 = _compare_shares(values, by.tolerance, level)
-    differences = known[:, 1] - known[:, 0]
+    differences = values[:, 1] - values[:, 0]
+    spread = compute_spread(differences[~np.isnan(differences)].tolist(), pairs)
+    share, share_ci95 = _compare_shares(values, by.tolerance, pairs)
     return PairResult(
         a=a,
         b=b,
-        n=len(known),
-        mean=float(differences.mean()) if len(known) else None,
-        ci95=_bound_mean(differences, level),
+        n=spread.n,
+        mean=spread.mean,
+        ci95=spread.ci95,
         pairs=len(values),
         share=share,
         share_ci95=share_ci95,
     )
 
 
-def _bound_mean(values: FloatArray, level: float) -> Interval | None:
-    if len(values) < 2:
-        return None
-    half = float(stdtrit(len(values) - 1, level)) * float(values.std(ddof=1)) / math.sqrt(len(values))
-    mean = float(values.mean())
-    return mean - half, mean + half
-
-
 def _compare_shares(
-    values: FloatArray, tolerance: float | None, level: float
+    values: FloatArray, tolerance: float | None, pairs: int
 ) -> tuple[float | None, Interval | None]:
     """Return the difference of paired shares, and its interval by Agresti and Min: half a pair added to each cell."""
     if tolerance is None or not len(values):
@@ -198,50 +177,25 @@ def _compare_shares(
     gained = int((~reached[:, 0] & reached[:, 1]).sum())
     lost = int((reached[:, 0] & ~reached[:, 1]).sum())
     b, c, n = gained + 0.5, lost + 0.5, len(values) + 2.0
-    centre, half = (b - c) / n, float(ndtri(level)) * math.sqrt(b + c - (b - c) ** 2 / n) / n
+    quantile = float(ndtri(1.0 - 0.025 / pairs))
+    centre, half = (b - c) / n, quantile * math.sqrt(b + c - (b - c) ** 2 / n) / n
     share = (gained - lost) / len(values)
     return share, (max(-1.0, centre - half), min(1.0, centre + half)) if len(values) > 1 else None
 
 
-class WidthRule:
-    """Stops a campaign when the interval of every arm's mean is narrow enough (Chow and Robbins 1965).
+def ends_by_rule(file: CampaignFile, by: Judgement, rows: Sequence[Mapping[str, object]]) -> bool:
+    """Return whether a campaign ends with these rows: the interval of every arm's mean is narrow enough.
 
-    It looks after whole repetitions only: first after `first_look` of them, then whenever there are a quarter more. So
-    the same rows stop it at the same place, whoever made them and however often it was interrupted.
-
-    Parameters
-    ----------
-    campaign : CampaignFile
-        Without `stop_when` the rule never ends it.
-    measure : str
-        The column.
+    The rule (Chow and Robbins 1965) looks after whole repetitions alone, so that the same rows end it at the same
+    place, whoever made them and however often it was interrupted.
     """
-
-    def __init__(self, campaign: CampaignFile, measure: str) -> None:
-        rule = campaign.stop_when
-        self._width = None if rule is None else rule.ci95_width_mm
-        self._round_tasks = campaign.arm_count * campaign.points
-        self._measure = measure
-        self._look = campaign.first_look()
-        self._taken = 0
-        self._arms: dict[str, list[float]] = {}
-
-    def take(self, row: Mapping[str, object]) -> bool:
-        """Take a row, in the order of the tasks, and return whether the campaign ends with it."""
-        if self._width is None:
-            return False
-        self._taken += 1
-        values = self._arms.setdefault(str(row["arm"]), [])
-        value = row.get(self._measure)
+    repetitions, rest = divmod(len(rows), file.round_tasks)
+    if file.stop_when is None or rest or repetitions not in file.looks:
+        return False
+    arms: dict[object, list[float]] = {row["arm"]: [] for row in rows}
+    for row in rows:
+        value = row.get(by.measure)
         if row.get("error") is None and isinstance(value, int | float):
-            values.append(float(value))
-        repetitions, rest = divmod(self._taken, self._round_tasks)
-        if rest or repetitions < self._look:
-            return False
-        self._look = max(self._look + 1, math.ceil(_LOOK_AGAIN * self._look))
-        return all(_is_narrow(values, self._width) for values in self._arms.values())
-
-
-def _is_narrow(values: Sequence[float], width: float) -> bool:
-    ci95 = compute_spread(values).ci95
-    return ci95 is not None and ci95[1] - ci95[0] <= width
+            arms[row["arm"]].append(value)
+    intervals = [compute_spread(values).ci95 for values in arms.values()]
+    return all(ci95 and ci95[1] - ci95[0] <= file.stop_when.ci95_width_mm for ci95 in intervals)

@@ -1,150 +1,335 @@
-"""The tasks of a campaign: what a worker computes of each, and the row that it becomes."""
+"""The tasks of a campaign: read with all that they are made from, known by their numbers, computed in workers."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+import os
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import sha256
+from itertools import product
+from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from labrig.analysis.engine import describe_installation
 from labrig.analysis.experiment import TaskOutcome
-from labrig.campaign.campaign_file import CampaignFile, show_value
-from labrig.campaign.inputs import ArmInputs, LoadedCampaign, make_models, require_calibration
-from labrig.campaign.sampling import Arm, Settings, find_point, find_task, list_arms
-from labrig.campaign.statistics import require_measure
-from labrig.campaign.store import FIXED, CampaignPlan
+from labrig.campaign.campaign_file import CampaignFile, load_campaign_file, show_value
+from labrig.campaign.statistics import Judgement
 from labrig.campaign.whole_run import run_whole
-from labrig.errors import LabrigError
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import FileFormatError, InputError, LabrigError, Problem, WorkersError
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
+from labrig.library.names import find_rig_file
+from labrig.library.sources import fit_rig, load_rig_for, split_overrides
+from labrig.protocol.load import load_protocol
+from labrig.protocol.overrides import SET
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.yaml_file import validate_values
+from labrig.record.layout import hash_file
 from labrig.runner.dry_run import simulate
 
-Cell = bool | int | float | str | None
-Row = Mapping[str, Cell]
+Settings = Mapping[str, object]
+"""Dotted key -> value; those that begin with `rig.` are of the rig."""
 
 
 @dataclass(frozen=True)
-class TaskOrder:
-    """What a worker is told of a task: protocol and rig of its arm, values of its point, its seed, and the depth."""
+class Arm:
+    """An arm: its name, the values by which it differs from others, and what `labrig run` would read with them.
 
-    inputs: ArmInputs
+    Protocol and rig are whole, so that a worker reads no file but those of the calibration. `calibration` is the
+    SHA-256 of each of them. The rig is None for an experiment that moves none.
+    """
+
+    name: str
     settings: Settings
+    protocol: ExperimentProtocol
+    rig: RigDescription | None
+    calibration: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task: its number, and the arm, point, repetition and seed that follow from that.
+
+    `drawn` are the values of the sampled keys at its point.
+    """
+
+    number: int
+    arm: Arm
+    point: int
+    drawn: Settings
+    repetition: int
     seed: int
     depth: str
 
 
-def compute_task(order: TaskOrder) -> TaskOutcome:
-    """Return what comes of a task. Raises `LabrigError` when it cannot be computed."""
-    require_calibration(order.inputs)
-    protocol, rig = make_models(order.inputs, order.settings, order.seed)
-    experiment = find_experiment(order.inputs.experiment)
-    if order.depth == "world":
-        return simulate(experiment, protocol, rig, order.seed)
-    return run_whole(experiment, protocol, rig)
-
-
 @dataclass(frozen=True)
-class CampaignTasks:
-    """All tasks of a campaign: orders for workers, and rows of what came of them.
+class LoadedCampaign:
+    """A campaign whose files have been read.
 
-    Parameters
+    Attributes
     ----------
-    loaded : LoadedCampaign
-        The campaign.
+    file : CampaignFile
+        Its content.
+    base, rig : Path
+        Protocol and rig file as seen from the working folder; no rig for an experiment that moves none.
+    arms : tuple of Arm
+        The last key of `vary` changes fastest.
+    by : Judgement
+        By what its tasks are judged.
     """
 
-    loaded: LoadedCampaign
-
-    @property
-    def campaign(self) -> CampaignFile:
-        """What the file says."""
-        return self.loaded.file
-
-    @property
-    def arms(self) -> tuple[Arm, ...]:
-        """The arms."""
-        return list_arms(self.campaign)
-
-    @property
-    def round_tasks(self) -> int:
-        """The number of tasks of one repetition of all arms at all points."""
-        return self.campaign.arm_count * self.campaign.points
+    file: CampaignFile
+    base: Path
+    rig: Path | None
+    arms: tuple[Arm, ...]
+    by: Judgement
 
     @property
     def count(self) -> int:
         """The number of tasks if no rule ends the campaign earlier."""
-        return self.round_tasks * self.campaign.most_repetitions
+        return self.file.round_tasks * self.file.most_repetitions
 
-    def list_orders(self, begin: int) -> Iterator[TaskOrder]:
-        """Yield the orders from a task on."""
-        for number in range(begin, self.count):
-            address = find_task(self.campaign, number)
-            point = find_point(self.campaign, address.point)
-            yield TaskOrder(self.loaded.inputs[address.arm], point, address.seed, self.campaign.depth)
+    @cached_property
+    def _points(self) -> NDArray[np.float64]:
+        """Values (N, K) of the sampled keys: a Latin hypercube, or a scrambled Sobol sequence (Owen 1998)."""
+        sample = self.file.sample
+        if sample is None:
+            return np.empty((1, 0))
+        kind = qmc.LatinHypercube if sample.method == "latin-hypercube" else qmc.Sobol
+        engine = kind(len(sample.keys), rng=np.random.default_rng([self.file.seed, 1]))
+        return np.asarray(qmc.scale(engine.random(sample.n), *zip(*sample.keys.values(), strict=True)))
 
-    def make_rows(self, begin: int, outcomes: Iterable[TaskOutcome | LabrigError]) -> Iterator[Row]:
-        """Yield the rows of consecutive tasks. Raises `InputError` when they do not have the measure."""
-        arms = self.arms
-        for number, outcome in enumerate(outcomes, start=begin):
-            if isinstance(outcome, TaskOutcome) and outcome.values:
-                require_measure(self.loaded.by, outcome.values)
-            address = find_task(self.campaign, number)
-            arm = arms[address.arm]
-            settings = {**arm.settings, **find_point(self.campaign, address.point)}
-            yield {
-                "task": number,
-                "arm": arm.name,
-                "point": address.point,
-                "repetition": address.repetition,
-                "seed": address.seed,
-                **{key: _make_cell(settings.get(key)) for key in self.campaign.varied_keys},
-                **_describe_outcome(outcome),
-            }
+    def find_drawn(self, point: int) -> dict[str, object]:
+        """Return the values of the sampled keys at a point; empty without a sample."""
+        keys = () if self.file.sample is None else self.file.sample.keys
+        return dict(zip(keys, self._points[point].tolist(), strict=True))
+
+    def find_task(self, number: int) -> Task:
+        """Return a task.
+
+        The arm changes fastest and the repetition slowest: whatever number of tasks is done, all arms have been
+        repeated equally often, give or take one. All arms share the seeds (common random numbers).
+        """
+        rest, arm = divmod(number, len(self.arms))
+        repetition, point = divmod(rest, self.file.points)
+        (seed,) = np.random.SeedSequence([self.file.seed, point, repetition]).generate_state(1)
+        drawn = self.find_drawn(point)
+        return Task(number, self.arms[arm], point, drawn, repetition, int(seed), self.file.depth)
+
+    def list_tasks(self, begin: int = 0) -> Iterator[Task]:
+        """Yield the tasks from a number on."""
+        return map(self.find_task, range(begin, self.count))
+
+    def describe(self) -> dict[str, object]:
+        """Return all that decides the rows of a campaign, as JSON.
+
+        How many there are, and how they are judged, is left out unless a rule looks at it: a campaign may go on with
+        more repetitions.
+        """
+        rule = self.file.stop_when
+        looked_at = {"repetitions": self.file.repetitions, "measure": self.by.measure}
+        free = {"title", "tolerance", "base", "rig", "stop_when", *looked_at}
+        models = [
+            [None if model is None else model.model_dump(mode="json") for model in (arm.protocol, arm.rig)]
+            for arm in self.arms
+        ]
+        return {
+            "rule": None if rule is None else {**rule.model_dump(mode="json"), **looked_at},
+            "campaign": self.file.model_dump(mode="json", exclude=free),
+            "protocol": models[0][0],
+            "rig": models[0][1],
+            "calibration": self.arms[0].calibration,
+            "sha256_of_arms": sha256(json.dumps(models).encode()).hexdigest(),
+            "installation": describe_installation(),
+        }
 
 
-def _describe_outcome(outcome: TaskOutcome | LabrigError) -> Row:
-    if isinstance(outcome, LabrigError):
-        return {"exit_status": None, "reason": None, "error": outcome.message}
-    return {
-        "exit_status": outcome.exit_status,
-        "reason": outcome.reason,
-        "error": None,
-        **outcome.values,
-    }
+def load_campaign(
+    path: Path,
+    *,
+    settings: Sequence[str] = (),
+    rig: Path | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> LoadedCampaign:
+    """Read a campaign and all that it names, relative to its own folder.
 
+    Parameters
+    ----------
+    settings : sequence of str
+        `key=value` each; they replace values of the campaign file.
+    rig : Path or None
+        Takes the place of the rig that the file names.
+    progress : callable
+        Told the share of the arms that was read.
 
-def _make_cell(value: object) -> Cell:
-    return value if value is None or isinstance(value, bool | int | float | str) else show_value(value)
-
-
-def list_values(row: Row, campaign: CampaignFile) -> Row:
-    """Return the quantities of a row; none of a task that failed."""
-    return {name: value for name, value in row.items() if name not in {*FIXED, *campaign.varied_keys}}
-
-
-def describe_campaign(loaded: LoadedCampaign) -> dict[str, object]:
-    """Return all that decides the rows of a campaign, as JSON; not how many there are, nor how they are judged.
-
-    So a campaign can go on with more repetitions. What may be changed of these is the store's to say (`CampaignPlan`).
+    Raises
+    ------
+    FileFormatError
+        With every problem of the file, or of an arm.
+    InputError
+        When the arms are of several experiments, the rig is not simulated, the experiment cannot be computed without
+        pictures, or nothing says by what it is judged.
     """
-    free = {"title", "repetitions", "stop_when", "measure", "tolerance", "base", "rig"}
-    first = loaded.inputs[0]
-    arms = sha256("\n".join(f"{arm.protocol}\n{arm.rig}" for arm in loaded.inputs).encode())
+    file = load_campaign_file(path, settings)
+    base = Path(os.path.normpath(path.parent / file.base))
+    if rig is None and file.rig is not None:
+        rig = Path(os.path.normpath(path.parent / file.rig))
+    arms: list[Arm] = []
+    for name, values in list_arms(file).items():
+        try:
+            arms.append(_load_arm(file, base, rig, name, values))
+        except FileFormatError as error:
+            where = f"{path}, arm {name}:"
+            told = (replace(each, where=each.where.replace(str(SET), where)) for each in error.problems)
+            raise FileFormatError(tuple(told)) from error
+        progress(len(arms) / file.arm_count)
+    first = arms[0].protocol
+    for arm in arms:
+        if arm.protocol.experiment != first.experiment:
+            raise InputError(
+                f"{path}: the arm {arm.name} is of the experiment {arm.protocol.experiment}, and the arm "
+                f"{arms[0].name} of {first.experiment}",
+                "make a campaign for each",
+            )
+    if file.depth == "world" and not find_experiment(first.experiment).can_simulate:
+        raise InputError(
+            f"{path}: the experiment {first.experiment} is not computed without pictures",
+            "say depth: rig, which makes whole runs on a simulated rig",
+        )
+    own = first.criterion
+    if own is None and file.measure is None:
+        raise InputError(
+            f"{path}: nothing says by what the experiment {first.experiment} is judged",
+            "add measure: NAME, a quantity of its result",
+        )
+    if own is None or file.measure not in {None, own.quantity}:
+        by = Judgement(str(file.measure), file.tolerance)
+    else:
+        by = Judgement(own.quantity, own.tolerance if file.tolerance is None else file.tolerance)
+    named = None if arms[0].rig is None else find_rig_file(rig, base)
+    return LoadedCampaign(file, base, named, tuple(arms), by)
+
+
+def list_arms(campaign: CampaignFile) -> dict[str, Settings]:
+    """Return the values of each arm by its name: the last part of each key, the whole key where several end alike."""
+    ends = [key.rpartition(".")[2] for key in campaign.vary]
+    shown = [end if ends.count(end) == 1 else key for key, end in zip(campaign.vary, ends, strict=True)]
+    arms: dict[str, Settings] = {}
+    for (name, own), values in product((campaign.arms or {"": {}}).items(), product(*campaign.vary.values())):
+        parts = [name, *(f"{key}={show_value(value)}" for key, value in zip(shown, values, strict=True))]
+        arms[", ".join(filter(None, parts)) or "base"] = {
+            **own,
+            **dict(zip(campaign.vary, values, strict=True)),
+        }
+    return arms
+
+
+def write_overrides(settings: Settings) -> tuple[str, ...]:
+    """Return settings as `labrig run --set` takes them. Text is quoted, so that 16 and "16" remain two things."""
+    return tuple(f"{key}={json.dumps(value)}" for key, value in settings.items())
+
+
+def _load_arm(file: CampaignFile, base: Path, rig: Path | None, name: str, values: Settings) -> Arm:
+    """Read an arm; the ends of the sampled ranges are tried too, so that nothing is refused after the first task."""
+    of_protocol, of_rig = split_overrides(write_overrides({**file.set, **values}))
+    protocol = load_protocol(base, PROTOCOL_MODELS, of_protocol)
+    found = load_rig_for(protocol, base, rig, of_rig)
+    repeated = getattr(protocol, "repetitions", 1)
+    if file.depth == "world" and repeated > 1:
+        message = (
+            f"a run of the protocol makes {repeated} insertions, and depth: world computes one for each task"
+        )
+        hint = "add set: {repetitions: 1}; the campaign's own repetitions say how often, or say depth: rig"
+        raise FileFormatError((Problem(f"{SET} repetitions", message, hint),))
+    if found is None:
+        arm = Arm(name, values, protocol, None, {})
+    else:
+        arm = Arm(name, values, protocol, _detach(found), _hash_calibration(found))
+    ranges = {} if file.sample is None else file.sample.keys
+    for end in (0, 1) if ranges else ():
+        make_models(arm, {key: limits[end] for key, limits in ranges.items()}, file.seed)
+    return arm
+
+
+def _detach(rig: RigDescription) -> RigDescription:
+    """Return a rig for any process: of an absolute folder, without state file and real clock, so nobody is asked."""
+    if rig.kind != "simulated":
+        raise InputError(
+            f"the rig {rig.name} is {rig.kind}, and a campaign moves simulated rigs only",
+            "name a simulated rig as rig: in the campaign file",
+        )
+    alone = rig.model_copy(update={"state_file": None, "clock": None})
+    return alone.placed_in(rig.folder.absolute())
+
+
+def _hash_calibration(rig: RigDescription) -> dict[str, str]:
+    return {name: hash_file(path) for name, path in sorted(rig.calibration_files().items())}
+
+
+def make_models(arm: Arm, drawn: Settings, seed: int) -> tuple[ExperimentProtocol, RigDescription | None]:
+    """Return protocol and rig of a task: those of its arm with the values of its point, and its seed.
+
+    Raises
+    ------
+    FileFormatError
+        When the values do not go together.
+    """
+    protocol, rig = arm.protocol, arm.rig
+    of_protocol, of_rig = split_overrides(write_overrides(drawn))
+    if of_protocol:
+        protocol = validate_values(protocol.model_dump(mode="json"), "campaign", type(protocol), of_protocol)
+    if of_rig and rig is not None:
+        changed = validate_values(rig.model_dump(mode="json"), "campaign", RigDescription, of_rig)
+        rig = changed.placed_in(rig.folder)
+    return protocol.model_copy(update={"seed": seed}), fit_rig(protocol, rig)
+
+
+def compute_task(task: Task) -> TaskOutcome:
+    """Return what comes of a task.
+
+    Raises
+    ------
+    WorkersError
+        When this computer does not see the calibration that the campaign began with: no other task can be computed.
+    LabrigError
+        When this one cannot be computed.
+    """
+    protocol, rig = make_models(task.arm, task.drawn, task.seed)
+    if rig is not None and _hash_calibration(rig) != task.arm.calibration:
+        raise WorkersError(
+            f"a worker on {platform.node()} does not see the calibration files of {rig.folder} that the campaign "
+            "began with",
+            "keep the lab folder where all workers have it under the same name, and leave it as it is meanwhile",
+        )
+    experiment = find_experiment(protocol.experiment)
+    if task.depth == "world":
+        return simulate(experiment, protocol, rig, task.seed)
+    return run_whole(experiment, protocol, rig)
+
+
+def make_row(task: Task, outcome: TaskOutcome | LabrigError) -> dict[str, object]:
+    """Return the row of a task in the table: what it is, its values, and what came of it."""
+    settings = {**task.arm.settings, **task.drawn}
+    if isinstance(outcome, LabrigError):
+        ended: dict[str, object] = {"exit_status": None, "reason": None, "error": outcome.message}
+    else:
+        end = {"exit_status": outcome.exit_status, "reason": outcome.reason, "error": None}
+        ended = {**end, **outcome.values}
     return {
-        "campaign": loaded.file.model_dump(mode="json", exclude=free),
-        "protocol": json.loads(first.protocol),
-        "rig": None if first.rig is None else json.loads(first.rig),
-        "calibration": dict(first.calibration),
-        "sha256_of_arms": arms.hexdigest(),
+        "task": task.number,
+        "arm": task.arm.name,
+        "point": task.point,
+        "repetition": task.repetition,
+        "seed": task.seed,
+        **{key: _make_cell(value) for key, value in settings.items()},
+        **ended,
     }
 
 
-def plan_campaign(loaded: LoadedCampaign) -> CampaignPlan:
-    """Return how many tasks a campaign has, and the rule that may end it earlier."""
-    campaign, measure = loaded.file, loaded.by.measure
-    rule = campaign.stop_when
-    return CampaignPlan(
-        arms=campaign.arm_count,
-        tasks=CampaignTasks(loaded).count,
-        measure=measure,
-        rule=None
-        if rule is None
-        else {**rule.model_dump(mode="json"), "first_look": campaign.first_look(), "measure": measure},
-    )
+def _make_cell(value: object) -> object:
+    return value if value is None or isinstance(value, int | float) else show_value(value)

@@ -32,8 +32,8 @@ def campaign(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the campaign is done. Started again, it goes on; Ctrl+C ends it with what is done."""
+    from labrig.campaign.run import run_campaign
     from labrig.cli.attendant import TerminalAttendant
-    from labrig.library.campaigns import run_campaign
 
     done = run_campaign(
         file,

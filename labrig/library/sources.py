@@ -1,8 +1,7 @@
 """The files that a run is made from: their names are kept in its manifest and used again when it is continued."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,7 +37,8 @@ class Sources:
 
     def load_rig(self, protocol: ExperimentProtocol) -> RigDescription | None:
         """Read the rig of a protocol, if it needs one. Raises `FileFormatError`, `InputError`."""
-        return load_rig_for(protocol, self.protocol, self.rig, split_overrides(self.settings)[1])
+        rig = load_rig_for(protocol, self.protocol, self.rig, split_overrides(self.settings)[1])
+        return fit_rig(protocol, rig)
 
     def with_rig_file(self, protocol: ExperimentProtocol) -> "Sources":
         """Return these with the default rig file, if none was named and the protocol needs one."""
@@ -93,8 +93,6 @@ def load_rig_for(
 ) -> RigDescription | None:
     """Return the rig that the protocol runs on; None for an experiment without a rig, for which no file is read.
 
-    A simulated world gets the needle of the protocol's design file.
-
     Parameters
     ----------
     given : Path or None
@@ -107,7 +105,7 @@ def load_rig_for(
     InputError
         When there is no rig file, or one is given for a protocol that moves nothing.
     FileFormatError
-        With every problem of the rig file, or when the simulated world has no room for the protocol's needle.
+        With every problem of the rig file.
     """
     experiment = find_experiment(protocol.experiment)
     if not experiment.moves_rig:
@@ -116,23 +114,26 @@ def load_rig_for(
                 f"the experiment {experiment.name} moves no rig", "leave out --rig and --set rig.*"
             )
         return None
-    with restore_rig_prefix():
-        rig = load_rig(find_rig_file(given, protocol_file), overrides)
-    needle = getattr(protocol, "needle", None)
-    return rig.with_needle(needle) if isinstance(needle, Needle) else rig
-
-
-@contextmanager
-def restore_rig_prefix() -> Iterator[None]:
-    """Report faults of rig overrides as they were typed, with the prefix that `split_overrides` removed."""
     try:
-        yield
+        return load_rig(find_rig_file(given, protocol_file), overrides)
     except FileFormatError as error:
         typed = (
             replace(problem, where=problem.where.replace("--set ", f"--set {_RIG_PREFIX}", 1))
             for problem in error.problems
         )
         raise FileFormatError(tuple(typed)) from error
+
+
+def fit_rig(protocol: ExperimentProtocol, rig: RigDescription | None) -> RigDescription | None:
+    """Return a rig whose simulated world has the needle of the protocol's design file.
+
+    Raises
+    ------
+    FileFormatError
+        When the world has no room for it.
+    """
+    needle = getattr(protocol, "needle", None)
+    return rig if rig is None or not isinstance(needle, Needle) else rig.with_needle(needle)
 
 
 def split_overrides(settings: Sequence[str]) -> tuple[list[str], list[str]]:

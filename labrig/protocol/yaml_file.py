@@ -51,11 +51,13 @@ def load_yaml_model(
     return validate_tree(apply_overrides(tree, overrides), model)
 
 
-def validate_values(values: object, source: str, model: type[AnyModel]) -> AnyModel:
+def validate_values(
+    values: object, source: str, model: type[AnyModel], overrides: Sequence[str] = ()
+) -> AnyModel:
     """Return the `model` of values that come from no file, such as options. Raises as `load_yaml_model`."""
     position = Position(source)
-    plain = json.loads(json.dumps(values, default=str))
-    return validate_tree(Tree(plain, {(): EntryPosition(position, position)}), model)
+    tree = Tree(json.loads(json.dumps(values, default=str)), {(): EntryPosition(position, position)})
+    return validate_tree(apply_overrides(tree, overrides), model)
 
 
 def dump_yaml(model: Model) -> str:

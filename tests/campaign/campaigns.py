@@ -6,14 +6,12 @@ from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 
 from labrig.analysis.experiment import TaskOutcome
-from labrig.campaign.campaign_file import load_campaign_file
-from labrig.campaign.inputs import CampaignFiles, LoadedCampaign, load_campaign
-from labrig.campaign.tasks import TaskOrder
+from labrig.campaign.tasks import LoadedCampaign, Task, load_campaign
 from labrig.errors import LabrigError, MachineError
 
 ROOT = Path(__file__).parents[2]
 PROTOCOLS, RIGS = ROOT / "protocols", ROOT / "calibration"
-Law = Callable[[TaskOrder], float | None]
+Law = Callable[[Task], float | None]
 
 
 def write_campaign(folder: Path, **keys: object) -> Path:
@@ -24,18 +22,17 @@ def write_campaign(folder: Path, **keys: object) -> Path:
     return path
 
 
-def load(path: Path, rig: Path = RIGS / "rig-simulated.yaml") -> LoadedCampaign:
+def load(path: Path, rig: Path | None = RIGS / "rig-simulated.yaml") -> LoadedCampaign:
     """Read a campaign and all that it names."""
-    content = load_campaign_file(path)
-    return load_campaign(CampaignFiles(path, path.parent / content.base, lambda: rig), content)
+    return load_campaign(path, rig=rig)
 
 
-def computing(law: Law) -> Callable[[Iterable[TaskOrder]], Generator[TaskOutcome | LabrigError, None, None]]:
+def computing(law: Law) -> Callable[[Iterable[Task]], Generator[TaskOutcome | LabrigError, None, None]]:
     """Return what computes tasks by a law: a target error, none, or a failure where it is infinite."""
 
-    def compute(orders: Iterable[TaskOrder]) -> Generator[TaskOutcome | LabrigError, None, None]:
-        for order in orders:
-            error_mm = law(order)
+    def compute(tasks: Iterable[Task]) -> Generator[TaskOutcome | LabrigError, None, None]:
+        for task in tasks:
+            error_mm = law(task)
             if error_mm is not None and math.isinf(error_mm):
                 yield MachineError("a process died", "again")
             else:

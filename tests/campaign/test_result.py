@@ -6,11 +6,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from labrig.campaign.inputs import LoadedCampaign
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
 from labrig.campaign.store import make_table
-from labrig.campaign.tasks import CampaignTasks, TaskOrder
+from labrig.campaign.tasks import LoadedCampaign, Task, make_row
 from tests.campaign.campaigns import Law, computing, load, write_campaign
 from tests.report.conftest import HOSTILE
 
@@ -20,21 +19,21 @@ INFINITE = float("inf")
 
 def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFrame]:
     """Return the result and the table of a campaign whose tasks follow a law."""
-    tasks = CampaignTasks(loaded)
-    table = make_table(list(tasks.make_rows(0, computing(law)(tasks.list_orders(0)))))
-    return make_result(loaded, table, tasks=tasks.count, file=Path("table.parquet")), table
+    outcomes = computing(law)(loaded.list_tasks())
+    table = make_table(list(map(make_row, loaded.list_tasks(), outcomes)))
+    return make_result(loaded, table, file=Path("table.parquet")), table
 
 
 def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
     """Those without a value first, then the largest; with every changed key, quoted for a shell, and the seed."""
     keys = {"vary": {"policy.replan_every_mm": [5, 10]}, "set": {"policy.near_mm": 0}, "repetitions": 20}
     loaded = load(write_campaign(tmp_path, **keys))
-    without = next(CampaignTasks(loaded).list_orders(6)).seed
-    result, table = found(loaded, lambda order: None if order.seed == without else order.seed % 100 / 50.0)
+    without = loaded.find_task(6).seed
+    result, table = found(loaded, lambda task: None if task.seed == without else task.seed % 100 / 50.0)
     first, second, third, *_ = result.worst
     assert (first.value, first.task, second.value, second.task) == (None, 6, None, 7)
     assert third.value == table["true_target_error_mm"].max()
-    assert first.command[:3] == ("labrig", "run", str(loaded.files.base))
+    assert first.command[:3] == ("labrig", "run", str(loaded.base))
     assert first.command[-6:] == (
         "--seed", str(without), "--set", "policy.near_mm=0", "--set", "policy.replan_every_mm=5"
     )  # fmt: skip
@@ -51,10 +50,8 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
         },
     }
     loaded = load(write_campaign(tmp_path, **keys))
-    failing = next(CampaignTasks(loaded).list_orders(3)).seed
-    result, table = found(
-        loaded, lambda order: INFINITE if order.seed == failing else order.seed % 100 / 30.0
-    )
+    failing = loaded.find_task(3).seed
+    result, table = found(loaded, lambda task: INFINITE if task.seed == failing else task.seed % 100 / 30.0)
     page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
     assert result.failed == 2
     for text in (
@@ -71,14 +68,14 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
 ARMS = {"vary": {"policy.replan_every_mm": [5, 10, 20]}}
 
 
-def spread(order: TaskOrder) -> float:
+def spread(task: Task) -> float:
     """Return a value that depends on the seed."""
-    return order.seed % 100 / 30.0
+    return task.seed % 100 / 30.0
 
 
-def worse_at_20(order: TaskOrder) -> float:
+def worse_at_20(task: Task) -> float:
     """Return a value that is larger by 5 in one of the arms."""
-    return spread(order) + 5.0 * ('"replan_every_mm":20.0' in order.inputs.protocol)
+    return spread(task) + 5.0 * (task.arm.name == "replan_every_mm=20")
 
 
 @pytest.mark.parametrize(
@@ -123,7 +120,7 @@ def test_an_unfinished_page_says_so_beside_its_intervals(tmp_path: Path) -> None
     loaded = load(write_campaign(tmp_path, **ARMS, repetitions=4))
     result, table = found(loaded, spread)
     part = table.head(7)
-    half = make_result(loaded, part, tasks=CampaignTasks(loaded).count, file=Path("table.parquet"))
+    half = make_result(loaded, part, file=Path("table.parquet"))
     page = write_page(tmp_path, loaded, half, part, NOW).read_text(encoding="utf-8")
     assert result.ended == "complete"
     assert "7 of 12 are done." in page

@@ -1,6 +1,7 @@
 """Means, shares and differences of arms, checked against other libraries and by coverage."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from labrig.campaign.campaign_file import CampaignFile
-from labrig.campaign.statistics import Judgement, WidthRule, bound_share, compare_arms, judge_arm
+from labrig.campaign.statistics import Judgement, bound_share, compare_arms, ends_by_rule, judge_arm
 
 BY = Judgement("error_mm", 2.0)
 
@@ -92,16 +93,16 @@ def test_paired_shares_are_covered() -> None:
     assert 0.915 <= held / 300 <= 0.985
 
 
-def rule(width: float, at_least: int = 30) -> WidthRule:
-    """Return the rule of a campaign of one arm."""
+def rule(width: float, at_least: int = 30) -> CampaignFile:
+    """Return a campaign of one arm with a rule."""
     stop = {"ci95_width_mm": width, "at_most": 10_000}
     keys = {"campaign": "c", "base": "p.yaml", "seed": 5, "repetitions": at_least, "stop_when": stop}
-    return WidthRule(CampaignFile.model_validate(keys), "error_mm")
+    return CampaignFile.model_validate(keys)
 
 
-def make_row(value: float) -> dict[str, object]:
-    """Return the row of a task."""
-    return {"arm": "a", "error": None, "error_mm": value}
+def ends(file: CampaignFile, values: Sequence[float]) -> bool:
+    """Return whether a campaign ends with the rows of these values."""
+    return ends_by_rule(file, BY, [{"arm": "a", "error": None, "error_mm": value} for value in values])
 
 
 @given(st.lists(st.floats(-5, 5), min_size=30, max_size=60))
@@ -112,26 +113,22 @@ def test_the_rule_sees_the_interval_that_the_page_shows(values: list[float]) -> 
     width = found[1] - found[0]
     for wanted, met in ((width * 1.001 + 1e-9, True), (width * 0.999 - 1e-9, False)):
         if wanted > 0:
-            asked = rule(wanted, len(values))
-            assert [asked.take(make_row(value)) for value in values][-1] is met
+            assert ends(rule(wanted, len(values)), values) is met
 
 
 def test_the_rule_looks_at_numbers_of_repetitions_fixed_beforehand() -> None:
     """First where the file says, then after a quarter more: each look is a chance to stop too early."""
     narrow = [0.0, 1.0] * 15 + [0.5] * 200
-    for width, ends in ((0.5, 30), (0.3, 38), (0.25, 48), (0.16, 75)):
-        asked = rule(width)
-        assert next(n for n, value in enumerate(narrow, start=1) if asked.take(make_row(value))) == ends
+    for width, end in ((0.5, 30), (0.3, 38), (0.25, 48), (0.16, 75)):
+        assert next(n for n in range(len(narrow)) if ends(rule(width), narrow[:n])) == end
 
 
 def test_a_mean_that_a_rule_stopped_is_still_covered() -> None:
     """300 campaigns of normal values that end at a width: the interval holds the mean in 91 % or more."""
-    random = np.random.default_rng(3)
-    held = 0
+    random, file, held = np.random.default_rng(3), rule(0.45), 0
     for _ in range(300):
-        asked, values = rule(0.45), [float(random.normal())]
-        while not asked.take(make_row(values[-1])):
-            values.append(float(random.normal()))
-        low, high = judge_arm(table({"a": [*values]}), "a", {}, BY).ci95 or (math.nan, math.nan)
+        values = random.normal(size=1000).tolist()
+        end = next(look for look in file.looks if ends(file, values[:look]))
+        low, high = judge_arm(table({"a": values[:end]}), "a", {}, BY).ci95 or (math.nan, math.nan)
         held += low <= 0.0 <= high
     assert held / 300 >= 0.91

@@ -3,7 +3,6 @@
 `python -m tests.processors.many FILE [NAME ...]` writes what comes of them, or of the named ones, as JSON.
 """
 
-import json
 import math
 import sys
 import tempfile
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.campaign.tasks import CampaignTasks, compute_task
+from labrig.campaign.tasks import compute_task
 from labrig.steering.parameters import PlanMethod
 from labrig.steering.planner import plan_path
 from labrig.steering.problem import PlanProblem, Surroundings
@@ -78,9 +77,9 @@ def _insert(depth: str, repetitions: int, rig: str) -> Iterator[Case]:
     with tempfile.TemporaryDirectory() as folder:
         arms = {"default": {}, "paper": {"policy": "paper"}} if depth == "world" else {"default": {}}
         file = write_campaign(Path(folder), repetitions=repetitions, depth=depth, arms=arms)
-        for number, order in enumerate(CampaignTasks(load(file, RIGS / f"{rig}.yaml")).list_orders(0)):
-            outcome = compute_task(order)
-            sd_mm = json.loads(order.inputs.protocol)["estimator"]["observation_sd_mm"]
+        for task in load(file, RIGS / f"{rig}.yaml").list_tasks():
+            outcome = compute_task(task)
+            sd_mm = task.arm.protocol.model_dump()["estimator"]["observation_sd_mm"]
             values = outcome.values
             counts = {key: value for key, value in values.items() if isinstance(value, int)}
             lengths_mm = {key: value for key, value in values.items() if isinstance(value, float)}
@@ -91,7 +90,7 @@ def _insert(depth: str, repetitions: int, rig: str) -> Iterator[Case]:
                 f"{depth}: {key}": [(value, spread_mm if key in _ENDS else sd_mm)]
                 for key, value in lengths_mm.items()
             }
-            yield Case(f"{depth} {number}", str((outcome.exit_status, outcome.reason, counts)), numbers)
+            yield Case(f"{depth} {task.number}", str((outcome.exit_status, outcome.reason, counts)), numbers)
 
 
 def find_tips() -> Iterator[Case]:

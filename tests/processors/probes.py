@@ -16,7 +16,7 @@ from typing import Any
 
 from labrig.analysis.engine import describe_kernels
 from labrig.analysis.run import analyze_run
-from labrig.campaign.tasks import CampaignTasks, compute_task
+from labrig.campaign.tasks import compute_task
 from labrig.experiments.hinge_design.protocol import DesignTolerances
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.reader import open_run
@@ -155,10 +155,9 @@ def repeat_insertions() -> Iterator[Case]:
         ):
             file = write_campaign(Path(folder), repetitions=repetitions, depth="world", set=settings)
             loaded = load(file, RIGS / f"{rig}.yaml")
-            for number, order in enumerate(CampaignTasks(loaded).list_orders(0)):
-                outcome = compute_task(order)
-                protocol = json.loads(order.inputs.protocol)
-                sd_mm = protocol["estimator"]["observation_sd_mm"]
+            for task in loaded.list_tasks():
+                outcome = compute_task(task)
+                sd_mm = task.arm.protocol.model_dump()["estimator"]["observation_sd_mm"]
                 values = outcome.values
                 counts = {key: value for key, value in values.items() if isinstance(value, int)}
                 numbers = {
@@ -167,7 +166,7 @@ def repeat_insertions() -> Iterator[Case]:
                     ]
                 }
                 decided = str((outcome.exit_status, outcome.reason, counts))
-                yield Case(f"insertion {number} on {rig}", decided, numbers)
+                yield Case(f"insertion {task.number} on {rig}", decided, numbers)
 
 
 def replay_records() -> Iterator[Case]:

@@ -13,8 +13,7 @@ from labrig.campaign.statistics import ArmResult, PairResult
 from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
-from labrig.report.figure_files import write_figure
-from labrig.report.figures import DrawnFigure
+from labrig.report.figures import DrawnFigure, write_figure
 from labrig.report.formatting import (
     count_decimals,
     label_quantity,

@@ -55,7 +55,7 @@ def intrinsics(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused. A picture of residuals and coverage is drawn beside --out."""
-    from labrig.report.lens_figure import write_lens_figure
+    from labrig.report.figures import draw_lens, write_image
     from labrig.vision.calibrate_lens import calibrate_from_pictures
     from labrig.vision.calibration_file import save_intrinsics
 
@@ -76,7 +76,10 @@ def intrinsics(
     found = replace(found, views=(*found.views, *unread))
     if out is not None and (found.accepted or force):
         save_intrinsics(out, found, collect_calibration_provenance(images))
-        write_lens_figure(out.with_suffix(".png"), found)
+        seen = ((view.corners_px, view.errors_px) for view in found.views if view.used)
+        write_image(
+            out.with_suffix(".png"), draw_lens(found.image_size, seen, found.rms_px), facecolor="white"
+        )
     show(found.to_json(), as_json, _print_intrinsics)
     report_output(out, found.accepted, force)
     return 0 if found.accepted else 1

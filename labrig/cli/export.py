@@ -23,7 +23,6 @@ class Format(StrEnum):
     PARQUET = "parquet"
     MATLAB = "matlab"
     RECORD = "record"
-    FIGURES = "figures"
     FILM = "film"
 
 
@@ -37,7 +36,7 @@ def export(
         typer.Option(
             "--format",
             help="csv, parquet: a file for each table; matlab: run.mat, which data/read_run.m reads; record: the "
-            "record itself; figures: those of the page as SVG and PDF; film: each insertion as MP4. Repeatable.",
+            "record itself; film: each insertion as MP4. Repeatable.",
         ),
     ],
     out: Annotated[
@@ -79,13 +78,13 @@ def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, 
 
 
 def _prepare(source: Path, formats: Collection[Format]) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
-    """Return what writes tables, figures and films, and the damage of what they are made from."""
+    """Return what writes tables and films, and the damage of what they are made from."""
     from labrig.record.reader import open_run
 
     opened = open_run(source)
     tables = [str(name) for name in formats if name in _TABLES]
-    # Drawn and refused before anything is written.
-    draw = _prepare_drawings(opened, formats) if len(tables) < len(formats) else None
+    # Refused before anything is written.
+    draw = _prepare_films(opened) if Format.FILM in formats else None
 
     def write(folder: Path) -> None:
         if tables:
@@ -98,30 +97,26 @@ def _prepare(source: Path, formats: Collection[Format]) -> tuple[Callable[[Path]
     return write, opened.damage
 
 
-def _prepare_drawings(run: Any, formats: Collection[Format]) -> Callable[[Path], None]:
-    """Return what writes figures and films of the newest result.
+def _prepare_films(run: Any) -> Callable[[Path], None]:
+    """Return what writes the films of the newest result.
 
     Raises
     ------
     InputError
-        When films are asked for, and the run has no insertion.
+        When the run has no insertion.
     """
     from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
-    from labrig.report.figure_files import write_figures
     from labrig.report.film import write_film
 
     experiment, result = find_run_experiment(run), load_run_result(run)
-    page = experiment.page(run, load_run_protocol(run), result)
-    films = page.make_films() if Format.FILM in formats else ()
-    if Format.FILM in formats and not films:
+    films = experiment.page(run, load_run_protocol(run), result).make_films()
+    if not films:
         raise InputError(
             f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"
         )
 
     def write(folder: Path) -> None:
-        if Format.FIGURES in formats:
-            write_figures(folder, run, page)
-        with show_working("drawing the films", shown=bool(films)):
+        with show_working("drawing the films"):
             for film in films:
                 write_film(folder, run, film)
 

@@ -10,7 +10,7 @@ from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import escape_formula
 from labrig.report.comparison_figure import draw_groups, mark_groups
-from labrig.report.figure_files import write_figure
+from labrig.report.figures import write_figure
 from labrig.report.formatting import (
     UNKNOWN,
     count_decimals,

@@ -36,7 +36,6 @@ from labrig.report.formatting import (
     number,
     signed,
 )
-from labrig.report.load_figure import draw_load_figure
 from labrig.text import format_count
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
@@ -124,7 +123,6 @@ def write_report(
         "done": sum(trial.exit_status == "success" and not trial.left_out for trial in trials),
         "decisions": list_decisions(run),
         "lens": None if page.plane is None else load_lens(run),
-        "load": draw_load_figure(run.states, "load"),
         **page.shown,
     }
     write_page(run.path / REPORT_FILE, page.template, shown)

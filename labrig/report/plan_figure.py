@@ -1,6 +1,5 @@
 """Draw a plan: path, obstacles and target, true to scale."""
 
-import io
 from pathlib import Path
 
 import matplotlib as mpl
@@ -8,19 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
-from labrig.durable import write_atomically
-from labrig.errors import InputError
-from labrig.report.figures import NO_METADATA, SETTINGS
+from labrig.report.figures import SETTINGS, write_image
 from labrig.report.palette import DESIGN, mark
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.problem import PlanProblem
-
-FloatArray = NDArray[np.float64]
-
-FORMATS = {".svg": "svg", ".png": "png"}
-_DOTS_PER_INCH = 150
 
 
 def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
@@ -36,14 +27,9 @@ def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
 
     Raises
     ------
-    InputError
-        For another suffix.
     DiskError
         If the file cannot be written.
     """
-    form = FORMATS.get(path.suffix.lower())
-    if form is None:
-        raise InputError(f"{path.name} is neither .svg nor .png", "name the figure plan.svg, for example")
     views = (1,) if problem.planar else (1, 0)
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(8.0, 0.6 + 3.1 * len(views)), layout="constrained")
@@ -51,10 +37,7 @@ def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
         for axes, across in zip(panels, views, strict=True):
             _draw_view(axes, problem, plan, across)
         panels[0].set_title(_make_title(plan))
-        metadata = NO_METADATA if form == "svg" else None
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=metadata, facecolor="white")
-    write_atomically(path, buffer.getvalue())
+    write_image(path, figure, facecolor="white")
 
 
 def _make_title(plan: Plan) -> str:
@@ -66,6 +49,7 @@ def _make_title(plan: Plan) -> str:
 
 def _draw_view(axes: Axes, problem: PlanProblem, plan: Plan, across: int) -> None:
     """Draw depth z to the right and one lateral axis upwards: y, or x."""
+    ours, theirs = mark(0).colour, mark(1).colour
     for number, obstacle in enumerate(problem.obstacles, start=1):
         place = (obstacle.position_mm[2], obstacle.position_mm[across])
         wider = obstacle.radius_mm + problem.clearance_mm + problem.diameter_mm / 2
@@ -75,29 +59,17 @@ def _draw_view(axes: Axes, problem: PlanProblem, plan: Plan, across: int) -> Non
         )
         axes.annotate(str(number), place, ha="center", va="center", fontsize=8.5, color="#333333")
     target = (problem.target_mm[2], problem.target_mm[across])
-    axes.add_patch(Circle(target, problem.tolerance_mm, fill=False, edgecolor=mark(1).colour, linewidth=1.2))
-    axes.plot(*target, "+", color=mark(1).colour, markersize=9, label="target and tolerance")
-    start = np.asarray(problem.start)[:3, 3]
-    axes.plot(start[2], start[across], "s", color=DESIGN, markersize=4, label="start")
+    axes.add_patch(Circle(target, problem.tolerance_mm, fill=False, edgecolor=theirs, linewidth=1.2))
+    axes.plot(*target, "+", color=theirs, markersize=9, label="target and tolerance")
+    axes.plot(*np.asarray(problem.start)[[2, across], 3], "s", color=DESIGN, markersize=4, label="start")
     if plan.arcs:
-        _draw_path(axes, problem, plan, across)
+        path = sample_path(problem, plan)[:, [2, across]]
+        axes.plot(*path.T, color=ours, linewidth=1.8, label="path")
+        flips = path[:: len(path) // len(plan.arcs)][1:-1]
+        axes.plot(*flips.T, "o", color=ours, markerfacecolor="white", label="the bevel turns")
     axes.plot([], [], ":", color="#999999", label="centre line stays outside")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("z, along the insertion (mm)")
-    axes.set_ylabel(f"{'xy'[across]}, {'sideways' if across else 'away from the camera'} (mm)")
+    sideways = f"{'xy'[across]}, {'sideways' if across else 'away from the camera'} (mm)"
+    axes.set(xlabel="z, along the insertion (mm)", ylabel=sideways)
     axes.grid(visible=True)
     axes.legend(loc="best")
-
-
-def _draw_path(axes: Axes, problem: PlanProblem, plan: Plan, across: int) -> None:
-    points = sample_path(problem, plan)
-    axes.plot(points[:, 2], points[:, across], color=mark(0).colour, linewidth=1.8, label="path")
-    flips = points[:: len(points) // len(plan.arcs)][1:-1]
-    axes.plot(
-        flips[:, 2],
-        flips[:, across],
-        "o",
-        color=mark(0).colour,
-        markerfacecolor="white",
-        label="the bevel turns",
-    )

@@ -1,17 +1,19 @@
 """Line figures: the same bytes each time, no name space, nothing global left behind."""
 
+from pathlib import Path
+
 import matplotlib as mpl
 import numpy as np
-import pandas as pd
+import pytest
 
 from labrig.report.figures import (
     Design,
     GelSeries,
-    draw_coverage_figure,
-    draw_residual_figure,
+    draw_lens,
     draw_steerability_figure,
+    svg,
+    write_figure,
 )
-from labrig.report.load_figure import draw_load_figure
 from labrig.report.palette import mark
 
 DESIGN = Design(30.0, 40.0, -1)
@@ -33,7 +35,7 @@ def test_the_same_data_give_the_same_bytes() -> None:
 
 def test_two_figures_of_a_page_share_no_identifier() -> None:
     """The figure's name stands before every identifier and every reference to one."""
-    figure = str(draw_residual_figure([("0", 0.1), ("1", 0.2)], 0.15, "one"))
+    figure = str(draw_steerability_figure(_series(), DESIGN, "one"))
     assert 'id="one-' in figure
     assert 'id="' not in figure.replace('id="one-', "")
     assert 'href="#' not in figure.replace('href="#one-', "")
@@ -42,7 +44,7 @@ def test_two_figures_of_a_page_share_no_identifier() -> None:
 def test_a_figure_brings_no_address_and_no_settings() -> None:
     """No name space is left in the element, and matplotlib's settings are as they were."""
     before = dict(mpl.rcParams)
-    figure = str(draw_coverage_figure({"a": np.array([[10.0, 20.0]])}, (640, 480), "c"))
+    figure = str(svg(draw_lens((640, 480), [(((10.0, 20.0),), ())], 0.1), "c"))
     assert "http" not in figure
     assert figure.startswith("<svg")
     assert dict(mpl.rcParams) == before
@@ -54,19 +56,24 @@ def test_gels_differ_in_colour_and_in_marker() -> None:
     assert len({(mark(index).colour, mark(index).marker) for index in range(30)}) == 30
 
 
-def test_the_currents_of_a_run_are_drawn_where_it_has_some() -> None:
-    """A record of before has no such columns, and a drive without a measurement has none in its column."""
-    states = pd.DataFrame(
-        {
-            "insertion_mm": [0.0, 0.4, 1.6, 0.8],
-            "linear_mm": [0.0] * 4,
-            "insertion_current_ma": [0.0, 60.0, 61.0, -60.0],
-            "linear_current_ma": [None] * 4,
-        }
+@pytest.mark.parametrize("form", ["svg", "pdf"])
+def test_a_figure_becomes_a_file_for_a_paper(form: str, tmp_path: Path) -> None:
+    """The same bytes each time."""
+    written = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_figure(tmp_path / name, draw_steerability_figure(_series(), DESIGN, "one"))
+        written.append((tmp_path / name / f"one.{form}").read_bytes())
+    assert written[0] == written[1]
+    assert written[0].startswith({"svg": b"<?xml", "pdf": b"%PDF"}[form])
+
+
+def test_residuals_of_a_lens_are_drawn_larger_from_their_corners() -> None:
+    """With residuals the title says how much larger; without, only the corners are drawn."""
+    seen, plain = (
+        draw_lens((640, 480), [(((10.0, 20.0), (30.0, 40.0)), errors)], 0.1).axes[0]
+        for errors in (((0.1, 0.0), (0.0, -0.1)), ())
     )
-    drawn = draw_load_figure(states, "load")
-    assert drawn is not None
-    assert all(word in drawn for word in ("Insertion axis", "forwards", "backwards"))
-    assert "Linear axis" not in drawn
-    assert draw_load_figure(states[["insertion_mm", "linear_mm"]], "load") is None
-    assert draw_load_figure(states.iloc[:0], "load") is None
+    assert "128 times enlarged" in seen.get_title(loc="left")
+    assert [np.asarray(line.get_xdata())[-1] for line in seen.lines[1:]] == pytest.approx([22.8, 30.0])
+    assert len(plain.lines) == 1

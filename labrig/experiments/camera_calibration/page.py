@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
-from labrig.report.figures import draw_coverage_figure, draw_residual_figure
+from labrig.report.figures import DrawnFigure, draw_lens, svg
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Photograph, photograph
 
@@ -34,19 +32,9 @@ def make_page(
 
 
 def _collect_content(run: Run, result: AnyResult, content: CalibrationResult) -> dict[str, object]:
-    lens = content.intrinsics
-    corners = {name: np.asarray(pixels) for name, pixels in content.corners.items()}
-    used = [] if lens is None else [view for view in lens["views"] if view["used"]]
     return {
         "files": sorted(file.name for file in result.path.glob("*.json")),
-        "coverage": None
-        if lens is None
-        else draw_coverage_figure(corners, tuple(lens["image_size"]), "coverage"),
-        "residuals": None
-        if lens is None or not used
-        else draw_residual_figure(
-            [(_shorten_name(view["image"]), view["rms_px"]) for view in used], lens["rms_px"], "residuals"
-        ),
+        "coverage": _draw_coverage(content),
         "paper": _show_paper(run),
     }
 
@@ -65,9 +53,10 @@ def _write_verdict(content: CalibrationResult) -> list[str]:
     return [sentence, *content.reasons]
 
 
-def _shorten_name(image: str) -> str:
-    """Return the number of a picture from its file name."""
-    return image.rpartition("/")[2].partition(".")[0].lstrip("0") or "0"
+def _draw_coverage(content: CalibrationResult) -> DrawnFigure | None:
+    """Draw where the corners of the board were seen; None without a lens."""
+    lens, views = content.intrinsics, ((corners, ()) for corners in content.corners.values())
+    return None if lens is None else svg(draw_lens(lens["image_size"], views, lens["rms_px"]), "coverage")
 
 
 def _show_paper(run: Run) -> Photograph | None:

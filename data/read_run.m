@@ -14,7 +14,7 @@
 tables = load('run.mat');
 fprintf('%s: %s, %s\n', tables.run.run, tables.run.experiment, tables.run.exit_status);
 if ~isempty(tables.run.verdict)
-    fprintf('the operator says: %s %s\n', tables.run.verdict, tables.run.verdict_reason);
+    fprintf('the operator says: %s\n', tables.run.verdict);
 end
 
 % Where the axes went, over rig time.

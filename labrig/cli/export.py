@@ -88,7 +88,7 @@ def _prepare(source: Path, formats: Collection[Format]) -> tuple[Callable[[Path]
 
     def write(folder: Path) -> None:
         if tables:
-            from labrig.report.export import write_tables
+            from labrig.report.tables import write_tables
 
             write_tables(opened, tables, folder)
         if draw is not None:

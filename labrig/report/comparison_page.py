@@ -1,48 +1,30 @@
-"""The page and the tables of a comparison, in a folder of their own."""
+"""The page, the figure and the tables of a comparison, in a folder of their own."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
-from labrig.analysis.comparison import ComparedRuns, Comparison, Pair
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from labrig.analysis.comparison import ComparedRuns, Comparison, Group
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import escape_formula
-from labrig.report.comparison_figure import draw_groups, mark_groups
-from labrig.report.figures import write_figure
-from labrig.report.formatting import (
-    UNKNOWN,
-    count_decimals,
-    join_words,
-    number,
-    signed,
-    split_quantity,
-)
+from labrig.report.figures import SETTINGS, DrawnFigure, svg, write_figure
+from labrig.report.formatting import count_decimals, label_quantity, number, signed, split_quantity
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
-from labrig.text import format_count
+from labrig.report.palette import mark
 
 TABLE_FILES = ("measurements.csv", "measurements.json")
 DOCUMENT_FILE = "comparison.json"
-_SHARED_BY = {
-    "lens": "by its intrinsics",
-    "plane": "by its plane map",
-    "surface": "by its plane map",
-    "roll": "by needle and run",
-    "lighting": "by its run",
-}
-_FIELD_NAMES = {"needle_id": "needle", "gelatin_percent": "gel"}
-_LEVEL = 0.05
-_MOST_NAMED = 3
-
-
-@dataclass(frozen=True)
-class SharedSource:
-    """A source of shared errors: by what it is shared, and its standard deviation in each group, None if not known."""
-
-    name: str
-    shared_by: str
-    sigmas: tuple[float | None, ...]
+MOST_GROUPS = 40
+"""More rows than that are a carpet; the table has them."""
+_MOST_VECTORS = 300
+"""Points of a group that are drawn one by one; more of them become a picture, which is smaller."""
 
 
 def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) -> None:
@@ -53,108 +35,69 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     DiskError
         When one of them cannot be written.
     """
-    content = compared.comparison
-    rows = compared.table.drop(
-        columns=[name for name in compared.table.columns if str(name).startswith("by_")]
-    )
+    content, table = compared.comparison, compared.table
     first = ["group", "block", "value"]
-    tidy = rows[[*first, *(name for name in rows.columns if name not in first)]]
-    write_atomically(
-        folder / TABLE_FILES[0], tidy.map(escape_formula).to_csv(index=False, lineterminator="\n").encode()
-    )
+    others = [name for name in table.columns if name not in first and not str(name).startswith("by_")]
+    tidy = table[[*first, *others]]
+    written = tidy.map(escape_formula).to_csv(index=False, lineterminator="\n")
+    write_atomically(folder / TABLE_FILES[0], written.encode())
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
-    figure = draw_groups(content, compared.table, "groups")
+    is_drawn = len(content.groups) <= MOST_GROUPS
+    figure = draw_groups(content, table) if is_drawn else None
     if figure is not None:
         write_figure(folder, figure)
+    decimals = count_decimals(
+        (group.ci95 for group in content.groups), (group.mean for group in content.groups)
+    )
     shown = {
         "content": content,
-        "title": _make_title(content),
-        "verdict": _summarise(content),
-        "marks": mark_groups(content.groups),
+        "quantity": split_quantity(content.quantity)[0],
+        "colours": [mark(place).colour for place in range(len(content.groups))] if is_drawn else [],
         "figure": figure,
-        "sources": _list_sources(content),
         "written": tell_writing(created),
     }
-    write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, _make_filters(content))
+    filters = {"digits": partial(number, digits=decimals), "plus": partial(signed, digits=decimals)}
+    write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
 
 
-def _make_title(content: Comparison) -> str:
-    by = join_words(_FIELD_NAMES.get(name, name) for name in content.by)
-    return f"{split_quantity(content.quantity)[0].capitalize()} by {by}"
+def draw_groups(comparison: Comparison, table: pd.DataFrame) -> DrawnFigure:
+    """Draw every measurement and the mean of each group."""
+    groups = comparison.groups
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(9.6, 1.1 + 0.52 * len(groups)), layout="constrained")
+        axes = figure.subplots()
+        for place, group in enumerate(groups):
+            rows = table[(table["group"] == group.name) & table["value"].notna()]
+            blocks = (
+                rows.groupby("block")["value"].mean() if comparison.unit_of_analysis == "specimen" else ()
+            )
+            _draw_group(axes, place, group, rows["value"], blocks)
+        names = [name if len(name) <= 32 else f"{name[:29]}..." for name in (group.name for group in groups)]
+        axes.set_yticks(range(len(groups)), names)
+        axes.set_ylim(len(groups) - 0.5, -0.6)
+        axes.set_xlabel(label_quantity(comparison.quantity))
+        axes.grid(visible=True, axis="x")
+        return svg(figure, "groups")
 
 
-def _summarise(content: Comparison) -> Sequence[str]:
-    """Return the result in a sentence or two: which pairs differ, by how much, and how much was measured."""
-    counted = format_count(sum(group.insertions for group in content.groups), "measurement")
-    whole = f"{counted} of {format_count(len(content.used), 'run')} in {format_count(len(content.groups), 'group')}."
-    return _state_finding(content), whole
-
-
-def _state_finding(content: Comparison) -> str:
-    quantity, test = split_quantity(content.quantity)[0], content.welch_anova
-    apart = [pair for pair in content.pairs if pair.p is not None and pair.p < _LEVEL]
-    if apart and len(content.groups) == 2:
-        (pair,) = apart
-        return f"The {quantity} differs: {_state_difference(content, pair)}."
-    if apart:
-        told = "; ".join(_state_difference(content, pair) for pair in apart[:_MOST_NAMED])
-        more = f", and {len(apart) - _MOST_NAMED} more" if len(apart) > _MOST_NAMED else ""
-        return f"{len(apart)} of {len(content.pairs)} pairs differ in {quantity}: {told}{more}."
-    if test is None:
-        return f"The {quantity} was not tested: that takes two groups of two or more, each with a spread."
-    if content.pairs:
-        return f"No pair is known to differ in {quantity} (Welch's ANOVA: p {_relate_p(test.p)})."
-    told = "differs" if test.p < _LEVEL else "is not known to differ"
-    return f"Over all groups the mean {quantity} {told} (p {_relate_p(test.p)})."
-
-
-def _state_difference(content: Comparison, pair: Pair) -> str:
-    """Return by how much one group is above the other, with the 95 % interval."""
-    low, high = pair.ci95 or (pair.difference, pair.difference)
-    above, below = (pair.a, pair.b) if pair.difference >= 0 else (pair.b, pair.a)
-    ends = (low, high) if pair.difference >= 0 else (-high, -low)
-    decimals = _count_decimals(content)
-    between = f"{number(ends[0], decimals)} to {number(ends[1], decimals)}"
-    unit = f" {content.unit}" if content.unit else ""
-    return f"{above} is {number(abs(pair.difference), decimals)}{unit} above {below} ({between})"
-
-
-def _list_sources(content: Comparison) -> Sequence[SharedSource]:
-    known = [group.shared_sigma for group in content.groups]
-    if not any(known):
-        return ()
-    return [
-        SharedSource(
-            name, shared_by, tuple(None if sigma is None else getattr(sigma, name) for sigma in known)
-        )
-        for name, shared_by in _SHARED_BY.items()
-    ]
-
-
-def _format_p(p: float | None) -> str:
-    """Return p for a cell."""
-    if p is None:
-        return UNKNOWN
-    return "< 0.0001" if p < 0.0001 else f"{p:.4f}"
-
-
-def _relate_p(p: float) -> str:
-    """Return p for a sentence: `= 0.023`, or `< 0.0001`."""
-    text = _format_p(p)
-    return text if text.startswith("<") else f"= {text}"
-
-
-def _count_decimals(content: Comparison) -> int:
-    return count_decimals((group.ci95 for group in content.groups), (group.mean for group in content.groups))
-
-
-def _make_filters(content: Comparison) -> dict[str, object]:
-    decimals = _count_decimals(content)
-    return {
-        "digits": lambda value: number(value, decimals),
-        "plus": lambda value: signed(value, decimals),
-        "p_cell": _format_p,
-        "p_value": _relate_p,
-    }
+def _draw_group(
+    axes: Axes, place: int, group: Group, values: "pd.Series[float]", blocks: "pd.Series[float] | tuple[()]"
+) -> None:
+    """Draw measurements as dots, the means of blocks as rings, and the mean of the group with both intervals."""
+    look = mark(place)
+    # Spread in a fixed pattern, so that equal values do not cover each other.
+    up = place - 0.2 + 0.035 * (np.arange(len(values)) % 5 - 2)
+    dots = axes.plot(
+        values, up, look.marker, color=look.colour, markersize=3.6, alpha=0.55, markeredgewidth=0
+    )
+    dots[0].set_rasterized(len(values) > _MOST_VECTORS)
+    rings = np.full(len(blocks), place - 0.02)
+    axes.plot(blocks, rings, "o", color=look.colour, markersize=6, fillstyle="none")
+    if group.mean is not None:
+        for ends, width in ((group.ci95_with_shared, 1.0), (group.ci95, 2.4)):
+            axes.plot(
+                ends or (), [place + 0.2] * len(ends or ()), "|-", color=look.colour, lw=width, markersize=8
+            )
+        axes.plot(group.mean, place + 0.2, look.marker, color=look.colour, markersize=7)

@@ -207,7 +207,7 @@ def draw_lens(
     width, height = image_size
     larger = 0.02 * width / max(rms_px, 1e-6)
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(6.4, 6.4 * height / width + 0.8), layout="constrained")
+        figure = Figure(figsize=(8.4, 8.0 * height / width + 0.6), layout="constrained")
         axes = figure.subplots()
         for index, view in enumerate(views):
             corners_px, errors_px = (np.reshape(pixels, (-1, 2)) for pixels in view)

@@ -39,8 +39,7 @@ _SENTENCES: Mapping[str, str] = {
     "repeat": "Trial {{ trial + 1 }} was to be made again; it is left out of the evaluation.",
     "mark_bad": "Trial {{ trial + 1 }} was marked as bad and is left out of the evaluation: {{ reason }}",
     "note": "Note{% if trial is defined %} on trial {{ trial + 1 }}{% endif %}: {{ text }}",
-    "undo": "Taken back: the {{ {'operator': 'answer to the question before', 'repeat': 'repetition', "
-    "'mark_bad': 'mark'}.get(undone, undone) }}.",
+    "undo": "Taken back: the {{ {'repeat': 'repetition', 'mark_bad': 'mark'}.get(undone, undone) }}.",
     "condition": "Trial {{ trial + 1 }}: {{ name }} is {{ '%.4g' % value }}, the run "
     "{{ 'stops' if action == 'stop' else 'asks' }} when {{ condition }}.",
 }

@@ -101,7 +101,7 @@ def _list_kinds() -> list[Kind]:
         Kind(
             "mask.png",
             cv2.imencode(".png", _GREY)[1].tobytes(),
-            lambda path: load_mask(path).find_masked(_GREY),
+            load_mask,
         ),
         Kind(tip.name, tip.read_bytes(), load_template, {"simulated-tip.png": tip.with_suffix(".png").read_bytes()}),
         Kind(

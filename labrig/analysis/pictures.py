@@ -122,8 +122,7 @@ def measure_image(
     PictureError
         When the mask is of another size.
     """
-    masked = None if mask is None else mask.find_masked(image)
-    return measure_curvature(image, plane, settings, masked=masked)
+    return measure_curvature(image, plane, settings, mask=mask)
 
 
 def load_plane_map(run: Run) -> PlaneMap:

@@ -29,7 +29,7 @@ from labrig.vision.calibration_file import (
     read_creation_time,
 )
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.picture import load_mask
+from labrig.vision.picture import load_mask, require_size, size_of
 from labrig.vision.plane import PlaneMap
 
 _LOW_DISK_BYTES = 5e9
@@ -151,8 +151,9 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 
 def _describe_mask(rig: RigDescription, path: Path) -> str:
     """Return the share of the camera's picture that a mask excludes."""
+    masked = load_mask(path)
     size = (rig.camera.height_px, rig.camera.width_px)
-    masked = load_mask(path).find_masked(np.zeros(size, np.uint8))
+    require_size(np.zeros(size, np.uint8), size_of(masked), f"the mask {path.name}")
     share = 100.0 * float(masked.mean())
     return f"{path.name}: {share:.1f} % of the picture is not the needle"
 

@@ -133,9 +133,8 @@ class PictureSight:
 
     def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:
         """Find the end of a bent needle."""
-        measured = measure_curvature(
-            taken.image, self.plane, CurvatureSettings(diameter_mm, sheath_diameter_mm)
-        )
+        settings = CurvatureSettings(diameter_mm, sheath_diameter_mm)
+        measured = measure_curvature(taken.image, self.plane, settings, mask=self._mask)
         if measured.tip_mm is None:
             raise MeasurementRefusedError(
                 f"picture {taken.frame} does not show the needle: {measured.reason}",
@@ -147,15 +146,18 @@ class PictureSight:
         self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
     ) -> ShaftTip:
         """Measure the shaft."""
-        masked = None if self._mask is None else self._mask.find_masked(taken.image)
         return measure_shaft_tip(
-            taken.image, self.plane, diameter_mm, sheath_diameter_mm, masked=masked, roll_sd_rad=roll_sd_rad
+            taken.image,
+            self.plane,
+            diameter_mm,
+            sheath_diameter_mm,
+            mask=self._mask,
+            roll_sd_rad=roll_sd_rad,
         )
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
         """Measure the curvature as the analysis does."""
-        masked = None if self._mask is None else self._mask.find_masked(taken.image)
-        found = measure_curvature(taken.image, self.plane, settings, masked=masked)
+        found = measure_curvature(taken.image, self.plane, settings, mask=self._mask)
         if not found.accepted:
             return SeenRadius(None, None, found.reason or "")
         return SeenRadius(found.radius_mm, found.sigma_radius_mm)

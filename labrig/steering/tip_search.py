@@ -74,7 +74,7 @@ def find_tip(
         heading_rad=heading_rad if tip.misses < _MISSES_WITH_HEADING else None,
         roll_rad=roll_rad,
         region_px=region_px,
-        mask=None if view.mask is None else view.mask.find_masked(image),
+        mask=view.mask,
     )
     position = None
     if fix.tip_px is not None:

@@ -33,7 +33,7 @@ from labrig.vision.error_budget import (
     propagate_map,
 )
 from labrig.vision.out_of_plane import BendingPlane, combine_turns
-from labrig.vision.picture import Picture, require_size
+from labrig.vision.picture import Mask, Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import Shaft, locate_shaft
 from labrig.vision.shaft_tip import budget_tip
@@ -191,7 +191,7 @@ def measure_curvature(
     plane: PlaneMap,
     settings: CurvatureSettings,
     *,
-    masked: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
 ) -> CurvatureMeasurement:
     """Measure the radius of the needle's bend in one picture.
 
@@ -202,8 +202,8 @@ def measure_curvature(
     plane : PlaneMap
         From a calibration, or `PlaneMap.from_scale` for rectified pictures.
     settings : CurvatureSettings
-    masked : ndarray of bool (H, W), optional
-        Pixels that are not the needle, from `Mask.masked`.
+    mask : ndarray of bool (H, W), optional
+        Pixels that are not the needle.
 
     Returns
     -------
@@ -218,7 +218,7 @@ def measure_curvature(
     require_size(image, plane.image_size, "the plane map")
     try:
         shaft = locate_shaft(
-            image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm, masked=masked
+            image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm, mask=mask
         )
     except MeasurementRefusedError as refusal:
         return CurvatureMeasurement(

@@ -11,7 +11,6 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -24,7 +23,8 @@ from labrig.errors import MeasurementRefusedError, PictureError
 from labrig.input_file import read_file
 
 Picture = NDArray[np.uint8]
-BoolArray = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
+"""Which pixels (H, W) are not the needle."""
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"})
 """Suffixes of picture files."""
@@ -98,7 +98,7 @@ def as_grey(image: Picture) -> Picture:
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
-def size_of(image: Picture) -> tuple[int, int]:
+def size_of(image: Picture | Mask) -> tuple[int, int]:
     """Return the width and height [px]."""
     return int(image.shape[1]), int(image.shape[0])
 
@@ -126,31 +126,25 @@ def require_contrast(image: Picture) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Mask:
-    """Pixels that a person marks as not the needle: a grey picture (H, W), white there, and the name of its file."""
-
-    picture: Picture
-    source: str
-
-    def find_masked(self, image: Picture) -> BoolArray:
-        """Return which pixels (H, W) of a picture are masked. Raises PictureError for one of another size."""
-        require_size(image, size_of(self.picture), f"the mask {self.source}")
-        return np.asarray(self.picture >= _WHITE)
-
-
 def load_mask(path: Path) -> Mask:
-    """Read a mask. Raises as `read_picture`."""
-    return Mask(as_grey(read_picture(path)), path.name)
+    """Read a mask: a picture that is white where a person marks pixels as not the needle. Raises as `read_picture`."""
+    return np.asarray(as_grey(read_picture(path)) >= _WHITE)
 
 
-def fill_masked(picture: Picture, masked: BoolArray | None) -> Picture:
-    """Return a grey picture whose masked pixels have the grey value of their surroundings."""
-    if masked is None or not masked.any():
+def fill_masked(picture: Picture, mask: Mask | None) -> Picture:
+    """Return a grey picture whose masked pixels have the grey value of their surroundings.
+
+    Raises
+    ------
+    PictureError
+        If the mask is of another size.
+    """
+    if mask is None:
         return picture
-    seen = (~masked).astype(np.float32)
+    require_size(picture, size_of(mask), "the mask")
+    seen = (~mask).astype(np.float32)
     result = picture.copy()
-    missing = masked
+    missing = mask
     # Ever larger boxes, until enough of the surroundings is visible.
     for side in _BOXES_PX:
         weight = cv2.blur(seen, (side, side))

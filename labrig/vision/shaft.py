@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.text import round_down
-from labrig.vision.picture import Picture, as_grey, fill_masked, require_contrast
+from labrig.vision.picture import Mask, Picture, as_grey, fill_masked, require_contrast
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft, find_only_shaft
 from labrig.vision.shaft_edges import (
@@ -157,7 +157,7 @@ def locate_shaft(
     diameter_mm: float,
     sheath_diameter_mm: float | None,
     *,
-    masked: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
 ) -> Shaft:
     """Find the shaft in a picture.
 
@@ -169,7 +169,7 @@ def locate_shaft(
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
         Up to four times the needle's; None if the picture shows no sheath.
-    masked : ndarray of bool (H, W), optional
+    mask : ndarray of bool (H, W), optional
         Pixels that are not the needle.
 
     Raises
@@ -181,8 +181,8 @@ def locate_shaft(
     require_contrast(image)
     turn = Orientation.of(image, plane.insertion)
     scene = _Scene(
-        turn.picture(fill_masked(as_grey(image), masked)),
-        None if masked is None else turn.picture(masked.astype(np.uint8) * np.uint8(255)),
+        turn.picture(fill_masked(as_grey(image), mask)),
+        None if mask is None else turn.picture(mask.astype(np.uint8) * np.uint8(255)),
         turn,
         plane,
     )

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place
 from labrig.vision.out_of_plane import BendingPlane
-from labrig.vision.picture import Picture, require_size
+from labrig.vision.picture import Mask, Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import FloatArray, Shaft, locate_shaft
 
@@ -66,7 +65,7 @@ def measure_shaft_tip(
     diameter_mm: float,
     sheath_diameter_mm: float | None,
     *,
-    masked: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
     roll_sd_rad: float | None = None,
 ) -> ShaftTip:
     """Measure where the needle in a picture ends.
@@ -79,7 +78,7 @@ def measure_shaft_tip(
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
         None if the picture shows no sheath.
-    masked : ndarray of bool (H, W), optional
+    mask : ndarray of bool (H, W), optional
         Pixels that are not the needle.
     roll_sd_rad : float, optional
         Standard deviation of the bevel's roll out of the plane of the map.
@@ -92,7 +91,7 @@ def measure_shaft_tip(
         If the picture has another size than the plane was calibrated for.
     """
     require_size(image, plane.image_size, "the plane map")
-    shaft = locate_shaft(image, plane, diameter_mm, sheath_diameter_mm, masked=masked)
+    shaft = locate_shaft(image, plane, diameter_mm, sheath_diameter_mm, mask=mask)
     end_mm = shaft.arc_mm[-1] - _BEVEL_ONSET * shaft.width_mm
     last = (shaft.arc_mm >= end_mm - _OVER_MM) & (shaft.arc_mm <= end_mm)
     arc_mm = shaft.arc_mm[last] - shaft.length_mm

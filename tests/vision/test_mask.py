@@ -7,6 +7,7 @@ import pytest
 from labrig.errors import PictureError
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.picture import load_mask
+from labrig.vision.plane import PlaneMap
 
 from .rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
@@ -29,11 +30,11 @@ def test_a_mask_takes_a_second_needle_away(two_needles, tmp_path):
     cv2.imwrite(str(tmp_path / "mask.png"), drawn)
     mask = load_mask(tmp_path / "mask.png")
     assert "Two shafts" in measure_curvature(picture, LENS.plane_map(), SETTINGS).reason
-    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.find_masked(picture))
+    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, mask=mask)
     assert found.accepted
     assert found.radius_mm == pytest.approx(28.0, abs=0.1)
-    with pytest.raises(PictureError, match=r"the mask mask\.png is for 1280 x 720"):
-        mask.find_masked(picture[:100])
+    with pytest.raises(PictureError, match="the mask is for 1280 x 720"):
+        measure_curvature(picture[:100], PlaneMap.from_scale(15.0, (0.0, 0.0), "right"), SETTINGS, mask=mask)
 
 
 def test_masked_stretch_of_the_needle_does_not_count():
@@ -42,7 +43,7 @@ def test_masked_stretch_of_the_needle_does_not_count():
     masked = np.zeros(picture.shape, bool)
     masked[:, 560:580] = True
     whole = measure_curvature(picture, LENS.plane_map(), SETTINGS)
-    part = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=masked)
+    part = measure_curvature(picture, LENS.plane_map(), SETTINGS, mask=masked)
     assert len(part.centre_line_px) <= len(whole.centre_line_px) - 15
     assert not ((part.centre_line_px[:, 0] > 562) & (part.centre_line_px[:, 0] < 577)).any()
     assert part.radius_mm == pytest.approx(whole.radius_mm, abs=0.05)

@@ -464,7 +464,7 @@ def _measure_end(
             source.view.plane,
             protocol.needle.diameter_mm,
             protocol.sheath.diameter_mm,
-            masked=None if mask is None else mask.find_masked(image),
+            mask=mask,
             roll_sd_rad=roll_sd_rad,
         )
     except (MeasurementRefusedError, PictureError, RecordError) as error:

@@ -131,9 +131,8 @@ def _measure_hole(
         shafts = []
         for frame in (hole.turn_frame, hole.end_frame):
             image = run.pictures.places[frame].read()
-            masked = None if request.mask is None else request.mask.find_masked(image)
             shafts.append(
-                measure_shaft_tip(image, plane, needle.diameter_mm, sheath.diameter_mm, masked=masked)
+                measure_shaft_tip(image, plane, needle.diameter_mm, sheath.diameter_mm, mask=request.mask)
             )
         return measure_bend(hole, *shafts), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:

@@ -14,10 +14,12 @@ from labrig.steering.tip import TipState
 from labrig.vision.picture import Mask, Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.template import TipTemplate
-from labrig.vision.tip import TipFix, locate_tip, next_region_px
+from labrig.vision.tip import TipFix, locate_tip
 
 _SIGMAS = 4.0
 _LEAST_REACH_PX = 12.0
+# Growth of the region with each miss, up to so many.
+_GROWTH, _MOST_MISSES = 1.6, 16
 _MISSES_WITH_HEADING = 2
 """A cavity leads the heading astray by as much as a fix may turn; after so many misses every heading is tried."""
 
@@ -66,7 +68,8 @@ def find_tip(
     u, v = view.plane.to_px(expected[None, 1:3, 3])[0].tolist()
     heading_rad = math.atan2(expected[1, 2], expected[2, 2])
     reach_px = max(_LEAST_REACH_PX, _SIGMAS * tip.position_sd_mm / view.plane.mm_per_px)
-    region_px = next_region_px(max(view.template.picture.shape) + 2 * reach_px, tip.misses)
+    side_px = max(view.template.picture.shape) + 2 * reach_px
+    region_px = side_px * _GROWTH ** min(tip.misses, _MOST_MISSES)
     fix = locate_tip(
         image,
         view.template,

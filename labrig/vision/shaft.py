@@ -19,7 +19,7 @@ from labrig.errors import MeasurementRefusedError
 from labrig.text import round_down
 from labrig.vision.picture import Mask, Picture, as_grey, fill_masked, require_contrast
 from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft, find_only_shaft
+from labrig.vision.shaft_choice import LARGEST_GAP_MM, choose_shaft
 from labrig.vision.shaft_edges import (
     LEAST_POINTS,
     Edges,
@@ -39,7 +39,6 @@ from labrig.vision.shaft_ends import (
     measure_brightening,
 )
 from labrig.vision.shaft_trace import (
-    GOING_ON,
     Orientation,
     Trace,
     Widths,
@@ -188,21 +187,19 @@ def locate_shaft(
     )
     widths = Widths(diameter_mm, sheath_diameter_mm, 1.0 / plane.mm_per_px)
     bars = filter_bars(scene.picture, widths)
-    entering: tuple[Trace, ...] = ()
-    try:
-        entering = trace_shafts(bars)
-        trace = choose_shaft(entering, widths, scene.px)
-    except MeasurementRefusedError:
-        traces = (*entering, *trace_shafts(bars, from_border=False))
-        only = find_only_shaft(traces, scene.picture, widths)
-        if only is None:
-            raise
-        trace = only
+    traces = trace_shafts(bars, from_border=sheath_diameter_mm is None)
+    trace = choose_shaft(traces, scene.picture, widths, scene.px)
     # What hides a stretch of the shaft does not end it.
     hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
     guide = _refine_guide(scene, trace, widths, hole_mm)
     shaft, last, tip = _measure(scene, guide, widths, hole_mm)
-    _refuse_going_on(measure_beyond(bars, tip, last), shaft)
+    share, most = measure_beyond(bars, tip, last)
+    if share > most:
+        u, v = shaft.tip_px
+        raise MeasurementRefusedError(
+            f"the shaft is lost at ({u:.0f}, {v:.0f}) px, after {shaft.length_mm:.0f} mm, but goes on: what lies "
+            f"ahead has {100.0 * share:.0f} % of its darkness, and {100.0 * most:.0f} % is the most"
+        )
     return shaft
 
 
@@ -313,16 +310,6 @@ def _refuse_hidden_tip(brighter: float, guide: Guide, tip: float, scene: _Scene)
         raise MeasurementRefusedError(
             f"the shaft ends at ({u:.0f}, {v:.0f}) px, where the picture becomes {100.0 * brighter:.0f} % brighter, "
             f"and {100.0 * _HIDING:.0f} % is the most for gel: a wall may hide the tip"
-        )
-
-
-def _refuse_going_on(share: float, shaft: Shaft) -> None:
-    """Refuse an end beyond which the shaft is seen again."""
-    if share > GOING_ON:
-        u, v = shaft.tip_px
-        raise MeasurementRefusedError(
-            f"the shaft is lost at ({u:.0f}, {v:.0f}) px, after {shaft.length_mm:.0f} mm, but goes on: what lies "
-            f"ahead has {100.0 * share:.0f} % of its darkness, and {100.0 * GOING_ON:.0f} % is the most"
         )
 
 

@@ -18,10 +18,12 @@ from scipy.ndimage import map_coordinates
 from labrig.vision.picture import Picture
 
 FloatArray = NDArray[np.float64]
+Point = tuple[float, float]
 
-# A step that moves no pixel of the template by more than this ends the search [px]: a hundredth of the error of a tip.
-# A search that needs more than this number of steps does not converge.
-_SETTLED_PX, _STEPS = 0.001, 40
+# A step that moves no pixel of the template by more than this ends the search [px]: in a robust fit a hundredth of the
+# error of a tip, in the other one, from which the robust one starts, a tenth of a pixel. A search that needs more than
+# this number of steps does not converge.
+_SETTLED_PX, _ROUGHLY_PX, _STEPS = 0.001, 0.1, 40
 _BLUR_PX = 1.0
 # Tukey's constant, for 95 % efficiency with normal noise. The assumed noise falls from step to step, from the residual
 # of a fit half a pixel off to little more than a camera's noise [grey levels], the last.
@@ -30,26 +32,30 @@ _TUKEY, _NOISES = 4.685, (10.0, 6.0, 4.0)
 
 @dataclass(frozen=True)
 class Placement:
-    """A map from pixels of a template, relative to a pivot, to pixels of a picture."""
+    """A map from pixels of a template, relative to a pivot, to pixels of a picture.
 
-    lands_px: tuple[float, float]
+    lands_px : (float, float)
+        Where the pivot is (u, v).
+    turn_rad : float
+        Positive counter-clockwise on the screen.
+    """
+
+    lands_px: Point
     turn_rad: float
 
-    def warp(self, pivot_px: tuple[float, float], scale: float) -> FloatArray:
-        """Return the (2, 3) map of the template's pixels; a positive turn is counter-clockwise on the screen."""
-        turn = scale * _rotation(self.turn_rad)
-        u, v = np.asarray(self.lands_px) - turn @ pivot_px
-        return np.array(((turn[0, 0], turn[0, 1], u), (turn[1, 0], turn[1, 1], v)))
+    def rotation(self) -> FloatArray:
+        """Return the (2, 2) turn of offsets from the pivot."""
+        c, s = math.cos(self.turn_rad), math.sin(self.turn_rad)
+        return np.array([[c, s], [-s, c]])
 
-    def apply(self, offsets_px: FloatArray) -> FloatArray:
-        """Return pixels (N, 2) of the picture of offsets from the pivot."""
-        return np.asarray(offsets_px @ _rotation(self.turn_rad).T + self.lands_px)
+    def shift(self, right_px: float, down_px: float) -> "Placement":
+        """Return this map into a picture whose first pixel lies elsewhere."""
+        return Placement((self.lands_px[0] + right_px, self.lands_px[1] + down_px), self.turn_rad)
 
     def step_back(self, step: FloatArray) -> "Placement":
         """Return this map after the inverse of a small step: shift (2) in the template's pixels, and turn."""
-        turn_rad = self.turn_rad - float(step[2])
-        u, v = np.asarray(self.lands_px) - _rotation(turn_rad) @ step[:2]
-        return Placement((float(u), float(v)), turn_rad)
+        turned = Placement(self.lands_px, self.turn_rad - float(step[2]))
+        return turned.shift(*(-(turned.rotation() @ step[:2])).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +74,15 @@ class FitTemplate:
     """
 
     picture: Picture
-    pivot_px: tuple[float, float]
+    pivot_px: Point
     used: NDArray[np.bool_]
     robust: bool
 
     @cached_property
     def _offsets_px(self) -> FloatArray:
-        """The used pixels from the pivot (N, 2), columns right and down."""
+        """The used pixels from the pivot (2, N), rows right and down."""
         v, u = np.nonzero(self.used)
-        return np.asarray(np.column_stack((u, v)) - self.pivot_px)
+        return np.array((u - self.pivot_px[0], v - self.pivot_px[1]))
 
     @cached_property
     def _columns(self) -> FloatArray:
@@ -85,24 +91,22 @@ class FitTemplate:
         across, down = (
             cv2.Sobel(smooth, cv2.CV_64F, right, 1 - right, scale=0.125)[self.used] for right in (1, 0)
         )
-        right, below = self._offsets_px.T
-        return np.column_stack(
-            (
-                across,
-                down,
-                across * below - down * right,
-                smooth[self.used],
-                np.ones_like(across),
-            )
-        )
+        right, below = self._offsets_px
+        turned = across * below - down * right
+        return np.column_stack((across, down, turned, smooth[self.used], np.ones_like(across)))
 
     @cached_property
-    def _normal(self) -> FloatArray:
-        """The normal matrix (5, 5) with full weight for every pixel."""
-        return np.asarray(self._columns.T @ self._columns)
+    def _inverse(self) -> FloatArray:
+        """The pseudo-inverse (5, N) of the regressors."""
+        return np.asarray(np.linalg.pinv(self._columns))
+
+    @cached_property
+    def _brightness(self) -> FloatArray:
+        """The pseudo-inverse (2, N) of the template and the constant alone."""
+        return np.asarray(np.linalg.pinv(self._columns[:, 3:]))
 
     def fit(self, picture: Picture, start: Placement) -> Placement | None:
-        """Return the best place near a start; None if the fit does not converge or leaves the picture.
+        """Return the best place near a start; None if the fit does not converge.
 
         Parameters
         ----------
@@ -111,75 +115,42 @@ class FitTemplate:
             Within about a tenth of the template's side and ten degrees.
         """
         smooth, place = _blur(picture), start
-        reach = 0.5 * max(self.picture.shape)
+        reach_px = 0.5 * max(self.picture.shape)
+        settled_px, first = (_SETTLED_PX, len(_NOISES)) if self.robust else (_ROUGHLY_PX, 0)
         for number in range(_STEPS):
+            u, v = place.lands_px
+            if not (0 <= u < smooth.shape[1] and 0 <= v < smooth.shape[0]):
+                return None
             seen = self._sample(smooth, place)
-            if seen is None:
+            found = self._regress(seen, number) if self.robust else self._inverse @ seen
+            if found[3] <= 0.0:
                 return None
-            step = self._step(seen, number)
-            if step is None:
-                return None
+            step = found[:3] / found[3]
             place = place.step_back(step)
-            moved_px = math.hypot(step[0], step[1]) + reach * abs(step[2])
-            if moved_px < _SETTLED_PX and number >= len(_NOISES):
+            if math.hypot(step[0], step[1]) + reach_px * abs(step[2]) < settled_px and number >= first:
                 return place
         return None
 
-    def score(self, picture: Picture, place: Placement) -> float:
+    def correlate(self, picture: Picture, place: Placement) -> float:
         """Return the correlation of the template with a picture at a place."""
         seen = self._sample(_blur(picture), place)
-        if seen is None:
-            return 0.0
-        gain, _ = self._brightness(seen @ self._columns[:, 3:])
-        return self._correlation(seen, gain)
+        return float(np.nan_to_num(np.corrcoef(seen, self._columns[:, 3])[0, 1]))
 
-    def _step(self, seen: FloatArray, number: int) -> FloatArray | None:
-        """Return the step (3,) that moves the template closer to the picture; None if the picture does not show it."""
-        right = seen @ self._columns
-        gain, offset = self._brightness(right[3:])
-        if gain <= 0.0:
-            return None
-        normal = self._normal
-        if self.robust:
-            weighted = self._columns * self._weights(seen, gain, offset, number)[:, None]
-            normal, right = weighted.T @ self._columns, seen @ weighted
-        found = np.linalg.solve(normal, right)
-        return found[:3] / found[3] if found[3] > 0.0 else None
-
-    def _brightness(self, right: FloatArray) -> tuple[float, float]:
-        """Return gain and offset of the grey levels, from their products with the template and with a constant."""
-        (squares, total), (_, pixels) = self._normal[3:, 3:].tolist()
-        gain = float(pixels * right[0] - total * right[1]) / (pixels * squares - total**2)
-        return gain, (float(right[1]) - gain * total) / pixels
-
-    def _correlation(self, seen: FloatArray, gain: float) -> float:
-        """Return the correlation with the template from the regression's slope `gain`."""
-        pixels, total = self._normal[4, 4], self._normal[3, 4]
-        spread = self._normal[3, 3] - total**2 / pixels
-        seen_spread = float(seen.var()) * pixels
-        return gain * math.sqrt(spread / seen_spread) if seen_spread > 0.0 else 0.0
-
-    def _weights(self, seen: FloatArray, gain: float, offset: float, number: int) -> FloatArray:
-        """Return the weight (N,) of each pixel from its distance to the template's grey level."""
-        off = seen - (gain * self._columns[:, 3] + offset)
-        noise = _NOISES[min(number, len(_NOISES) - 1)]
-        return np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0))
-
-    def _sample(self, smooth: FloatArray, place: Placement) -> FloatArray | None:
-        """Return the grey levels (N,) under the template; None if its pivot is outside the picture.
+    def _sample(self, smooth: FloatArray, place: Placement) -> FloatArray:
+        """Return the grey levels (N,) under the used pixels; the picture's rim repeats itself outwards.
 
         OpenCV's own warp rounds places to a thirty-second of a pixel, so that a fit cannot converge more closely.
         """
-        u, v = place.lands_px
-        if not (0 <= u < smooth.shape[1] and 0 <= v < smooth.shape[0]):
-            return None
-        columns, rows = place.apply(self._offsets_px).T
+        columns, rows = place.rotation() @ self._offsets_px + np.array(place.lands_px)[:, None]
         return np.asarray(map_coordinates(smooth, (rows, columns), order=1, mode="nearest"))
 
-
-def _rotation(turn_rad: float) -> FloatArray:
-    c, s = math.cos(turn_rad), math.sin(turn_rad)
-    return np.array([[c, s], [-s, c]])
+    def _regress(self, seen: FloatArray, number: int) -> FloatArray:
+        """Return the coefficients (5,) of grey levels (N,) where pixels that do not fit have lost their weight."""
+        off = seen - self._columns[:, 3:] @ (self._brightness @ seen)
+        noise = _NOISES[min(number, len(_NOISES) - 1)]
+        weights = np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0))
+        weighted = self._columns * weights[:, None]
+        return np.asarray(np.linalg.solve(weighted.T @ self._columns, weighted.T @ seen))
 
 
 def _blur(picture: Picture) -> FloatArray:

@@ -8,13 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError, InputError, PictureError
 from labrig.protocol.model import Direction
 from labrig.vision.template import TipTemplate, load_template, save_template
-from labrig.vision.tip import locate_tip, next_region_px
+from labrig.vision.tip import locate_tip
 from tests.vision.rendering import RenderedGel
 from tests.vision.tips import bench, tip
 
@@ -146,13 +144,6 @@ def test_a_prediction_that_is_not_finite_is_an_error(predicted: dict[str, Any]) 
     """NaN and infinity are refused before anything is searched."""
     with pytest.raises(InputError):
         locate_tip(tip().picture, TEMPLATE, **predicted)
-
-
-@given(st.integers(0, 300), st.floats(10.0, 500.0))
-def test_the_region_grows_with_each_miss(misses: int, side_px: float) -> None:
-    """The region starts at its side, never shrinks, and stays finite for any number of misses."""
-    assert next_region_px(side_px, 0) == side_px
-    assert side_px <= next_region_px(side_px, misses) <= next_region_px(side_px, misses + 1) < math.inf
 
 
 def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:

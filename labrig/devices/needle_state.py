@@ -18,41 +18,12 @@ from labrig.devices.worker import Do, do_at_once
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
 from labrig.input_file import open_file, parse_json, read_file
-from labrig.steering.torsion import LagError, TorsionalLag
+from labrig.steering.torsion import TorsionalLag
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
 _BEGIN_BYTES = 4096
 _Sd = Annotated[float, Field(ge=0)]
-
-
-@dataclass(frozen=True)
-class Torsion:
-    """By how much the bevel of a needle stays behind the rotation axis, as measured by a run.
-
-    Parameters
-    ----------
-    lag_rad, lag_rad_per_mm : float
-        On either side: with no needle in the gel, and for each millimetre of it.
-    sd_rad : float
-        Standard deviation of the lag: the largest between the sheath and the deepest measurement.
-    run : str
-        The run that measured it.
-    error : LagError or None
-        How that depends on the depth; None: not at all.
-    """
-
-    lag_rad: float
-    lag_rad_per_mm: float
-    sd_rad: _Sd
-    run: str
-    error: LagError | None = None
-
-    @property
-    def lag(self) -> TorsionalLag:
-        """The lag at each depth."""
-        error = LagError(0.0, self.sd_rad, 0.0) if self.error is None else self.error
-        return TorsionalLag(self.lag_rad, self.lag_rad_per_mm, error)
 
 
 @dataclass(frozen=True)
@@ -67,20 +38,20 @@ class RollZero:
         Position of the rotation axis, and its standard deviation.
     run : str
         The run that found it.
-    torsion : Torsion or None
-        Of the needle as it is clamped; None if it was not measured.
+    torsion : TorsionalLag or None
+        Of the needle as it is clamped, by the same run; None if it was not measured.
     """
 
     needle_id: str
     zero_rad: float
     sd_rad: _Sd
     run: str
-    torsion: Torsion | None = None
+    torsion: TorsionalLag | None = None
 
     @property
     def lag(self) -> TorsionalLag:
         """The lag of the bevel at each depth: as measured, or that of a needle whose torsion was not measured."""
-        return TorsionalLag() if self.torsion is None else self.torsion.lag
+        return self.torsion or TorsionalLag()
 
 
 @dataclass(frozen=True)

@@ -23,24 +23,7 @@ import numpy as np
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-
-
-@dataclass(frozen=True)
-class RolledStretch:
-    """A length of path inserted without a turn of the bevel.
-
-    Parameters
-    ----------
-    length_mm : float
-    roll_rad : float
-        Of the bevel as commanded, from the roll zero: 0 bends towards -y.
-    turned : int
-        The direction in which the bevel was turned last: 1, -1, or 0 if that is not known.
-    """
-
-    length_mm: float
-    roll_rad: float
-    turned: int
+from labrig.steering.torsion import RolledStretch, TorsionalLag
 
 
 @dataclass(frozen=True)
@@ -55,28 +38,15 @@ class OutOfPlaneSettings:
         Of the place and the lean of the needle where it leaves the sheath.
     roll_zero_sd_rad : float
         Of the roll zero.
-    lag_sd_rad, lag_per_mm_sd_rad, lag_best_mm : float
-        Of the bevel's lag behind its drive that is left after compensation, with so much needle in the gel (a lag that
-        was not measured: at any depth), and of its growth with the depth, which are independent.
-
-    Raises
-    ------
-    InputError
-        For a standard deviation that is negative or not finite.
+    lag : TorsionalLag
+        Its errors are those of the bevel's lag behind its drive that is left after compensation.
     """
 
     heading_sd_rad_per_root_mm: float
     start_sd_mm: float
     start_sd_rad: float
     roll_zero_sd_rad: float
-    lag_sd_rad: float
-    lag_per_mm_sd_rad: float = 0.0
-    lag_best_mm: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"{name} is {value:g}, it must be a number that is 0 or more")
+    lag: TorsionalLag
 
 
 @dataclass(frozen=True)
@@ -177,10 +147,10 @@ def _displace(
     leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
     moves_mm = leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm)
     turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
-    growth = settings.lag_per_mm_sd_rad * (starts_mm - settings.lag_best_mm)
+    growth = settings.lag.per_mm_sd_rad * (starts_mm - settings.lag.best_mm)
     lags = (
         _Displacement(moves_mm @ (signs * sd_rad), leans @ (signs * sd_rad))
         for signs in (-turned, (turned == 0.0).astype(np.float64))
-        for sd_rad in (settings.lag_sd_rad, growth)
+        for sd_rad in (settings.lag.best_sd_rad, growth)
     )
     return _Displacement(moves_mm @ np.ones(len(turned)), leans @ np.ones(len(turned))), tuple(lags)

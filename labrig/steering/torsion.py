@@ -15,55 +15,74 @@ saw lags of more than 45 degrees in needles 100 mm deep.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
 
 from labrig.errors import InputError
-from labrig.steering.out_of_plane import RolledStretch
+from labrig.needle.kinematics import FloatArray
 from labrig.steering.parameters import Turning
 
 # Directions of so many turns are chosen together; those behind them act on a short rest of the path.
 _FORESEEN_TURNS = 8
 # Ways that leave this much less are as good.
 _SAME_MM = 0.02
-
-
-@dataclass(frozen=True)
-class LagError:
-    """What is uncertain of a lag that is a line over the depth.
-
-    Parameters
-    ----------
-    best_mm : float
-        Depth at which the lag is known best.
-    best_sd_rad, per_mm_sd_rad : float
-        Its standard deviation there, and that of its growth, which are independent.
-    """
-
-    best_mm: float
-    best_sd_rad: float
-    per_mm_sd_rad: float
-
-
-_GROWING = LagError(0.0, 0.0, math.radians(0.1))
-"""Of a lag that was not measured: friction along the needle makes it grow with the depth. 10 degrees at 100 mm."""
+_GROWING_SD_RAD = math.radians(0.1)
+_Sd = Annotated[float, Field(ge=0)]
 
 
 @dataclass(frozen=True)
 class TorsionalLag:
     """The lag of the bevel behind the base on either side: h = lag_rad + lag_rad_per_mm * length in the gel.
 
-    Without arguments, a lag that was not measured.
+    Without arguments, a lag that was not measured: friction along the needle makes it grow with the depth, to 10
+    degrees at 100 mm.
+
+    Attributes
+    ----------
+    lag_rad, lag_rad_per_mm : float
+    best_mm : float
+        Depth at which it is known best.
+    best_sd_rad, per_mm_sd_rad : float
+        Its standard deviation there, and that of its growth, which are independent.
     """
 
     lag_rad: float = 0.0
     lag_rad_per_mm: float = 0.0
-    error: LagError = _GROWING
+    best_mm: float = 0.0
+    best_sd_rad: _Sd = 0.0
+    per_mm_sd_rad: _Sd = _GROWING_SD_RAD
 
     def at(self, length_mm: float) -> float:
         """Return the lag with this length of needle in the gel [rad]; 0 where the line is below."""
         return max(0.0, self.lag_rad + self.lag_rad_per_mm * length_mm)
+
+    def find_sd_rad(self, length_mm: float) -> float:
+        """Return its standard deviation with this length of needle in the gel."""
+        return math.hypot(self.best_sd_rad, self.per_mm_sd_rad * (length_mm - self.best_mm))
+
+
+@dataclass(frozen=True)
+class RolledStretch:
+    """A length of path inserted without a turn of the bevel.
+
+    Attributes
+    ----------
+    length_mm : float
+    roll_rad : float
+        Of the bevel as commanded, from the roll zero: 0 bends towards -y.
+    turned : int
+        The direction in which the bevel was turned last: 1, -1, or 0 if that is not known.
+    """
+
+    length_mm: float
+    roll_rad: float
+    turned: int
 
 
 @dataclass(frozen=True)
@@ -79,9 +98,9 @@ class BaseLimits:
         low_rad, high_rad = limits_rad
         return cls(low_rad - zero_rad, high_rad - zero_rad)
 
-    def hold(self, angle_rad: float) -> bool:
-        """Return whether an angle is within the limits."""
-        return self.low_rad <= angle_rad <= self.high_rad
+    def hold(self, angles_rad: FloatArray) -> NDArray[np.bool_]:
+        """Return which angles are within the limits."""
+        return np.asarray((self.low_rad <= angles_rad) & (angles_rad <= self.high_rad))
 
     def clip(self, angle_rad: float) -> float:
         """Return the nearest angle within the limits."""
@@ -120,43 +139,27 @@ class BaseTurn:
         return self.to_rad + self.overshoot_rad
 
 
-@dataclass(frozen=True)
-class LagSensitivity:
-    """By how much a lag displaces the end of a path out of the plane, to first order.
+def find_lag_sd_mm(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_mm: float) -> float:
+    """Return by how much the error of the lag displaces the end of a path out of the plane, to first order.
 
-    Attributes
-    ----------
-    constant_mm : float
-        dx/dh, for a lag h that is the same at every turn [mm/rad].
-    growing_mm2 : float
-        For a lag that grows with the depth [mm for each rad/mm].
+    Stretches before which no turn is known do not count.
     """
-
-    constant_mm: float
-    growing_mm2: float
-
-    def find_sd_mm(self, error: LagError) -> float:
-        """Return the standard deviation of the end's place out of the plane."""
-        slope_mm2 = self.growing_mm2 - error.best_mm * self.constant_mm
-        return math.hypot(error.best_sd_rad * self.constant_mm, error.per_mm_sd_rad * slope_mm2)
+    turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
+    return float(np.hypot(*(turned @ _displace_end(stretches, lag, radius_mm)))) if stretches else 0.0
 
 
-def find_lag_sensitivity(stretches: Sequence[RolledStretch], radius_mm: float) -> LagSensitivity:
-    """Return by how much a lag displaces the end of a path.
+def _displace_end(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_mm: float) -> FloatArray:
+    """Return by how much a lag at each stretch displaces the end of the path, (N, 2) [mm].
 
-    A bend at the arc length s displaces the end at L by L - s times its angle. Stretches before which no turn is known
-    (`turned` 0) do not count.
+    The two are standard deviations: of a lag that is the same at all depths, and of its growth. A bend at the arc
+    length s displaces the end at L by L - s times its angle.
     """
-    left_mm = sum(stretch.length_mm for stretch in stretches)
-    at_mm = constant_mm = growing_mm2 = 0.0
-    for stretch in stretches:
-        lever_mm = left_mm - 0.5 * stretch.length_mm
-        bend = stretch.turned * math.cos(stretch.roll_rad) * stretch.length_mm / radius_mm
-        constant_mm -= bend * lever_mm
-        growing_mm2 -= bend * lever_mm * at_mm
-        left_mm -= stretch.length_mm
-        at_mm += stretch.length_mm
-    return LagSensitivity(constant_mm, growing_mm2)
+    lengths_mm, rolls_rad = np.array([(stretch.length_mm, stretch.roll_rad) for stretch in stretches]).T
+    starts_mm = np.cumsum(lengths_mm) - lengths_mm
+    levers_mm = starts_mm[-1] + lengths_mm[-1] - starts_mm - 0.5 * lengths_mm
+    moves_mm = -np.cos(rolls_rad) * lengths_mm / radius_mm * levers_mm
+    growth_rad = lag.per_mm_sd_rad * (starts_mm - lag.best_mm)
+    return np.column_stack((moves_mm * lag.best_sd_rad, moves_mm * growth_rad))
 
 
 def plan_turn(
@@ -209,13 +212,33 @@ def choose_turn(
     """
     if not turns:
         raise InputError("there is no turn to make")
-    depth_mm = sum(stretch.length_mm for stretch in path)
-    foreseen = turns[:_FORESEEN_TURNS]
+    depth_mm, foreseen = sum(stretch.length_mm for stretch in path), turns[:_FORESEEN_TURNS]
+    # A turn either way leaves the bevel at the same roll: its lag displaces the end by as much, to either side.
+    rolls_rad = base_rad + np.cumsum([turn.roll_rad for turn in foreseen])
+    ahead = [
+        RolledStretch(turn.length_mm, roll, 1)
+        for turn, roll in zip(foreseen, rolls_rad.tolist(), strict=True)
+    ]
+    by_turn = _displace_end((*path, *ahead), lag, radius_mm)
+    so_far = np.array([stretch.turned for stretch in path]) @ by_turn[: len(path)]
+    forth = np.array([turn.roll_rad % (2.0 * math.pi) for turn in foreseen])
+    back = np.array([-(-turn.roll_rad % (2.0 * math.pi)) for turn in foreseen])
+    lags_rad = [
+        lag.at(depth_mm + sum(turn.length_mm for turn in foreseen[:number]))
+        for number in range(len(foreseen))
+    ]
     for count in range(len(foreseen), 0, -1):
-        ways = list(_list_ways(depth_mm, base_rad, foreseen[:count], lag, limits))
-        if ways:
-            return min(ways, key=lambda way: _rate_way(way, path, foreseen, lag.error, radius_mm))[0]
-    return _turn_where_room_is(base_rad, turns[0], lag.at(depth_mm), limits)
+        ways = np.array(list(product((1, -1), repeat=count)))
+        to_rad = base_rad + np.cumsum(np.where(ways > 0, forth[:count], back[:count]), axis=1)
+        farthest_rad = to_rad + ways * lags_rad[:count]
+        held = limits.hold(to_rad).all(axis=1) & limits.hold(farthest_rad).all(axis=1)
+        if held.any():
+            sd_mm = np.hypot(*(so_far + ways @ by_turn[len(path) : len(path) + count]).T)
+            wound_rad = np.abs(farthest_rad).max(axis=1)
+            best = np.lexsort((wound_rad, np.round(sd_mm / _SAME_MM), ~held))[0]
+            direction = int(ways[best, 0])
+            return BaseTurn(direction, float(to_rad[best, 0]), direction * lags_rad[0])
+    return _turn_where_room_is(base_rad, (float(forth[0]), float(back[0])), lags_rad[0], limits)
 
 
 def turn_back_and_forth(base_rad: float, roll_rad: float) -> BaseTurn:
@@ -230,47 +253,14 @@ def centre_bevel(from_rad: float, lag: TorsionalLag, limits: BaseLimits) -> Base
     return BaseTurn(direction, 0.0, limits.clip(direction * lag.at(0.0)))
 
 
-def _list_ways(
-    depth_mm: float, base_rad: float, turns: Sequence[TurnAhead], lag: TorsionalLag, limits: BaseLimits
-) -> Iterator[tuple[BaseTurn, ...]]:
-    """Yield the ways to make these turns within the limits."""
-    for directions in product((1, -1), repeat=len(turns)):
-        way, to_rad, at_mm = list[BaseTurn](), base_rad, depth_mm
-        for direction, turn in zip(directions, turns, strict=True):
-            to_rad += _turn_by(turn.roll_rad, direction)
-            way.append(BaseTurn(direction, to_rad, direction * lag.at(at_mm)))
-            at_mm += turn.length_mm
-        if all(limits.hold(made.to_rad) and limits.hold(made.farthest_rad) for made in way):
-            yield tuple(way)
-
-
-def _turn_by(roll_rad: float, direction: int) -> float:
-    """Return the turn in a direction that does what a turn by roll_rad does."""
-    return direction * ((direction * roll_rad) % (2.0 * math.pi))
-
-
-def _rate_way(
-    way: Sequence[BaseTurn],
-    path: Sequence[RolledStretch],
-    turns: Sequence[TurnAhead],
-    error: LagError,
-    radius_mm: float,
-) -> tuple[int, float]:
-    """Return what the lag leaves at the end of the path, in steps that do not matter, and how far it is wound up."""
-    ahead = [
-        RolledStretch(turn.length_mm, made.to_rad, made.direction)
-        for made, turn in zip(way, turns, strict=False)
-    ]
-    unforeseen_mm = sum(turn.length_mm for turn in turns[len(way) :])
-    rest = [RolledStretch(unforeseen_mm, 0.0, 0)] if unforeseen_mm else []
-    sd_mm = find_lag_sensitivity((*path, *ahead, *rest), radius_mm).find_sd_mm(error)
-    return round(sd_mm / _SAME_MM), max(abs(made.farthest_rad) for made in way)
-
-
-def _turn_where_room_is(base_rad: float, turn: TurnAhead, lag_rad: float, limits: BaseLimits) -> BaseTurn:
+def _turn_where_room_is(
+    base_rad: float, either_way_rad: tuple[float, float], lag_rad: float, limits: BaseLimits
+) -> BaseTurn:
     """Return the turn that comes least close to a limit; its overshoot ends at the limit."""
     middle_rad = 0.5 * (limits.low_rad + limits.high_rad)
-    direction = min((1, -1), key=lambda way: abs(base_rad + _turn_by(turn.roll_rad, way) - middle_rad))
-    to_rad = base_rad + _turn_by(turn.roll_rad, direction)
+    to_rad, direction = min(
+        ((base_rad + turn, way) for turn, way in zip(either_way_rad, (1, -1), strict=True)),
+        key=lambda end: abs(end[0] - middle_rad),
+    )
     farthest_rad = limits.clip(to_rad + direction * lag_rad)
     return BaseTurn(direction, to_rad, max(0.0, direction * (farthest_rad - to_rad)) * direction)

@@ -16,6 +16,7 @@ from scipy.special import ndtri, stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.needle.kinematics import FloatArray
+from labrig.steering.torsion import TorsionalLag
 
 _LEAST_DEPTHS = 2
 # Radius and lags beyond which a fit means nothing.
@@ -62,26 +63,17 @@ class TorsionFit:
 
     Attributes
     ----------
-    lag_rad, lag_rad_per_mm : float
-        With no needle in the gel, and for each millimetre of it.
-    lag_sd_rad, lag_per_mm_sd_rad : float
-        Their standard deviations, widened so that 1.96 of them make an interval of 95 % by Student's t.
+    lag : TorsionalLag
+        Its standard deviations are widened so that 1.96 of them make an interval of 95 % by Student's t.
     sd_rad : float
         The largest standard deviation of the lag between the sheath and the deepest turn.
-    best_mm, best_sd_rad : float
-        Depth at which the lag is known best, and its standard deviation there.
     radius_mm : float
         Of the needle's arcs.
     residual_rms_mm : float
     """
 
-    lag_rad: float
-    lag_rad_per_mm: float
-    lag_sd_rad: float
-    lag_per_mm_sd_rad: float
+    lag: TorsionalLag
     sd_rad: float
-    best_mm: float
-    best_sd_rad: float
     radius_mm: float
     residual_rms_mm: float
 
@@ -119,14 +111,13 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
     scatter_mm2 = float(residuals @ residuals) / freedom * widened**2
     covariance = scatter_mm2 * np.linalg.inv(slopes.T @ slopes)[:2, :2]
     best_mm = -covariance[0, 1] / covariance[1, 1]
+    best_rad2 = covariance[0, 0] + best_mm * covariance[0, 1]
+    lag = TorsionalLag(
+        lag_rad, per_mm, float(best_mm), math.sqrt(max(best_rad2, 0.0)), math.sqrt(covariance[1, 1])
+    )
     return TorsionFit(
-        lag_rad=lag_rad,
-        lag_rad_per_mm=per_mm,
-        lag_sd_rad=math.sqrt(covariance[0, 0]),
-        lag_per_mm_sd_rad=math.sqrt(covariance[1, 1]),
-        sd_rad=max(_find_sd_rad(covariance, at_mm) for at_mm in (0.0, depths_mm[-1])),
-        best_mm=float(best_mm),
-        best_sd_rad=_find_sd_rad(covariance, best_mm),
+        lag=lag,
+        sd_rad=max(lag.find_sd_rad(at_mm) for at_mm in (0.0, depths_mm[-1])),
         radius_mm=radius,
         residual_rms_mm=math.sqrt(float(np.mean(residuals**2))),
     )
@@ -159,11 +150,6 @@ def _refuse_unexpected(radius_mm: float, expected_mm: float, lag_rad: float, dee
         "degrees at most are expected",
         "look at the pictures, at needle and gel",
     )
-
-
-def _find_sd_rad(covariance: FloatArray, depth_mm: float) -> float:
-    at = np.array((1.0, depth_mm))
-    return math.sqrt(float(at @ covariance @ at))
 
 
 def _guess(bends: Sequence[TorsionBend], depths_mm: Sequence[float], radius_mm: float) -> FloatArray:

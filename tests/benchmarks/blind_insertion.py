@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from labrig.devices.axis_description import AXES as AXIS_NAMES
-from labrig.devices.needle_state import RigState, RollZero, Torsion
+from labrig.devices.needle_state import RigState, RollZero
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.bevel import Bevel
@@ -31,14 +31,13 @@ from labrig.runner.virtual_rig import EventList, VirtualRig
 from labrig.runner.virtual_sight import WorldSight
 from labrig.simulation.lens import see_points
 from labrig.simulation.world import Glance
-from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.parameters import PAPER_POLICY
 from labrig.steering.parameters import Turning as PlannedTurning
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering
-from labrig.steering.torsion import BaseTurn, TorsionalLag
+from labrig.steering.torsion import BaseTurn, RolledStretch, TorsionalLag
 from tests.benchmarks.seen_shaft import RIG, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
@@ -198,7 +197,7 @@ def _make_insertion(
     lag = drawn.measured_lag
     torsion = None
     if lag != TorsionalLag():
-        torsion = Torsion(lag.lag_rad, lag.lag_rad_per_mm, drawn.told.lag_sd_rad, "")
+        torsion = replace(drawn.told.lag, lag_rad=lag.lag_rad, lag_rad_per_mm=lag.lag_rad_per_mm)
     roll_zero = RollZero("N1", drawn.roll_zero_rad, drawn.told.roll_zero_sd_rad, "", torsion)
     made = _DrawnInsertion(_tell(drawn), session, sight, roll_zero, trial)
     made.drawn, made.settings = drawn, settings
@@ -215,7 +214,7 @@ def _tell(drawn: DrawnWorld) -> InsertionProtocol:
         heading_sd_deg_per_root_mm=math.degrees(told.heading_sd_rad_per_root_mm),
         start_sd_mm=told.start_sd_mm,
         start_sd_deg=math.degrees(told.start_sd_rad),
-        lag_sd_deg=math.degrees(told.lag_sd_rad),
+        lag_sd_deg=math.degrees(told.lag.best_sd_rad),
     )
     target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
     target = protocol.target.model_copy(update={"sd_mm": target_sd_mm})

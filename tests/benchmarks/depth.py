@@ -24,7 +24,8 @@ from labrig.devices.rig_file import load_rig
 from labrig.errors import MeasurementRefusedError
 from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, draw_shaft, locate_points
 from labrig.simulation.world import World
-from labrig.steering.out_of_plane import OutOfPlaneSettings, RolledStretch, covary_out_of_plane
+from labrig.steering.out_of_plane import OutOfPlaneSettings, covary_out_of_plane
+from labrig.steering.torsion import RolledStretch, TorsionalLag
 from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
@@ -98,7 +99,9 @@ def _measure(row: tuple[float, float, float], drawn: bool, seed: int) -> Outcome
     world, length_mm = _insert(seed, wanders_deg, slip)
     true_mm = world.tip_mm()[0]
     at_mm = np.linspace(0.0, length_mm, round(length_mm / 2))
-    told = OutOfPlaneSettings(math.radians(told_deg), 0.1, math.radians(0.1), 0.005, 0.0)
+    told = OutOfPlaneSettings(
+        math.radians(told_deg), 0.1, math.radians(0.1), 0.005, TorsionalLag(per_mm_sd_rad=0.0)
+    )
     covariance = covary_out_of_plane([RolledStretch(length_mm, 0.0, 0)], RADIUS_MM, told, at_mm)
     told_mm = math.sqrt(covariance[-1, -1])
     perspective = Perspective.of(load_plane())

@@ -136,7 +136,7 @@ def _tell_ways_out_of_plane(described: WorldDescription, spreads: Spreads) -> Ou
         start_sd_mm=described.sheath.x_play_sd_mm,
         start_sd_rad=math.radians(described.sheath.lean_play_sd_deg),
         roll_zero_sd_rad=spreads.roll_zero_rad,
-        lag_sd_rad=spreads.lag_rad if _has_torsion(described) else 0.0,
+        lag=TorsionalLag(best_sd_rad=spreads.lag_rad if _has_torsion(described) else 0.0, per_mm_sd_rad=0.0),
     )
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.needle_state import NeedleState, RollZero, Torsion
+from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.errors import DiskError
-from labrig.steering.torsion import LagError
+from labrig.steering.torsion import TorsionalLag
 
 
 def test_a_state_survives_the_process(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None
 def test_the_torsion_is_remembered_with_the_roll_zero_of_its_needle(tmp_path: Path) -> None:
     """It reads back unchanged, and is given for its own needle alone."""
     store = NeedleState(tmp_path / "rig.state.json")
-    torsion = Torsion(0.01, 0.002, 0.02, "20261121-roll-zero", LagError(50.0, 0.01, 0.0003))
+    torsion = TorsionalLag(0.01, 0.002, 50.0, 0.01, 0.0003)
     zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero", torsion)
     store.update(needle_in_tissue=False, referenced=("rotation",), roll_zero=zero)
     again = NeedleState(tmp_path / "rig.state.json")
@@ -121,7 +121,7 @@ def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
         '{"needle_id": "N1"}',
         '{"needle_id": "N1", "zero_rad": "x"}',
         '{"needle_id": "N1", "zero_rad": 0, "sd_rad": -1, "run": "a"}',
-        '{"needle_id": "N1", "zero_rad": 0, "sd_rad": 0, "run": "a", "torsion": {"lag_rad": 0}}',
+        '{"needle_id": "N1", "zero_rad": 0, "sd_rad": 0, "run": "a", "torsion": {"best_sd_rad": -1}}',
     ],
 )
 def test_a_damaged_roll_zero_makes_the_whole_state_doubtful(tmp_path: Path, value: str) -> None:

@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.steering.out_of_plane import (
-    OutOfPlaneSettings,
-    RolledStretch,
-    budget_out_of_plane,
-    covary_out_of_plane,
-)
-from labrig.steering.torsion import LagError, find_lag_sensitivity
+from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane, covary_out_of_plane
+from labrig.steering.torsion import RolledStretch, TorsionalLag, find_lag_sd_mm
 
 RADIUS_MM = 27.7
 STEP_MM = 0.5
 DRAWS = 4000
-NOTHING = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def known_to(sd_rad: float) -> TorsionalLag:
+    """Return a lag of nothing, known to so much at every depth."""
+    return TorsionalLag(best_sd_rad=sd_rad, per_mm_sd_rad=0.0)
+
+
+NOTHING = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, known_to(0.0))
 STRAIGHT_MM = 1e9
 # Half turns back and forth, and onward. The heading stays within 22 degrees: the budget is of first order.
 BACK_AND_FORTH = ((8.0, 0.0, 1), (18.0, math.pi, 1), (20.0, 0.0, -1), (14.0, math.pi, 1))
@@ -63,7 +65,7 @@ def test_an_error_of_the_roll_zero_turns_the_path_about_its_start() -> None:
     sd_rad = math.radians(2)
     x_mm = integrate(BACK_AND_FORTH, roll_rad=sd_rad * np.random.default_rng(3).standard_normal(DRAWS))
     budget = budget_out_of_plane(
-        stretches(BACK_AND_FORTH), RADIUS_MM, OutOfPlaneSettings(0.0, 0.0, 0.0, sd_rad, 0.0)
+        stretches(BACK_AND_FORTH), RADIUS_MM, OutOfPlaneSettings(0.0, 0.0, 0.0, sd_rad, known_to(0.0))
     )
     assert budget.total_mm == budget.roll_zero_mm == pytest.approx(x_mm.std(), rel=0.05)
 
@@ -74,7 +76,7 @@ def test_the_lag_adds_up_when_the_bevel_turns_back_and_forth(path) -> None:
     lag_rad = np.abs(math.radians(4) * np.random.default_rng(4).standard_normal(DRAWS))
     x_mm = integrate(path, lag_rad=lag_rad)
     budget = budget_out_of_plane(
-        stretches(path), RADIUS_MM, OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, math.radians(4))
+        stretches(path), RADIUS_MM, OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, known_to(math.radians(4)))
     )
     spread_mm = math.sqrt(float(np.mean(x_mm**2)))
     assert budget.total_mm == budget.torsion_mm == pytest.approx(spread_mm, rel=0.05)
@@ -83,15 +85,15 @@ def test_the_lag_adds_up_when_the_bevel_turns_back_and_forth(path) -> None:
 @pytest.mark.parametrize("path", [BACK_AND_FORTH, ONWARD])
 def test_the_budget_knows_the_lag_by_depth_as_the_choice_of_turns_does(path) -> None:
     """What a measured lag leaves is the same for the budget as for the turns that are chosen by it."""
-    error = LagError(50.0, 0.02, 0.0005)
-    known = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, error.best_sd_rad, error.per_mm_sd_rad, error.best_mm)
-    left_mm = find_lag_sensitivity(stretches(path), RADIUS_MM).find_sd_mm(error)
+    lag = TorsionalLag(best_mm=50.0, best_sd_rad=0.02, per_mm_sd_rad=0.0005)
+    known = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, lag)
+    left_mm = find_lag_sd_mm(stretches(path), lag, RADIUS_MM)
     assert budget_out_of_plane(stretches(path), RADIUS_MM, known).torsion_mm == pytest.approx(left_mm)
 
 
 def test_back_and_forth_is_the_worst_way_to_turn() -> None:
     """With the same lag, turning back and forth leads out of the plane several times further than turning on."""
-    settings = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, math.radians(5))
+    settings = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, known_to(math.radians(5)))
     there, onward = (
         budget_out_of_plane(stretches(path), RADIUS_MM, settings) for path in (BACK_AND_FORTH, ONWARD)
     )
@@ -102,7 +104,7 @@ def test_wandering_out_of_the_plane_spreads_with_the_length_to_the_power_of_thre
     """The spread by the heading's noise, and of the lean, is that of integrated paths, within 5 %."""
     noise = math.radians(0.3)
     budget = budget_out_of_plane(
-        [RolledStretch(60.0, 0.0, 0)], STRAIGHT_MM, OutOfPlaneSettings(noise, 0.0, 0.0, 0.0, 0.0)
+        [RolledStretch(60.0, 0.0, 0)], STRAIGHT_MM, OutOfPlaneSettings(noise, 0.0, 0.0, 0.0, known_to(0.0))
     )
     x_mm = integrate(((60.0, 0.0, 0),), STRAIGHT_MM, wander=noise)
     assert budget.total_mm == budget.heading_mm == pytest.approx(x_mm.std(), rel=0.05)
@@ -114,14 +116,14 @@ def test_a_start_that_leans_displaces_the_tip_by_its_length() -> None:
     random = np.random.default_rng(5)
     leans_rad, starts_mm = 0.01 * random.standard_normal(DRAWS), 0.3 * random.standard_normal(DRAWS)
     x_mm = starts_mm + integrate(((60.0, 0.0, 0),), STRAIGHT_MM, lean_rad=leans_rad)
-    settings = OutOfPlaneSettings(0.0, 0.3, 0.01, 0.0, 0.0)
+    settings = OutOfPlaneSettings(0.0, 0.3, 0.01, 0.0, known_to(0.0))
     budget = budget_out_of_plane([RolledStretch(60.0, 0.0, 0)], STRAIGHT_MM, settings)
     assert budget.start_mm == pytest.approx(x_mm.std(), rel=0.05)
 
 
 def test_the_sources_add_up_as_squares() -> None:
     """The total is the root of the sum of squares, and every source has its part."""
-    settings = OutOfPlaneSettings(0.002, 0.3, 0.01, 0.02, 0.03)
+    settings = OutOfPlaneSettings(0.002, 0.3, 0.01, 0.02, known_to(0.03))
     budget = budget_out_of_plane(stretches(BACK_AND_FORTH), RADIUS_MM, settings)
     parts = (budget.roll_zero_mm, budget.torsion_mm, budget.heading_mm, budget.start_mm)
     assert min(parts) > 0
@@ -130,7 +132,7 @@ def test_the_sources_add_up_as_squares() -> None:
 
 def test_a_lag_of_unknown_direction_counts_too() -> None:
     """Where the direction of the last turn is not known, the lag has its part, apart from that of the known ones."""
-    settings = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, 0.05)
+    settings = OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, known_to(0.05))
     unknown = [RolledStretch(30.0, 0.0, 0)]
     known = [RolledStretch(30.0, 0.0, 1)]
     assert budget_out_of_plane(unknown, RADIUS_MM, settings) == budget_out_of_plane(
@@ -142,15 +144,13 @@ def test_a_lag_of_unknown_direction_counts_too() -> None:
 
 def test_nothing_inserted_is_where_it_started() -> None:
     """Before the needle moves only the start is uncertain."""
-    budget = budget_out_of_plane([], RADIUS_MM, OutOfPlaneSettings(0.01, 0.2, 0.02, 0.01, 0.1))
+    budget = budget_out_of_plane([], RADIUS_MM, OutOfPlaneSettings(0.01, 0.2, 0.02, 0.01, known_to(0.1)))
     assert (budget.total_mm, budget.lean_rad) == (0.2, 0.02)
     assert budget_out_of_plane(stretches(ONWARD), RADIUS_MM, NOTHING).total_mm == 0.0
 
 
-def test_what_is_no_standard_deviation_is_refused_by_name() -> None:
-    """A negative standard deviation, radius or length is refused by its name."""
-    with pytest.raises(InputError, match="lag_sd_rad is -1"):
-        OutOfPlaneSettings(0.0, 0.0, 0.0, 0.0, -1.0)
+def test_what_is_no_length_is_refused_by_name() -> None:
+    """A negative radius or length is refused by its name."""
     with pytest.raises(InputError, match="radius_mm is 0"):
         budget_out_of_plane([], 0.0, NOTHING)
     with pytest.raises(InputError, match="length_mm of a stretch is -3"):
@@ -159,7 +159,7 @@ def test_what_is_no_standard_deviation_is_refused_by_name() -> None:
 
 def test_places_along_the_needle_vary_as_integrated_paths_do() -> None:
     """The covariance along the needle is that of integrated paths that wander, within 6 %, and ends with the budget."""
-    settings = OutOfPlaneSettings(0.003, 0.3, 0.01, 0.02, 0.03)
+    settings = OutOfPlaneSettings(0.003, 0.3, 0.01, 0.02, known_to(0.03))
     at_mm = np.array([20.0, 60.0])
     covariance = covary_out_of_plane(stretches(BACK_AND_FORTH), RADIUS_MM, settings, at_mm)
     assert math.sqrt(covariance[1, 1]) == pytest.approx(
@@ -167,5 +167,5 @@ def test_places_along_the_needle_vary_as_integrated_paths_do() -> None:
     )
     turns = np.random.default_rng(8).standard_normal((DRAWS, 120)) * 0.003 * math.sqrt(STEP_MM)
     x_mm = STEP_MM * np.cumsum(np.cumsum(turns, axis=1), axis=1)[:, [39, 119]]
-    wandering = covary_out_of_plane([], STRAIGHT_MM, OutOfPlaneSettings(0.003, 0, 0, 0, 0), at_mm)
+    wandering = covary_out_of_plane([], STRAIGHT_MM, OutOfPlaneSettings(0.003, 0, 0, 0, known_to(0)), at_mm)
     assert wandering == pytest.approx(np.cov(x_mm.T), rel=0.06)

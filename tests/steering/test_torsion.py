@@ -8,24 +8,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.torsion import (
     BaseLimits,
     BaseTurn,
-    LagError,
+    RolledStretch,
     TorsionalLag,
     TurnAhead,
     centre_bevel,
     choose_turn,
-    find_lag_sensitivity,
+    find_lag_sd_mm,
 )
 
 RADIUS_MM = 28.0
 WIDE = BaseLimits(-13.0, 13.0)
 
 lengths_mm = st.lists(st.floats(2.0, 40.0), min_size=2, max_size=6)
-errors = st.builds(LagError, st.floats(0.0, 60.0), st.floats(0.0, 0.05), st.floats(0.0, 0.001))
-lags = st.builds(TorsionalLag, st.floats(0.0, 0.2), st.floats(0.0, 0.004), errors)
+lags = st.builds(
+    TorsionalLag,
+    st.floats(0.0, 0.2),
+    st.floats(0.0, 0.004),
+    st.floats(0.0, 60.0),
+    st.floats(0.0, 0.05),
+    st.floats(0.0, 0.001),
+)
 
 
 def turn_with(bevel_rad: float, turn: BaseTurn, lag_rad: float) -> float:
@@ -58,14 +63,14 @@ def displacement_mm(arcs_mm: Sequence[float], bevels_rad: Sequence[float]) -> fl
     return x_mm
 
 
-def left_by(arcs_mm: Sequence[float], directions: Sequence[int], error: LagError) -> float:
+def left_by(arcs_mm: Sequence[float], directions: Sequence[int], lag: TorsionalLag) -> float:
     """Return the standard deviation that an error of the lag leaves after half turns in these directions [mm]."""
     rolls_rad = [math.pi * sum(directions[:number]) for number in range(len(arcs_mm))]
     stretches = [
         RolledStretch(arc_mm, roll_rad, turned)
         for arc_mm, roll_rad, turned in zip(arcs_mm, rolls_rad, (0, *directions), strict=True)
     ]
-    return find_lag_sensitivity(stretches, RADIUS_MM).find_sd_mm(error)
+    return find_lag_sd_mm(stretches, lag, RADIUS_MM)
 
 
 @pytest.mark.processors
@@ -77,15 +82,17 @@ def test_with_the_true_lag_the_bevel_ends_where_it_should_be(arcs_mm: list[float
 
 
 @given(lengths_mm, st.floats(-0.02, 0.02), st.floats(-2e-4, 2e-4))
-def test_the_sensitivity_foretells_what_an_error_of_the_lag_does(
+def test_the_spread_foretells_what_an_error_of_the_lag_does(
     arcs_mm: list[float], error_rad: float, per_mm_rad: float
 ) -> None:
-    """For small errors of the lag and of its growth, x at the end is the sum of both sensitivities times the errors."""
-    known, true = TorsionalLag(0.2), TorsionalLag(0.2 + error_rad, per_mm_rad)
-    _, path, bevels_rad = steer(arcs_mm, known, true)
-    by = find_lag_sensitivity(path, RADIUS_MM)
-    expected_mm = by.constant_mm * error_rad + by.growing_mm2 * per_mm_rad
-    assert displacement_mm(arcs_mm, bevels_rad) == pytest.approx(expected_mm, abs=0.1)
+    """A small error of the lag, or of its growth, displaces the end as far as that is its standard deviation."""
+    for known, true in (
+        (TorsionalLag(0.2, 0.0, 0.0, abs(error_rad), 0.0), TorsionalLag(0.2 + error_rad)),
+        (TorsionalLag(0.2, 0.0, 0.0, 0.0, abs(per_mm_rad)), TorsionalLag(0.2, per_mm_rad)),
+    ):
+        _, path, bevels_rad = steer(arcs_mm, known, true)
+        expected_mm = find_lag_sd_mm(path, known, RADIUS_MM)
+        assert abs(displacement_mm(arcs_mm, bevels_rad)) == pytest.approx(expected_mm, abs=0.1)
 
 
 @given(lengths_mm, lags)
@@ -95,9 +102,9 @@ def test_no_other_directions_leave_less(arcs_mm: list[float], lag: TorsionalLag)
     room = BaseLimits(-math.pi * turns - 1.0, math.pi * turns + 1.0)
     _, path, _ = steer(arcs_mm, lag, lag, room)
     others = ([1 if number % 2 == 0 else -1 for number in range(turns)], [1] * turns)
-    least_mm = min(left_by(arcs_mm, directions, lag.error) for directions in others)
+    least_mm = min(left_by(arcs_mm, directions, lag) for directions in others)
     rounded_mm = 0.02 * turns
-    assert find_lag_sensitivity(path, RADIUS_MM).find_sd_mm(lag.error) <= least_mm + rounded_mm
+    assert find_lag_sd_mm(path, lag, RADIUS_MM) <= least_mm + rounded_mm
 
 
 @given(lengths_mm, lags, st.floats(4.0, 13.0))

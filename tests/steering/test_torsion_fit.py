@@ -43,16 +43,16 @@ def fit(bends: list[TorsionBend]) -> TorsionFit:
 def test_exact_deflections_give_the_lag_exactly() -> None:
     """The lag, its growth and the radius come out; a parallax that depends on the depth alone changes nothing."""
     found = fit(make_bends(0.0, 0))
-    assert found.lag_rad == pytest.approx(LAG_RAD, abs=1e-6)
-    assert found.lag_rad_per_mm == pytest.approx(PER_MM, abs=1e-8)
+    assert found.lag.lag_rad == pytest.approx(LAG_RAD, abs=1e-6)
+    assert found.lag.lag_rad_per_mm == pytest.approx(PER_MM, abs=1e-8)
     assert found.radius_mm == pytest.approx(RADIUS_MM, abs=1e-4)
 
 
 def test_the_interval_covers_the_lag() -> None:
     """Of 400 fits of noisy deflections, 92.5 to 97.5 % of the 95 % intervals of lag and growth hold the true one."""
     fits = [fit(make_bends(0.05, seed)) for seed in range(400)]
-    held = [abs(found.lag_rad - LAG_RAD) <= 1.96 * found.lag_sd_rad for found in fits]
-    grown = [abs(found.lag_rad_per_mm - PER_MM) <= 1.96 * found.lag_per_mm_sd_rad for found in fits]
+    held = [abs(found.lag.lag_rad - LAG_RAD) <= 1.96 * found.lag.find_sd_rad(0.0) for found in fits]
+    grown = [abs(found.lag.lag_rad_per_mm - PER_MM) <= 1.96 * found.lag.per_mm_sd_rad for found in fits]
     assert 0.925 <= np.mean(held) <= 0.975
     assert 0.925 <= np.mean(grown) <= 0.975
 

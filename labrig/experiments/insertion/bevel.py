@@ -7,10 +7,9 @@ from labrig.devices.needle_state import RollZero
 from labrig.experiments.insertion.ending import TracedPath
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.runner.session import Session
-from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.parameters import Turning
 from labrig.steering.state import SteeringState
-from labrig.steering.torsion import BaseLimits, BaseTurn, centre_bevel, plan_turn
+from labrig.steering.torsion import BaseLimits, BaseTurn, RolledStretch, centre_bevel, plan_turn
 
 _SAME_RAD = 0.01
 

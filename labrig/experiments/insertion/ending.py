@@ -20,11 +20,11 @@ from labrig.steering.arrival import TipOffset, bound_target_error, decide_arriva
 from labrig.steering.out_of_plane import (
     OutOfPlaneBudget,
     OutOfPlaneSettings,
-    RolledStretch,
     budget_out_of_plane,
     covary_out_of_plane,
 )
 from labrig.steering.policy import Halt, SteeringSettings
+from labrig.steering.torsion import RolledStretch
 from labrig.vision.depth import Depth, PossibleDepth, measure_depth
 from labrig.vision.error_budget import PlaceErrors, budget_place
 from labrig.vision.out_of_plane import Perspective

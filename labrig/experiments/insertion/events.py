@@ -9,7 +9,7 @@ from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
 from labrig.steering.planner import PlannedArc
 from labrig.steering.problem import Obstacle
-from labrig.steering.torsion import LagError
+from labrig.steering.torsion import TorsionalLag
 
 _Pixel = tuple[float, float]
 _Point = tuple[float, float, float]
@@ -31,16 +31,6 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
-class RecordedTorsion(_Part):
-    """The measured lag of the bevel behind the rotation axis, and its standard deviation."""
-
-    lag_rad: float
-    lag_rad_per_mm: float
-    sd_rad: float
-    run: str
-    error: LagError | None = None
-
-
 class InsertionStart(SpecimenTrialStart):
     """An insertion begins: its target, its obstacles, and the roll zero and torsion in use.
 
@@ -55,7 +45,7 @@ class InsertionStart(SpecimenTrialStart):
     start_heading_rad: float
     roll_zero_rad: float
     roll_zero_sd_rad: float
-    torsion: RecordedTorsion | None = None
+    torsion: TorsionalLag | None = None
     marker_ids: tuple[int | None, ...] = ()
 
 

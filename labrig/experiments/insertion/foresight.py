@@ -15,10 +15,9 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_out_of_plane
 from labrig.experiments.shared.holes import find_near_holes
 from labrig.runner.session import Session
-from labrig.steering.out_of_plane import RolledStretch
 from labrig.steering.planner import Plan
 from labrig.steering.policy import SteeringSettings
-from labrig.steering.torsion import BaseLimits, TurnAhead, plan_turn
+from labrig.steering.torsion import BaseLimits, RolledStretch, TurnAhead, plan_turn
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import READ_PX
 

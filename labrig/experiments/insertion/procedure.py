@@ -16,7 +16,7 @@ space too.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
 from labrig.analysis.result import TrialOrigin
@@ -51,7 +51,6 @@ from labrig.experiments.insertion.events import (
     PathSought,
     RecordedEstimate,
     RecordedPose,
-    RecordedTorsion,
     TipObserved,
 )
 from labrig.experiments.insertion.foresight import (
@@ -472,7 +471,6 @@ class Insertion:
     def record_start(self) -> None:
         """Record target and obstacles."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
-        torsion = self.roll_zero.torsion
         self.session.record(
             InsertionStart(
                 trial=self.trial,
@@ -488,7 +486,7 @@ class Insertion:
                 start_heading_rad=0.0,
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
-                torsion=None if torsion is None else RecordedTorsion(**asdict(torsion)),
+                torsion=self.roll_zero.torsion,
                 marker_ids=list_marker_ids(self.protocol),
                 repeats=self.made.repeats,
             )

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -13,24 +12,10 @@ from labrig.steering.out_of_plane import OutOfPlaneSettings
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.tip import EstimatorSettings
-from labrig.steering.torsion import LagError
+from labrig.steering.torsion import TorsionalLag
 
 SAME_MM = 0.005
 """Commanded insertion lengths that differ by less count as one."""
-
-
-class MeasuredTorsion(Protocol):
-    """The measured lag of a bevel, as the rig's state or a record has it."""
-
-    @property
-    def sd_rad(self) -> float:
-        """Its largest standard deviation."""
-        ...
-
-    @property
-    def error(self) -> LagError | None:
-        """How that depends on the depth; None: not at all."""
-        ...
 
 
 def make_insertion_settings(
@@ -67,7 +52,7 @@ def make_insertion_settings(
 
 
 def make_out_of_plane(
-    protocol: InsertionProtocol, roll_zero_sd_rad: float, torsion: MeasuredTorsion | None
+    protocol: InsertionProtocol, roll_zero_sd_rad: float, torsion: TorsionalLag | None
 ) -> OutOfPlaneSettings:
     """Return what leads the needle out of the plane.
 
@@ -75,9 +60,9 @@ def make_out_of_plane(
     deviation takes the place of the protocol's.
     """
     unseen = protocol.out_of_plane
-    lag = LagError(0.0, math.radians(unseen.lag_sd_deg), 0.0)
+    lag = TorsionalLag(best_sd_rad=math.radians(unseen.lag_sd_deg), per_mm_sd_rad=0.0)
     if torsion is not None and protocol.policy.turning == "compensated":
-        lag = torsion.error or LagError(0.0, torsion.sd_rad, 0.0)
+        lag = torsion
     heading_sd_deg = unseen.heading_sd_deg_per_root_mm
     if heading_sd_deg is None:
         heading_sd_deg = protocol.estimator.process_sd_deg_per_root_mm
@@ -86,9 +71,7 @@ def make_out_of_plane(
         start_sd_mm=unseen.start_sd_mm,
         start_sd_rad=math.radians(unseen.start_sd_deg),
         roll_zero_sd_rad=roll_zero_sd_rad,
-        lag_sd_rad=lag.best_sd_rad,
-        lag_per_mm_sd_rad=lag.per_mm_sd_rad,
-        lag_best_mm=lag.best_mm,
+        lag=lag,
     )
 
 

@@ -119,7 +119,7 @@ def _analyze_torsion(
         reasons.append(
             f"the torsional lag is uncertain by {sd_deg:.1f} degrees, {steps.max_sd_deg:g} at most"
         )
-    return TorsionResult(holes=tuple(holes), fit=None if fit is None else asdict(fit)), reasons
+    return TorsionResult(holes=tuple(holes), fit=fit), reasons
 
 
 def _measure_hole(

@@ -1,7 +1,7 @@
 """What the page of a roll zero run shows: each insertion's deflection, and the cosine of the roll through them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,7 @@ def _write_verdict(result: RollZeroResult) -> list[Markup]:
         ).format(result.needle_id, zero, sd)
     ]
     if result.torsion is not None and result.torsion.fit is not None:
-        sentence = describe_torsion(result.torsion.fit)
+        sentence = describe_torsion(asdict(result.torsion.fit))
         lines.append(Markup("{}.").format(sentence[0].upper() + sentence[1:]))
     return lines
 
@@ -88,7 +88,7 @@ def _collect_content(run: Run, result: RollZeroResult) -> dict[str, Any]:
         "fit": result.fit,
         "torsion": result.torsion,
         "torsion_fit": fit,
-        "torsion_fit_deg": None if fit is None else {key: math.degrees(value) for key, value in fit.items()},
+        "degrees": math.degrees,
     }
 
 

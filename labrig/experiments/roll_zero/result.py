@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from labrig.analysis.result import Result, Rows, Sentinel, Summary, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
+from labrig.steering.torsion_fit import TorsionFit
 from labrig.text import number
 
 
@@ -28,7 +29,7 @@ class TorsionResult(Model):
     """The torsion of the needle: its holes, and the fitted lag of the bevel; None if the fit was refused."""
 
     holes: tuple[TorsionHoleResult, ...]
-    fit: dict[str, float] | None
+    fit: TorsionFit | None
 
 
 class RollZeroResult(Result):
@@ -58,10 +59,8 @@ class RollZeroResult(Result):
 
 def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the zero and the torsion with their uncertainties, or why there are none."""
-    torsion = (document.get("torsion") or {}).get("fit") or {}
-    lag = {name: torsion[name] for name in ("lag_rad", "lag_rad_per_mm") if name in torsion}
-    if torsion:
-        lag["torsion_sd_rad"] = torsion["sd_rad"]
+    torsion = (document.get("torsion") or {}).get("fit")
+    lag = {} if torsion is None else {**torsion["lag"], "torsion_sd_rad": torsion["sd_rad"]}
     values = {"accepted": document["accepted"], **(document["fit"] or {}), **lag}
     return Summary(tuple(_list_lines(document)), values)
 
@@ -76,9 +75,10 @@ def _list_lines(document: Mapping[str, Any]) -> list[str]:
     return lines if torsion is None else [*lines, describe_torsion(torsion)]
 
 
-def describe_torsion(fit: Mapping[str, float]) -> str:
+def describe_torsion(fit: Mapping[str, Any]) -> str:
     """Return the lag of the bevel in a sentence, from the fit in a result."""
-    lag, per_mm, sd = (number(math.degrees(fit[key])) for key in ("lag_rad", "lag_rad_per_mm", "sd_rad"))
+    values = (fit["lag"]["lag_rad"], fit["lag"]["lag_rad_per_mm"], fit["sd_rad"])
+    lag, per_mm, sd = (number(math.degrees(value)) for value in values)
     return (
         f"its bevel stays behind the rotation axis by {lag} degrees on either side, and {per_mm} degrees for each mm "
         f"in the gel, SD {sd} degrees"

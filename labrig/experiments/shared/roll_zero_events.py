@@ -4,6 +4,7 @@ from typing import ClassVar
 
 from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.record.events import Event, PictureRole
+from labrig.steering.torsion import TorsionalLag
 
 
 class RollZeroRole(PictureRole):
@@ -57,12 +58,7 @@ class TorsionFound(Event):
     kind: ClassVar[str] = "torsion"
 
     needle_id: str
-    lag_rad: float
-    lag_rad_per_mm: float
-    lag_sd_rad: float
-    lag_per_mm_sd_rad: float
+    lag: TorsionalLag
     sd_rad: float
-    best_mm: float
-    best_sd_rad: float
     radius_mm: float
     residual_rms_mm: float

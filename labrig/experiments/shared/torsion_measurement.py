@@ -7,11 +7,10 @@ sides. The turn begins half a turn away from its end, so that the bevel follows 
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.needle_state import Torsion
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
@@ -21,8 +20,7 @@ from labrig.protocol.sections import TorsionSteps
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
-from labrig.steering.out_of_plane import RolledStretch
-from labrig.steering.torsion import BaseLimits, LagError, TorsionalLag, TurnAhead, choose_turn
+from labrig.steering.torsion import BaseLimits, RolledStretch, TorsionalLag, TurnAhead, choose_turn
 from labrig.steering.torsion_fit import TorsionBend, fit_torsion
 
 DIRECTIONS = (1, -1)
@@ -31,7 +29,7 @@ _QUARTER_RAD = math.pi / 2
 
 def measure_torsion(
     order: RollZeroOrder, steps: TorsionSteps, zero_rad: float, sight: Sight, session: Session
-) -> Torsion:
+) -> TorsionalLag:
     """Insert the needle at each depth from both sides, fit the lag, and return it.
 
     Raises
@@ -46,20 +44,14 @@ def measure_torsion(
         probe = _Probe(order, steps, zero_rad, session)
         bends.append(_measure_hole(probe, order.steps.rolls + number, depth_mm, direction, sight))
     fit = fit_torsion(bends, find_lengths(steps), order.radius_mm)
-    session.record(TorsionFound(needle_id=order.needle.needle_id, **asdict(fit)))
+    session.record(TorsionFound(needle_id=order.needle.needle_id, **vars(fit)))
     if math.degrees(fit.sd_rad) > steps.max_sd_deg:
         raise MeasurementRefusedError(
             f"the torsional lag is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and "
             f"{steps.max_sd_deg:g} is the most that is kept",
             "measure at more depths or go on further, and look at the pictures",
         )
-    return Torsion(
-        fit.lag_rad,
-        fit.lag_rad_per_mm,
-        fit.sd_rad,
-        session.run_name,
-        LagError(fit.best_mm, fit.best_sd_rad, fit.lag_per_mm_sd_rad),
-    )
+    return fit.lag
 
 
 def _measure_hole(probe: "_Probe", hole: int, depth_mm: float, direction: int, sight: Sight) -> TorsionBend:

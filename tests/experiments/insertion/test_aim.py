@@ -4,13 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.needle_state import NeedleState, RollZero, Torsion
+from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.devices.rig_file import load_rig
 from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.steering.torsion import TorsionalLag
 from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, find_problems, plan_of
 
@@ -93,7 +94,7 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
 def test_the_torsion_of_another_needle_is_told_by_the_check(tmp_path: Path) -> None:
     """If the run finds the roll zero without the torsion, a warning names the needle whose torsion is known."""
     rig = large_rig(f"state_file={tmp_path / 'state.json'}")
-    torsion = Torsion(0.01, 0.002, 0.02, "run-1")
+    torsion = TorsionalLag(0.01, 0.002)
     for needle_id, told in (("N1", 0), ("another", 1)):
         certified = RollZero(needle_id, 0.1, 0.01, "run-1", torsion)
         NeedleState(rig.state_path).update(referenced=("rotation",), roll_zero=certified)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from labrig.analysis.run import analyze_run
-from labrig.devices.needle_state import RollZero, Torsion
+from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import (
     NO_OFFER,
     Answer,
@@ -48,6 +48,7 @@ from labrig.runner.dialogue import Dialogue
 from labrig.runner.pausing import PauseRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Progress, Session
+from labrig.steering.torsion import TorsionalLag
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, large_bench
@@ -195,7 +196,7 @@ def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tup
 def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
     """The rotation axis goes past each angle by the lag at that depth and back; the withdrawal ends at the zero."""
     protocol = insertion("target.position_mm=[0,3,25]")
-    torsion = Torsion(lag_rad=0.1, lag_rad_per_mm=0.01, sd_rad=0.02, run="before")
+    torsion = TorsionalLag(lag_rad=0.1, lag_rad_per_mm=0.01, best_sd_rad=0.02, per_mm_sd_rad=0.0)
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         opened.opened.rig.needle.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before", torsion))
         _, run = opened.conduct(protocol)

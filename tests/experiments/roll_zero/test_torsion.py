@@ -49,7 +49,7 @@ def test_the_lag_is_found_at_each_depth(measured: tuple[RollZero | None, Run]) -
     assert abs(zero.zero_rad) < 3 * zero.sd_rad
     for depth_mm in DEPTHS_MM:
         true_rad = math.radians(LAG_DEG + PER_MM_DEG * depth_mm)
-        assert abs(zero.torsion.lag.at(depth_mm) - true_rad) < 3 * zero.torsion.sd_rad
+        assert abs(zero.torsion.at(depth_mm) - true_rad) < 3 * zero.torsion.find_sd_rad(depth_mm)
 
 
 def test_each_depth_is_turned_to_from_both_sides(measured: tuple[RollZero | None, Run]) -> None:
@@ -73,11 +73,11 @@ def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero |
     assert zero.torsion is not None
     assert torsion is not None
     assert torsion.fit is not None
-    assert torsion.fit["lag_rad_per_mm"] == pytest.approx(zero.torsion.lag_rad_per_mm, abs=1e-9)
+    assert torsion.fit.lag.lag_rad_per_mm == pytest.approx(zero.torsion.lag_rad_per_mm, abs=1e-9)
     assert (page.result.path / "torsion.csv").read_text().count("\n") == 5
     sentence = str(summarise(page.result.content.model_dump()).lines[-1])
     assert "stays behind the rotation axis" in sentence
-    assert f"SD {math.degrees(zero.torsion.sd_rad):.3f}" in sentence
+    assert f"SD {math.degrees(torsion.fit.sd_rad):.3f}" in sentence
     assert "<h2>Torsion</h2>" in page.html
 
 

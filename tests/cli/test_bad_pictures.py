@@ -183,7 +183,7 @@ def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, 
     document = done.json()
     assert done.exit_code == 1
     assert not document["accepted"]
-    assert "held in 1 pose that can be told apart, at least 3 are needed" in document["reasons"][0]
+    assert "the board's tilts differ by 0.0 degrees at most, 20 are needed" in document["reasons"][0]
     assert all(": " in reason for reason in document["reasons"])
     assert not out.exists()
     printed = labrig("calibrate", "intrinsics", view, "--board", "7x5", "--square-mm", 25).out

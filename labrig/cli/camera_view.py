@@ -15,8 +15,8 @@ from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import write_atomically
 from labrig.errors import InputError
+from labrig.report.local_server import suggest_forwarding
 from labrig.report.picture_page import NO_PICTURE, PicturePage, ShownPicture
-from labrig.report.web_page import suggest_forwarding
 from labrig.runner.sight import load_plane_map
 from labrig.vision.calibration_file import CameraInUse, encode_frame
 from labrig.vision.drawing import Landmark, find_landmarks

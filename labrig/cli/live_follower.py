@@ -18,11 +18,9 @@ from labrig.experiments.registry import follow_run
 from labrig.posix import end_with_parent, lower_priority
 from labrig.record.following import GrowingRun
 from labrig.record.reader import open_run
-from labrig.report.live_view import LiveView
-from labrig.report.record_drawing import RecordDrawing
-from labrig.report.rerun_view import end_stream, open_stream
+from labrig.report.local_server import suggest_forwarding
+from labrig.report.rerun_view import show_live
 from labrig.report.viewer import RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
-from labrig.report.web_page import suggest_forwarding
 
 
 def main() -> None:
@@ -45,19 +43,8 @@ def _show(path: Path, wanted: ViewerKind, program: str) -> None:
     kind = wanted if has_display(os.environ) else "web"
     viewer = start_viewer(kind, clock, program)
     _tell_where(viewer)
-    run = open_run(path)
-    view = follow_run(run)
-    stream = open_stream(path.name, viewer.url, view)
-    drawing = RecordDrawing(stream, view, describe_statusword)
-    shown = LiveView(stream, drawing, view, GrowingRun(path), clock, _tell).follow(viewer.has_ended)
-    end_stream(stream)
-    if viewer.has_ended():
-        _tell("the viewer was closed; the run goes on without it")
-    elif shown.left_out:
-        _tell(
-            f"{shown.left_out} of {shown.drawn + shown.left_out} pictures were not shown live, because drawing was "
-            "slower than the rig; view.rrd has them all"
-        )
+    view = follow_run(open_run(path))
+    show_live(GrowingRun(path), view, viewer, describe_statusword, clock=clock, tell=_tell)
 
 
 def _tell_where(viewer: RunningViewer) -> None:

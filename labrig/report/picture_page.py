@@ -8,18 +8,15 @@ computer (against DNS rebinding), and nothing may be kept or framed.
 import json
 import re
 import secrets
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import cv2
 import numpy as np
 
-from labrig.report.web_page import LOCALHOST
+from labrig.report.local_server import LOCALHOST, LocalServer, Reply, say
 from labrig.vision.calibration_file import UNKNOWN_CAMERA, CameraInUse, encode_frame
 from labrig.vision.drawing import Landmark
 from labrig.vision.picture import Picture, size_of
@@ -44,13 +41,9 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-_TEXT, _JSON = "text/plain; charset=utf-8", "application/json"
-_TIMEOUT_S = 2.0
 _PIXEL = re.compile(r"u=(\d{1,6})&v=(\d{1,6})", re.ASCII)
 
 Pixel = tuple[int, int]
-Reply = tuple[int, str, bytes]
-"""Status of HTTP, type and content."""
 
 
 @dataclass(frozen=True)
@@ -115,11 +108,10 @@ class PicturePage:
     def __init__(self, take: Callable[[Pixel], Verdict] | None = None) -> None:
         self._take = take
         self._shown: ShownPicture | None = None
-        self._server = _Server(self._answer)
-        self.port = int(self._server.server_address[1])
-        self.url = f"http://{LOCALHOST}:{self.port}/{self._server.token}/"
-        self._thread = Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
-        self._thread.start()
+        self._token = secrets.token_urlsafe(16)
+        self._server = LocalServer(self._answer, _HEADERS)
+        self.port = self._server.port
+        self.url = f"http://{LOCALHOST}:{self.port}/{self._token}/"
 
     def show(self, picture: ShownPicture) -> None:
         """Show this from now on."""
@@ -127,25 +119,31 @@ class PicturePage:
 
     def close(self) -> None:
         """Stop listening, once everybody who has asked or sent something has a reply."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._server.close()
 
-    def _answer(self, name: str, query: str) -> Reply | None:
+    def _answer(self, request: str) -> Reply:
+        begin = f"/{self._token}/"
+        given = request[: len(begin)].encode("utf-8", "replace")
+        found = self._find(request[len(begin) :]) if secrets.compare_digest(given, begin.encode()) else None
+        return found or say(404, "there is no such page")
+
+    def _find(self, request: str) -> Reply | None:
         """Return the reply to a request for a name below the token; None if there is no such."""
+        name, _, query = request.partition("?")
         shown = self._shown
-        if name == "state.json":
-            state = {"number": -1} if shown is None else shown.document(asks=self._take is not None)
-            return 200, _JSON, json.dumps(state).encode()
-        if shown is not None and name == "answer" and self._take is not None:
-            return _judge(query, shown, self._take)
-        if shown is not None and name == "picture":
-            return 200, "image/jpeg", cv2.imencode(".jpg", shown.image, _QUALITY)[1].tobytes()
-        if shown is not None and name == "picture.png":
-            return 200, "image/png", encode_frame(shown.image, shown.camera)
-        if name in _FILES:
-            file, kind = _FILES[name]
-            return 200, kind, file.read_bytes()
+        match name:
+            case "state.json":
+                state = {"number": -1} if shown is None else shown.document(asks=self._take is not None)
+                return 200, "application/json", json.dumps(state).encode()
+            case "answer" if shown is not None and self._take is not None:
+                return _judge(query, shown, self._take)
+            case "picture" if shown is not None:
+                return 200, "image/jpeg", cv2.imencode(".jpg", shown.image, _QUALITY)[1].tobytes()
+            case "picture.png" if shown is not None:
+                return 200, "image/png", encode_frame(shown.image, shown.camera)
+            case _ if name in _FILES:
+                file, kind = _FILES[name]
+                return 200, kind, file.read_bytes()
         return None
 
 
@@ -154,65 +152,6 @@ def _judge(query: str, shown: ShownPicture, take: Callable[[Pixel], Verdict]) ->
     width, height = size_of(shown.image)
     pixel = _PIXEL.fullmatch(query)
     if pixel is None or int(pixel[1]) >= width or int(pixel[2]) >= height:
-        return _say(400, f"That is no pixel of the picture, which has {width} x {height}.")
+        return say(400, f"That is no pixel of the picture, which has {width} x {height}.")
     verdict = take((int(pixel[1]), int(pixel[2])))
-    return _say(200 if verdict.taken else 409, verdict.text)
-
-
-def _say(status: int, text: str) -> Reply:
-    return status, _TEXT, text.encode()
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = (
-        False  # closing waits for them: a thread that is inside OpenCV when Python ends aborts it
-    )
-
-    def __init__(self, answer: Callable[[str, str], Reply | None]) -> None:
-        self.token = secrets.token_urlsafe(16)
-        self.answer = answer
-        super().__init__((LOCALHOST, 0), _Handler)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Pass over a browser that has gone; whatever else fails is a bug."""
-        if not isinstance(sys.exception(), OSError):
-            super().handle_error(request, client_address)
-
-
-class _Handler(BaseHTTPRequestHandler):
-    server: _Server
-    timeout = _TIMEOUT_S
-
-    def do_GET(self) -> None:
-        """Answer with a page or a part of it."""
-        self._reply(self._refuse() or self._answer())
-
-    def _refuse(self) -> Reply | None:
-        """Return why a request is not answered: it names another computer, or does not know the token."""
-        own = {f"{name}:{self.server.server_address[1]}" for name in (LOCALHOST, "localhost")}
-        if self.headers.get("Host", "") not in own:
-            return _say(421, "this server answers to its own address only")
-        given = self.path.split("/")[1] if self.path.startswith("/") else ""
-        if not secrets.compare_digest(given.encode("utf-8", "replace"), self.server.token.encode()):
-            return _say(404, "there is no such page")
-        return None
-
-    def _answer(self) -> Reply:
-        path, _, query = self.path.partition("?")
-        name = path.partition(f"/{self.server.token}/")[2]
-        return self.server.answer(name, query) or _say(404, "there is no such page")
-
-    def _reply(self, reply: Reply) -> None:
-        status, kind, content = reply
-        self.send_response(status)
-        for name, value in {**_HEADERS, "Content-Type": kind, "Content-Length": str(len(content))}.items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(content)
-
-    def version_string(self) -> str:
-        """Return what the server calls itself."""
-        return "labrig"
-
-    def log_message(self, *_words: Any) -> None:
-        """Write nothing on standard error."""
+    return say(200 if verdict.taken else 409, verdict.text)

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
+from http.client import HTTPConnection, HTTPException
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
@@ -15,7 +17,7 @@ from typing import Literal
 from labrig.clock import Clock
 from labrig.errors import MachineError
 from labrig.posix import end_with_parent, hold_signals
-from labrig.report.web_page import LOCALHOST, serve_page
+from labrig.report.local_server import LOCALHOST, LocalServer, Reply, say
 
 DEFAULT_PORT, DEFAULT_WEB_PORT = 9876, 9090
 
@@ -24,6 +26,13 @@ ViewerKind = Literal["window", "web"]
 
 _STARTS_WITHIN_S = 20.0
 _LOOK_EVERY_S = 0.05
+# The viewer's page would load a font from elsewhere, and sends usage data from the browser, where no setting of this
+# computer holds it back. Under this policy (W3C Content Security Policy, level 3) the browser refuses both.
+_POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
+    f"connect-src 'self' data: blob: http://{LOCALHOST}:{{}}"
+)
+_FETCHES_WITHIN_S = 10.0
 # Memory of a server for viewers that come late; the oldest is dropped first.
 _SERVER_MEMORY = "512MiB"
 
@@ -124,8 +133,19 @@ def start_viewer(kind: ViewerKind, clock: Clock, program: str) -> RunningViewer:
             raise MachineError(f"the rerun viewer did not listen within {_STARTS_WITHIN_S:.0f} s", "try it")
         clock.sleep(_LOOK_EVERY_S)
     if kind == "web":
-        serve_page(web_port, files_port, port)
+        LocalServer(partial(_fetch, files_port), {"Content-Security-Policy": _POLICY.format(port)}, web_port)
     return viewer
+
+
+def _fetch(port: int, path: str) -> Reply:
+    """Pass on what a browser asks for: a file of the viewer's own server."""
+    try:
+        with closing(HTTPConnection(LOCALHOST, port, timeout=_FETCHES_WITHIN_S)) as viewer:
+            viewer.request("GET", path)
+            found = viewer.getresponse()
+            return found.status, found.getheader("Content-Type", ""), found.read()
+    except (OSError, HTTPException):
+        return say(502, "the viewer has ended")
 
 
 def has_display(environment: Mapping[str, str]) -> bool:

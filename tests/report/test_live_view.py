@@ -1,19 +1,18 @@
-"""Which pictures a live view draws of those that wait."""
+"""A live view of a run, and which pictures it draws of those that wait."""
 
 from pathlib import Path
 
 import pytest
-import rerun as rr
 
-from labrig.devices.clocks import SimulatedClock
+from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.states import describe_statusword
 from labrig.experiments.registry import follow_run
 from labrig.record.events import FrameLine
 from labrig.record.following import GrowingRun, LinedPicture
 from labrig.record.pictures import RecordedPicture
 from labrig.record.reader import open_run
-from labrig.report.live_view import LiveView, choose_pictures
-from labrig.report.record_drawing import RecordDrawing
+from labrig.report.rerun_view import choose_pictures, show_live
+from labrig.report.viewer import find_viewer, start_viewer
 
 _RECORDED = Path(__file__).parents[1] / "records" / "insertion"
 
@@ -31,15 +30,16 @@ def test_the_newest_and_the_needed_pictures_are_drawn(waiting: int, drawn: list[
     assert [picture.line.frame for picture in chosen] == drawn
 
 
-def test_pictures_taken_before_the_view_began_are_not_blamed_on_its_speed(tmp_path: Path) -> None:
-    """A resumed run has pictures already: those left out are not counted as too slow to draw."""
-    run = open_run(_RECORDED)
-    view = follow_run(run)
-    stream = rr.RecordingStream("labrig-test")
-    stream.save(tmp_path / "shown.rrd")
-    drawing = RecordDrawing(stream, view, describe_statusword)
+def test_a_run_is_shown_to_its_end() -> None:
+    """A viewer that takes everything is told nothing, and neither is the person; the viewer stays."""
+    viewer = start_viewer("web", SystemClock(), find_viewer())
     told: list[str] = []
-    live = LiveView(stream, drawing, view, GrowingRun(_RECORDED), SimulatedClock(), told.append)
-    shown = live.follow(lambda: False)
-    assert 0 < shown.drawn < len(run.frame_lines)
-    assert (shown.left_out, told) == (0, [])
+    try:
+        view = follow_run(open_run(_RECORDED))
+        show_live(
+            GrowingRun(_RECORDED), view, viewer, describe_statusword, clock=SystemClock(), tell=told.append
+        )
+        assert (told, viewer.has_ended()) == ([], False)
+    finally:
+        viewer.process.kill()
+        viewer.process.wait()

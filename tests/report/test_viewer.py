@@ -11,13 +11,13 @@ import pytest
 
 from labrig.devices.clocks import SystemClock
 from labrig.errors import MachineError
+from labrig.report.local_server import LOCALHOST
 from labrig.report.viewer import (
     RunningViewer,
     find_free_port,
     find_viewer,
     start_viewer,
 )
-from labrig.report.web_page import LOCALHOST
 
 _LISTEN = "0A"
 _LOCALHOST = "0100007F"

@@ -26,7 +26,7 @@ from labrig.record.events import Event, parse_events
 from labrig.record.following import RecordLines
 from labrig.record.reader import Run
 from labrig.report.pictures import circle
-from labrig.report.record_drawing import CAMERA, EVENTS, set_time
+from labrig.report.rerun_view import CAMERA, EVENTS, set_time
 from labrig.report.view import View
 from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.problem import Obstacle

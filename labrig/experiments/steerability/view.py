@@ -26,7 +26,7 @@ from labrig.record.events import Event, FrameLine, TrialStop, parse_events
 from labrig.record.following import LinedPicture, RecordLines
 from labrig.record.reader import Run
 from labrig.report.palette import mark
-from labrig.report.record_drawing import draw_shaft, set_time
+from labrig.report.rerun_view import draw_shaft, set_time
 from labrig.report.view import View
 from labrig.text import interval, number
 from labrig.vision.curvature import CurvatureMeasurement

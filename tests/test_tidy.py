@@ -163,6 +163,7 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
         "record/output_folder.py",  # the copy of a record, in the temporary folder of an export
         "record/writer.py",  # the reserve of a new run
         "report/rerun_view.py",  # filled by a library, under a temporary name
+        "report/tables.py",  # by pandas and scipy, in the temporary folder of an export
     }
 
 

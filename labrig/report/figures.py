@@ -183,12 +183,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
             axes.errorbar(
                 place + 0.03, gel.mean_mm, error_mm, fmt=gel.mark.marker, color=gel.mark.colour, **_MEAN
             )
-    axes.errorbar([], [], [], fmt="o", color=_GREY, label="mean, 95 % interval of it", **_MEAN)
-    axes.errorbar([], [], [], ecolor=_GREY, label="± SD of the insertions", **_SD)
-    if any(gel.paper_mm for gel in series):
-        axes.errorbar([], [], [], label="paper: mean, ± SD dashed", **_PAPER)
-    if any(gel.drawn_mean_mm is not None for gel in series):
-        axes.errorbar([], [], xerr=[], label="mean of the drawn radii", **_DRAWN)
+    _explain_marks(axes, series)
     axes.set_xticks(range(len(series)), [gel.label for gel in series])
     axes.set(
         title="Radius of each insertion, and means",
@@ -197,6 +192,16 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         xlim=(-0.6, len(series) - 0.4),
     )
     axes.grid(visible=True, axis="y")
+
+
+def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
+    """Add a legend of the marks in the figure."""
+    axes.errorbar([], [], [], fmt="o", color=_GREY, label="mean, 95 % interval of it", **_MEAN)
+    axes.errorbar([], [], [], ecolor=_GREY, label="± SD of the insertions", **_SD)
+    if any(gel.paper_mm for gel in series):
+        axes.errorbar([], [], [], label="paper: mean, ± SD dashed", **_PAPER)
+    if any(gel.drawn_mean_mm is not None for gel in series):
+        axes.errorbar([], [], xerr=[], label="mean of the drawn radii", **_DRAWN)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, handlelength=1.8)
 
 

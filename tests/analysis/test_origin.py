@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labrig.analysis.origin import find_origins, to_origin_frame
 from labrig.analysis.result import TrialOrigin
 from labrig.experiments.shared.curvature_result import PictureResult
-from labrig.experiments.shared.picture_results import add_origins, refuse_by_origin
+from labrig.experiments.shared.picture_results import complete_picture
 from labrig.protocol.sections import Sheath, SheathOrigin
 from labrig.record.events import FrameLine
 from labrig.vision.picture import Picture
@@ -126,7 +126,7 @@ def test_sheath_that_stands_elsewhere_than_its_encoder_says_is_refused() -> None
     assert [origin.accepted for origin in found] == [True, False, True, True]
     assert found[1].disagreement_mm == pytest.approx(2.0, abs=0.1)
     assert "linear encoder and the other trials" in (found[1].reason or "")
-    pictures = refuse_by_origin([picture(trial) for trial in range(4)], found)
+    pictures = [complete_picture(picture(origin.trial), origin, None) for origin in found]
     assert [measurement.accepted for measurement in pictures] == [True, False, True, True]
     assert pictures[1].reason == found[1].reason
 
@@ -151,7 +151,7 @@ def test_sheath_that_is_not_seen_is_said_so() -> None:
     found = find_origins(lambda _: np.full(SIZE[::-1], 160, np.uint8), lines, PLANE, sheath)
     assert not found[0].accepted
     assert "not found in frame 0" in (found[0].reason or "")
-    assert refuse_by_origin([picture(0)], found)[0].accepted
+    assert complete_picture(picture(0), found[0], None).accepted
 
 
 def test_tip_is_told_from_the_origin_of_its_trial() -> None:
@@ -162,13 +162,13 @@ def test_tip_is_told_from_the_origin_of_its_trial() -> None:
     aside = np.array([np.cos(heading), -np.sin(heading)])
     tip = np.array(found.tip_mm) + 30.0 * along - 4.0 * aside
     measured = picture(0).model_copy(update={"tip_mm": tuple(tip.tolist())})
-    (shifted,) = add_origins([measured], [found])
+    shifted = complete_picture(measured, found, None)
     assert shifted.tip_from_origin_mm == pytest.approx((-4.0, 30.0))
     assert (shifted.origin_mm, shifted.origin_heading_rad) == (found.tip_mm, heading)
     imported = measured.model_copy(
         update={"trial": None, "sheath_tip_mm": (1.0, 2.0), "sheath_heading_rad": 0.0, "tip_mm": (0.0, 32.0)}
     )
-    assert add_origins([imported], [])[0].tip_from_origin_mm == pytest.approx((-1.0, 30.0))
+    assert complete_picture(imported, None, None).tip_from_origin_mm == pytest.approx((-1.0, 30.0))
 
 
 @given(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from labrig.analysis.result import Sentinel
 from labrig.analysis.sentinel import compare_grid_pictures
 from labrig.experiments.shared.curvature_result import PictureResult
-from labrig.experiments.shared.picture_results import add_drift
+from labrig.experiments.shared.picture_results import complete_picture
 from labrig.record.events import FrameLine
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
@@ -46,12 +46,12 @@ def test_drift_becomes_an_error_bar() -> None:
     """A drift of 0.2 % widens sigma and interval, and leaves the radius unchanged."""
     sentinel = run_with(PX_PER_MM * 1.002)
     assert sentinel.drift == pytest.approx(0.002, abs=2e-4)
-    (wider,) = add_drift([radius()], sentinel)
+    wider = complete_picture(radius(), None, sentinel)
     assert wider.accepted
     assert wider.radius_mm == 28.0
     assert wider.sigma_radius_mm == pytest.approx(np.hypot(0.05, 0.056), rel=0.1)
     assert wider.radius_budget_mm is None
-    (listed,) = add_drift([radius(radius_budget_mm=ErrorBudget(fit=0.05))], sentinel)
+    listed = complete_picture(radius(radius_budget_mm=ErrorBudget(fit=0.05)), None, sentinel)
     assert listed.radius_budget_mm is not None
     assert listed.radius_budget_mm.total == pytest.approx(listed.sigma_radius_mm)
     assert wider.radius_ci95_mm == pytest.approx((28.0 - 0.149, 28.0 + 0.149), abs=0.015)
@@ -61,7 +61,7 @@ def test_bumped_camera_refuses_every_radius() -> None:
     """A change of scale of 2 % refuses every radius, with the reason at each picture."""
     sentinel = run_with(PX_PER_MM * 1.02)
     assert not sentinel.accepted
-    (refused,) = add_drift([radius()], sentinel)
+    refused = complete_picture(radius(), None, sentinel)
     assert not refused.accepted
     assert "the camera was bumped" in (refused.reason or "")
 
@@ -80,8 +80,7 @@ def test_run_without_both_pictures_is_told_so() -> None:
     sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
     assert sentinel.drift is None
     assert "both before and after" in (sentinel.reason or "")
-    assert add_drift([radius()], sentinel) == (radius(),)
-    assert add_drift([radius()], None) == (radius(),)
+    assert complete_picture(radius(), None, sentinel) == complete_picture(radius(), None, None) == radius()
 
 
 def test_pictures_that_show_no_grid_refuse() -> None:

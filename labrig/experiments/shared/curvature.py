@@ -1,10 +1,9 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import ReadFrame, find_origins
@@ -20,7 +19,7 @@ from labrig.analysis.sentinel import check_sentinel
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import average_means, find_final_pictures, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
-from labrig.experiments.shared.picture_results import add_drift, add_origins, refuse_by_origin
+from labrig.experiments.shared.picture_results import complete_picture
 from labrig.experiments.shared.truth import compare_with_truth
 from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
 from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
@@ -78,21 +77,9 @@ class CurvatureOrder:
 
 
 def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Findings:
-    """Return the output of `measure_curvature` as it is."""
-    return Findings(*measure_curvature(run, order, request))
-
-
-def measure_curvature(
-    run: Run, order: CurvatureOrder, request: AnalysisRequest
-) -> tuple[CurvatureResult, Callable[[Path], None]]:
     """Measure the pictures, group them, and compare them with the truth if it is recorded.
 
     The intervals of the groups and of single pictures include the uncertainty of the bevel's roll.
-
-    Returns
-    -------
-    CurvatureResult, callable
-        The result, and the call that saves further files into its folder, as in `Findings`.
 
     Raises
     ------
@@ -112,11 +99,15 @@ def measure_curvature(
     measured, (origins, sentinel) = measure_pictures(
         places, plane, settings, mask, workers=request.workers, progress=request.progress, meanwhile=others
     )
-    bare = [
-        describe_picture(picture.line, picture.trial, measurement)
+    by_trial = {origin.trial: origin for origin in origins}
+    results = tuple(
+        complete_picture(
+            describe_picture(picture.line, picture.trial, measurement),
+            None if picture.trial is None else by_trial.get(picture.trial.trial),
+            sentinel,
+        )
         for picture, measurement in zip(pictures, measured, strict=True)
-    ]
-    results = add_drift(refuse_by_origin(add_origins(bare, origins), origins), sentinel)
+    )
     finals = find_final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
@@ -129,7 +120,7 @@ def measure_curvature(
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
         truth=compare_with_truth(trials, finals, specimens, _read_drawn_radii(run)),
     )
-    return content, partial(save_centre_lines, _collect_centre_lines(results, measured))
+    return Findings(content, partial(save_centre_lines, _collect_centre_lines(results, measured)))
 
 
 def _get_picture(frames: Pictures, frame: int) -> Picture:

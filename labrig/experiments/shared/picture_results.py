@@ -1,90 +1,67 @@
-"""Apply what is known of a trial or a run to the results of its pictures: origin, refusal, drift."""
+"""What is known of its trial and of the run, in the result of a picture: origin, drift, refusal."""
 
 import math
-from collections.abc import Sequence
-
-import numpy as np
 
 from labrig.analysis.origin import to_origin_frame
 from labrig.analysis.result import Sentinel, TrialOrigin
+from labrig.analysis.statistics import TWO_SIDED_95
 from labrig.experiments.shared.curvature_result import PictureResult
 
-_TWO_SIDED_95 = 1.96
 
+def complete_picture(
+    picture: PictureResult, origin: TrialOrigin | None, sentinel: Sentinel | None
+) -> PictureResult:
+    """Return a picture with its origin, and with the drift in its error bars; refused where one of the two was.
 
-def refuse_by_origin(
-    results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
-) -> tuple[PictureResult, ...]:
-    """Return the pictures; those of a trial whose origin was refused are refused too."""
-    reasons = {
-        origin.trial: origin.reason for origin in origins if origin.tip_mm is not None and not origin.accepted
-    }
-    return tuple(
-        picture.model_copy(update={"accepted": False, "reason": reasons[picture.trial]})
-        if picture.trial in reasons and picture.accepted
-        else picture
-        for picture in results
-    )
-
-
-def add_origins(
-    results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
-) -> tuple[PictureResult, ...]:
-    """Return the pictures with their origins, and with the needle's tip relative to them.
-
-    The origin is that of the trial; for an imported picture it is the sheath's end in that picture.
+    Parameters
+    ----------
+    origin : TrialOrigin or None
+        Of its trial; None: as for an imported picture, the origin is the sheath's end in it.
+    sentinel : Sentinel or None
+        The drift of the camera; None if the protocol asks for none.
     """
-    by_trial = {origin.trial: origin for origin in origins}
-    return tuple(
-        _add_origin(picture, None if picture.trial is None else by_trial.get(picture.trial))
-        for picture in results
-    )
+    update = _locate(picture, origin)
+    if sentinel is not None and sentinel.accepted and sentinel.drift:
+        update |= _widen(picture, sentinel.drift)
+    if picture.accepted:
+        refusals = [
+            judged.reason
+            for judged in (None if origin is None or origin.tip_mm is None else origin, sentinel)
+            if judged is not None and not judged.accepted
+        ]
+        update |= {"accepted": False, "reason": refusals[0]} if refusals else {}
+    return picture.model_copy(update=update)
 
 
-def _add_origin(picture: PictureResult, origin: TrialOrigin | None) -> PictureResult:
+def _locate(picture: PictureResult, origin: TrialOrigin | None) -> dict[str, object]:
+    """Return the origin, and the needle's tip relative to it."""
     place, heading_rad = (
         (picture.sheath_tip_mm, picture.sheath_heading_rad)
         if origin is None
         else (origin.tip_mm, origin.heading_rad)
     )
     if place is None or heading_rad is None:
-        return picture
+        return {}
     known: dict[str, object] = {"origin_mm": place, "origin_heading_rad": heading_rad}
     if picture.tip_mm is not None:
         known["tip_from_origin_mm"] = to_origin_frame(picture.tip_mm, place, heading_rad)
-    return picture.model_copy(update=known)
+    return known
 
 
-def add_drift(results: Sequence[PictureResult], sentinel: Sentinel | None) -> tuple[PictureResult, ...]:
-    """Return the pictures with the drift in their error bars; if the sentinel was refused, so are they."""
-    if sentinel is None:
-        return tuple(results)
-    if not sentinel.accepted:
-        refused = {"accepted": False, "reason": sentinel.reason}
-        return tuple(
-            picture.model_copy(update=refused) if picture.accepted else picture for picture in results
-        )
-    return tuple(_widen(picture, sentinel.drift or 0.0) for picture in results)
-
-
-def _widen(picture: PictureResult, drift: float) -> PictureResult:
-    """Return a picture whose error bars include the drift, taken as one standard deviation."""
-    if not drift:
-        return picture
-    update: dict[str, object] = {}
+def _widen(picture: PictureResult, drift: float) -> dict[str, object]:
+    """Return the error bars with the drift, taken as one standard deviation."""
+    wider: dict[str, object] = {}
     if picture.tip_mm is not None and picture.tip_budget_mm is not None:
-        update["tip_budget_mm"] = picture.tip_budget_mm.with_drift(drift * math.hypot(*picture.tip_mm))
+        wider["tip_budget_mm"] = picture.tip_budget_mm.with_drift(drift * math.hypot(*picture.tip_mm))
     if picture.radius_mm is None or picture.sigma_radius_mm is None:
-        return picture.model_copy(update=update)
+        return wider
     more = drift * picture.radius_mm
-    update["sigma_radius_mm"] = float(np.hypot(picture.sigma_radius_mm, more))
+    wider["sigma_radius_mm"] = math.hypot(picture.sigma_radius_mm, more)
     if picture.radius_budget_mm is not None:
-        update["radius_budget_mm"] = picture.radius_budget_mm.with_drift(more)
+        wider["radius_budget_mm"] = picture.radius_budget_mm.with_drift(more)
     if picture.radius_ci95_mm is not None:
-        low, high = (abs(end - picture.radius_mm) for end in picture.radius_ci95_mm)
-        reach = _TWO_SIDED_95 * more
-        update["radius_ci95_mm"] = (
-            picture.radius_mm - float(np.hypot(low, reach)),
-            picture.radius_mm + float(np.hypot(high, reach)),
+        low, high = (
+            math.hypot(end - picture.radius_mm, TWO_SIDED_95 * more) for end in picture.radius_ci95_mm
         )
-    return picture.model_copy(update=update)
+        wider["radius_ci95_mm"] = (picture.radius_mm - low, picture.radius_mm + high)
+    return wider

@@ -2,15 +2,15 @@
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.result import Findings
-from labrig.experiments.shared.curvature import CurvatureOrder, measure_curvature
+from labrig.experiments.shared.curvature import CurvatureOrder, analyze_curvature
 from labrig.experiments.steerability.events import SweepRole
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run
 
 
 def analyze(run: Run, protocol: SteerabilityProtocol, request: AnalysisRequest) -> Findings:
-    """Measure every picture, as `measure_curvature` does."""
-    return Findings(*measure_curvature(run, make_order(protocol), request))
+    """Measure every picture, as `analyze_curvature` does."""
+    return analyze_curvature(run, make_order(protocol), request)
 
 
 def make_order(protocol: SteerabilityProtocol) -> CurvatureOrder:

@@ -8,9 +8,9 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import Queue
-from threading import Thread
 
 import pytest
 from hypothesis import settings
@@ -58,11 +58,9 @@ class Sitting:
         self.cut_in: int | None = None
         self.cut: Path | None = None
         self.outcome: Outcome | None = None
-        self.failure: BaseException | None = None
         self._asked: Queue[tuple[OperatorRequest, Offer] | None] = Queue()
         self._told = Told(self._note_progress)
-        self._thread = Thread(target=self._make, daemon=True)
-        self._thread.start()
+        self._made = ThreadPoolExecutor(1).submit(self._make)
         self.question = self._wait()
 
     def answer(self, answer: Answer | None) -> None:
@@ -79,9 +77,7 @@ class Sitting:
     def _wait(self) -> tuple[OperatorRequest, Offer] | None:
         asked = self._asked.get(timeout=PATIENCE_S)
         if asked is None:
-            self._thread.join()
-        if self.failure is not None:
-            raise self.failure
+            self.outcome = self._made.result(PATIENCE_S)
         return asked
 
     def _note_progress(self, doing: str) -> None:
@@ -93,12 +89,11 @@ class Sitting:
             self.cut = Path(shutil.copytree(self.path, self.folder / f"after {doing}"[:60].replace("/", " ")))
             raise PowerCutError("the power failed")
 
-    def _make(self) -> None:
+    def _make(self) -> Outcome:
         try:
-            self.outcome = self._begin() if not self.path.exists() else self._go_on()
-        except BaseException as failure:  # noqa: BLE001 - raised in the test's thread
-            self.failure = failure
-        self._asked.put(None)
+            return self._go_on() if self.path.exists() else self._begin()
+        finally:
+            self._asked.put(None)
 
     def _begin(self) -> Outcome:
         with bench(self.folder, PROTOCOL, SPARSE) as at:

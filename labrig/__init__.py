@@ -19,7 +19,7 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `vision` turns pixels into mm
 - `lab` is the folder of a lab: its protocols, rig files and runs, and the examples that it starts with
 - `durable` writes files whole or not at all, under names of its own until they are complete
-- `posix` is what the operating system must give
+- `posix` holds signals, worker processes and terminals, as Linux has them
 - `plugins` finds the experiments, drives and cameras of installed packages
 - `input_file` reads files and JSON that anybody may have made, within bounds
 - `errors`, `clock` and `text` are the error tree, what a clock is, and how numbers are written
@@ -49,12 +49,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from labrig.analysis import load_runs as load_runs
     from labrig.campaign.run import run_campaign as run_campaign
-    from labrig.library.door import annotate_run as annotate_run
     from labrig.library.door import check as check
     from labrig.library.door import compare as compare
     from labrig.library.door import differences as differences
-    from labrig.library.door import load_runs as load_runs
     from labrig.library.door import open_run as open_run
     from labrig.library.door import reanalyze as reanalyze
     from labrig.library.door import replay as replay
@@ -62,6 +61,7 @@ if TYPE_CHECKING:
     from labrig.library.door import run as run
     from labrig.library.door import view as view
     from labrig.library.door import write_report as write_report
+    from labrig.record.notes import annotate_run as annotate_run
     from labrig.vision import calibrate_intrinsics as calibrate_intrinsics
     from labrig.vision import load_intrinsics as load_intrinsics
     from labrig.vision import load_plane as load_plane
@@ -69,22 +69,22 @@ if TYPE_CHECKING:
 __version__: str
 
 _HANDED_OUT = {
-    **dict.fromkeys(("calibrate_intrinsics", "load_intrinsics", "load_plane"), "labrig.vision"),
-    **dict.fromkeys(
-        (
-            "annotate_run", "check", "compare", "differences", "load_runs", "open_run", "reanalyze", "replay",
-            "resume", "run", "view", "write_report",
-        ),
-        "labrig.library.door",
+    "labrig.analysis": ("load_runs",),
+    "labrig.campaign.run": ("run_campaign",),
+    "labrig.library.door": (
+        *("check", "compare", "differences", "open_run", "reanalyze", "replay", "resume", "run", "view"),
+        "write_report",
     ),
-    "run_campaign": "labrig.campaign.run",
-}  # fmt: skip
+    "labrig.record.notes": ("annotate_run",),
+    "labrig.vision": ("calibrate_intrinsics", "load_intrinsics", "load_plane"),
+}
+_PLACES = {name: place for place, names in _HANDED_OUT.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for: the door's functions take a second to load, `__version__` 10 ms."""
-    if name in _HANDED_OUT:
-        return getattr(import_module(_HANDED_OUT[name]), name)
+    if name in _PLACES:
+        return getattr(import_module(_PLACES[name]), name)
     if name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     metadata = import_module("importlib.metadata")
@@ -96,4 +96,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List what is handed out, for completion."""
-    return sorted((*globals(), *_HANDED_OUT))
+    return sorted((*globals(), *_PLACES))

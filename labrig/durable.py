@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from labrig.errors import DiskError
-from labrig.posix import NO_LINKS, sync_directory
 
 _HINTS = {
     errno.ENOSPC: "make room on that disk, or keep the runs on another one",
@@ -82,6 +81,12 @@ def sync_file(path: Path) -> None:
         os.fsync(descriptor)
 
 
+def sync_directory(path: Path) -> None:
+    """Make the names in a folder durable. Raises `OSError`."""
+    with open_descriptor(path, os.O_RDONLY | os.O_DIRECTORY) as descriptor:
+        os.fsync(descriptor)
+
+
 def _write_new(path: Path, content: bytes, *, sync: bool) -> None:
     with open_descriptor(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL) as descriptor:
         write_fully(descriptor, content)
@@ -92,7 +97,7 @@ def _write_new(path: Path, content: bytes, *, sync: bool) -> None:
 @contextmanager
 def open_descriptor(path: Path, flags: int) -> Iterator[int]:
     """Open a file for the block, unbuffered; a symbolic link is not followed. Raises `OSError`."""
-    descriptor = os.open(path, flags | NO_LINKS, 0o666)
+    descriptor = os.open(path, flags | os.O_NOFOLLOW, 0o666)
     try:
         yield descriptor
     finally:

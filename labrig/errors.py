@@ -229,21 +229,6 @@ class WireError(MachineError):
         """The number of the fault; 0 without one."""
         return 0 if self.fault is None else self.fault.code
 
-    @property
-    def register(self) -> int:
-        """Its bits in the error register 0x1001."""
-        return 0 if self.fault is None else self.fault.register
-
-    @property
-    def text(self) -> str:
-        """What the fault means; empty without one."""
-        return "" if self.fault is None else self.fault.text
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return self.hint
-
 
 def fault_of(error: Exception | None) -> Fault | None:
     """Return the fault of bus or drive that an error carries, or None."""

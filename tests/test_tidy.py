@@ -167,21 +167,6 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
     }
 
 
-def test_calls_that_only_posix_has_stand_in_one_file() -> None:
-    """No file but posix.py imports a module of the operating system, or names a flag of it."""
-    only = re.compile(
-        r"^\s*(?:import|from) (?:fcntl|select|pty|tty|termios|resource|pwd|ctypes)\b"
-        r"|SIGHUP|O_DIRECTORY|O_NOFOLLOW|AF_UNIX|posix_fallocate|os\.(?:fork|getuid|openpty|umask)\b|\"fork\"",
-        re.MULTILINE,
-    )
-    offenders = [
-        f"{path}: {found.group()}"
-        for path in SOURCES
-        if path.name != "posix.py" and (found := only.search(path.read_text(encoding="utf-8")))
-    ]
-    assert offenders == []
-
-
 @pytest.mark.parametrize(
     ("what", "pattern"),
     [

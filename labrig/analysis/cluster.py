@@ -16,11 +16,9 @@ from labrig.analysis.engine import (
     INSTALL_HINT,
     Pool,
     describe_installation,
-    describe_kernels,
     digest_installation,
 )
 from labrig.errors import InputError, MachineError, WorkersError
-from labrig.record.processor import describe_change
 
 _ADDRESS = re.compile(r"(tcp|tls)://[^/\s:]+:\d{1,5}")
 _ANSWER_S = 10.0
@@ -120,7 +118,6 @@ def open_cluster(
         _wait_for_workers(client, place, answer_s)
         _require_same_installation(client)
         pool = _Cluster(client, place, work, lost_s)
-        pool.unlike = _name_unlike_workers(client)
         try:
             yield pool
         finally:
@@ -155,16 +152,3 @@ def _require_same_installation(client: Client) -> None:
                 raise WorkersError(
                     f"worker {worker} has {name} {found.get(name)}, this process has {value}", INSTALL_HINT
                 )
-
-
-def _name_unlike_workers(client: Client) -> tuple[str, ...]:
-    ours = describe_kernels()
-    changes = {
-        worker: describe_change(found, ours)
-        for worker, found in sorted(client.run(describe_kernels, on_error="return").items())
-    }
-    return tuple(
-        f"what worker {worker} computes is {change}; last digits may differ"
-        for worker, change in changes.items()
-        if change
-    )

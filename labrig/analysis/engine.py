@@ -29,11 +29,12 @@ from threadpoolctl import threadpool_limits
 
 from labrig import __version__
 from labrig.errors import BugError, LabrigError, MachineError, WorkersError
-from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_parent, hold_signals
-from labrig.record.processor import describe_processor
+from labrig.posix import WORKER_START_METHOD, end_with_parent, hold_signals
 from labrig.record.source_digest import digest_sources
 
-DEFAULT_WORKERS = min(count_usable_cores(), 8)
+CORES = len(os.sched_getaffinity(0))
+"""Those that this process may use: `taskset`, a container or a batch system may allow fewer than all."""
+DEFAULT_WORKERS = min(CORES, 8)
 
 # Tasks submitted for each worker while the first one is waited for: no worker idles behind a long task, or while the
 # results are written, and what waits takes little memory.
@@ -57,12 +58,9 @@ class Pool(ABC):
         What they do, in the past tense, for messages.
     patience_s : float or None
         How long a task is waited for before `renew` [s]; None where tasks of lost workers come back by themselves.
-    unlike : tuple of str
-        A sentence for each worker whose kernels are not those of this process, so that it rounds otherwise.
     """
 
     patience_s: float | None = None
-    unlike: tuple[str, ...] = ()
 
     def __init__(self, work: str) -> None:
         self.work = work
@@ -379,8 +377,3 @@ def describe_installation() -> Mapping[str, str]:
 def digest_installation() -> str:
     """Return the SHA-256 of what `describe_installation` returns."""
     return hashlib.sha256(json.dumps(describe_installation(), sort_keys=True).encode()).hexdigest()
-
-
-def describe_kernels() -> Mapping[str, object]:
-    """Return what the last digits of a result rest on too, the kernels, as `describe_processor` does."""
-    return describe_processor()

@@ -75,7 +75,7 @@ def run_campaign(
         )
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
     with (
-        open_pool(workers, cluster, "computed tasks", attendant.say) as pool,
+        open_pool(workers, cluster, "computed tasks") as pool,
         open_store(folder, loaded.describe()) as store,
     ):
         begin, count = len(store.rows), loaded.count

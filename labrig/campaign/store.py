@@ -12,7 +12,6 @@ from typing import Any
 
 import pandas as pd
 
-from labrig.analysis.engine import describe_kernels
 from labrig.durable import disk_errors, temporary_file, write_atomically
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
@@ -20,7 +19,7 @@ from labrig.record.difference import find_differences
 from labrig.record.json_lines import LineFile, encode_document, encode_line, read_lines
 from labrig.record.layout import CAMPAIGN, LOCK
 from labrig.record.lock import FileLock
-from labrig.record.processor import describe_change
+from labrig.record.processor import describe_change, describe_processor
 
 ROWS_FILE = "tasks.jsonl"
 TABLE_FILE = "table.parquet"
@@ -105,7 +104,7 @@ def open_store(folder: Path, document: Mapping[str, object]) -> Iterator[Campaig
         if rows:
             change = _require_same(path, document)
         else:
-            write_atomically(path, encode_document({**document, "processor": describe_kernels()}))
+            write_atomically(path, encode_document({**document, "processor": describe_processor()}))
         with disk_errors(rows_path):
             file = LineFile.reopen(rows_path) if rows_path.exists() else LineFile.create(rows_path)
         try:
@@ -128,7 +127,7 @@ def _require_same(path: Path, document: Mapping[str, object]) -> str:
             f"{path.parent} holds another campaign: {key} is {there} there and {here} here",
             f"what decides the rows is fixed before the first of them: put it back as it was, or {_ELSEWHERE}",
         )
-    return describe_change(processor, describe_kernels())
+    return describe_change(processor, describe_processor())
 
 
 def make_table(rows: Sequence[Row]) -> pd.DataFrame:

@@ -15,18 +15,21 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.states import describe_statusword
 from labrig.errors import LabrigError
 from labrig.experiments.registry import follow_run
-from labrig.posix import end_with_parent, lower_priority
+from labrig.posix import end_with_parent
 from labrig.record.following import GrowingRun
 from labrig.record.reader import open_run
 from labrig.report.local_server import suggest_forwarding
 from labrig.report.rerun_view import show_live
 from labrig.report.viewer import RunningViewer, ViewerKind, find_viewer, has_display, start_viewer
 
+_LESS_URGENT = 10
+"""By how much it is nicer than a process that moves axes."""
+
 
 def main() -> None:
     """Show the run, and end without waiting for what the viewer has not taken."""
     end_with_parent()
-    lower_priority()
+    os.nice(_LESS_URGENT)
     sys.excepthook = _tell_bug
     path, kind, *program = sys.argv[1:]
     try:

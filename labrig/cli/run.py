@@ -76,7 +76,7 @@ def resume(
     live: LiveOption = None,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
+    """Exit with 0 when the run succeeded; refuse a rig or calibration other than those of its start."""
     from labrig.library.resumption import resume_run
 
     finished = resume_run(run_path, rig, tuple(sys.argv), _attend(live, as_json=as_json))

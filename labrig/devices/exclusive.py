@@ -5,8 +5,11 @@ the computer, whatever rig file and drives each of them has. Both end with the p
 without a state file is new in every run; there is nothing to share.
 """
 
+import hashlib
 import os
 import platform
+import socket
+import struct
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -15,11 +18,14 @@ from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.needle_state import require_own_state
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LockedError
-from labrig.posix import claim_name, find_claimant
 from labrig.record.lock import FileLock, LockOwner, read_lock_owner
 
 _NAMED_BY_CHANNEL = frozenset({"socketcan", "slcan"})
 """Interfaces of which each channel is one bus, whatever their options."""
+
+
+_CREDENTIALS = struct.Struct("3i")
+"""Process, account and group of a peer, as SO_PEERCRED gives them."""
 
 
 @contextmanager
@@ -44,7 +50,7 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[None]:
                 raise _in_use(rig, read_lock_owner(_lock_path(rig.state_path))) from error
         bus = name_bus(rig.can)
         if bus:
-            claim = claim_name(bus)
+            claim = _claim_name(bus)
             if claim is None:
                 raise _in_use(rig, _find_claimant(rig.can))
             stack.callback(claim.close)
@@ -67,8 +73,40 @@ def find_owner(can: CanDescription, state_path: Path | None) -> LockOwner | None
 
 def _find_claimant(can: CanDescription) -> LockOwner | None:
     bus = name_bus(can)
-    process = find_claimant(bus) if bus else None
+    process = _find_peer(bus) if bus else None
     return None if process is None else LockOwner("another labrig on its bus", process, platform.node())
+
+
+def _claim_name(name: str) -> socket.socket | None:
+    """Claim a name among all accounts of this computer until the socket is closed; None if another process has it."""
+    end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        end.bind(_abstract_address(name))
+        end.listen()
+    except OSError:
+        end.close()
+        return None
+    return end
+
+
+def _find_peer(name: str) -> int | None:
+    """Return which process has a name, 0 if that cannot be told; None if none has it."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as caller:
+        caller.settimeout(0.0)
+        try:
+            caller.connect(_abstract_address(name))
+        except BlockingIOError:  # so many have looked that no more are let in
+            return 0
+        except OSError:
+            return None
+        credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    process, _, _ = _CREDENTIALS.unpack(credentials)
+    return int(process)
+
+
+def _abstract_address(name: str) -> bytes:
+    """Return the address of a socket without a place in the file system, which is at most 107 bytes long."""
+    return b"\0" + hashlib.sha256(name.encode()).hexdigest().encode()
 
 
 def name_bus(can: CanDescription) -> str:

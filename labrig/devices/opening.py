@@ -141,7 +141,7 @@ def _reset_faults(
             command = "withdraw" if needle.state.needle_in_tissue else f"home{named}"
             way_out = f"labrig devices {command} {description.option} resets it once you confirm"
             stay.append(first.reword(told, f"{first.hint}; {way_out}"))
-        elif confirms(ConfirmFaultReset(told, first.remedy)):
+        elif confirms(ConfirmFaultReset(told, first.hint)):
             stay += try_all([axis for axis, _ in struck], lambda axis: axis.drive.reset_fault())
         else:
             stay.append(first.reword(f"{told}; the operator did not confirm its reset"))

@@ -4,6 +4,9 @@ It needs nothing but the bus and the node ids of the rig file: whatever else is 
 nothing from being stopped.
 """
 
+import os
+import platform
+import signal
 from collections.abc import Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -22,7 +25,6 @@ from labrig.devices.drives.drive import try_all, wait_for_all
 from labrig.devices.exclusive import find_owner
 from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
 from labrig.plugins import DRIVES
-from labrig.posix import ask_to_end
 from labrig.protocol.yaml_file import validate_values
 from labrig.protocol.yaml_tree import load_tree
 from labrig.record.lock import LockOwner
@@ -140,9 +142,20 @@ def stop_rig(target: StopTarget, clock: Clock | None = None) -> StopReport:
         return StopReport("bus", (asked, *stop_drives(target, link, clock)))
 
 
+def _ask_to_end(process: int, host: str) -> bool:
+    """Send SIGTERM to a process of a computer; return whether it was sent."""
+    if host != platform.node() or process in {0, os.getpid()}:
+        return False
+    try:
+        os.kill(process, signal.SIGTERM)
+    except OSError:
+        return False
+    return True
+
+
 def _end(owner: LockOwner, target: StopTarget, clock: Clock) -> tuple[str, bool]:
     """Ask the labrig that uses a rig to end; return what came of it, and whether it has let go of the rig."""
-    if not ask_to_end(owner.pid, owner.host):
+    if not _ask_to_end(owner.pid, owner.host):
         return f"{owner} has the rig and cannot be asked to end from here", False
     deadline_s = clock.now_s() + LET_GO_WITHIN_S
     while find_owner(target.can, target.state_path) == owner:

@@ -8,8 +8,8 @@ from labrig.devices.check_result import CheckResult
 from labrig.devices.clocks import SystemClock
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import RigDescription
-from labrig.durable import free_bytes
-from labrig.errors import Problem
+from labrig.durable import require_free_bytes
+from labrig.errors import DiskError, Problem
 from labrig.experiments.registry import find_experiment
 from labrig.library.sources import Sources
 from labrig.library.specimens import prepare_specimens
@@ -17,15 +17,6 @@ from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import RunPlan
 from labrig.runner.plan import count_needed_bytes, estimate_disk_bytes
 
-CHECKED = (
-    "keys and values of protocol and rig file, and the files that they name",
-    "moves against limits, speeds and currents of the axes",
-    "calibration, template and mask against the camera of the rig file",
-    "whether target, needle and path lie in the picture",
-    "old tracks of named specimens",
-    "whether a needle may be in tissue, as the rig remembers",
-    "free disk space",
-)
 _RIG_LEFT = (
     "drives and camera (labrig devices check)",
     "whether another labrig holds the rig",
@@ -81,7 +72,6 @@ class Checked:
             "notes": self.plan.notes,
             "operator_steps": self.plan.operator_steps,
             "calibration": [asdict(result) for result in self.calibration],
-            "checked": CHECKED,
             "left_to_run": self.left_to_run,
         }
 
@@ -119,8 +109,8 @@ def _find_needle_in_tissue(rig: RigDescription | None) -> tuple[Problem, ...]:
 
 
 def _find_full_disk(runs_dir: Path, needed: int) -> tuple[Problem, ...]:
-    free = free_bytes(runs_dir)
-    if free >= needed:
-        return ()
-    message = f"the run needs {needed / 1e6:.1f} MB, and that disk has {free / 1e6:.1f} MB free"
-    return (Problem(str(runs_dir), message, "make room on that disk, or keep the runs on another one"),)
+    try:
+        require_free_bytes(runs_dir, needed)
+    except DiskError as error:
+        return (Problem(str(runs_dir), error.message, error.hint),)
+    return ()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from labrig.analysis.comparison import Comparison, compare_runs
-from labrig.analysis.measurements import load_runs, open_measured_runs
+from labrig.analysis.measurements import open_measured_runs
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run, analyze_runs, name_damage
 from labrig.devices.clocks import SystemClock
@@ -34,7 +34,6 @@ from labrig.library.resumption import resume_run
 from labrig.library.sources import Sources
 from labrig.library.specimens import require_usable_specimens
 from labrig.record.difference import Difference, list_differences
-from labrig.record.notes import annotate_run
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Run
 from labrig.record.reader import open_run as open_run_folder
@@ -43,26 +42,6 @@ from labrig.runner.replay import Replay, replay_run, replay_work
 from labrig.runner.run_record import RunOrder
 from labrig.runner.whole_run import FinishedRun, perform, write_page
 from labrig.text import format_count
-
-__all__ = [
-    "Attendant",
-    "Checked",
-    "Run",
-    "annotate_run",
-    "check",
-    "compare",
-    "differences",
-    "load_runs",
-    "make_run",
-    "open_run",
-    "reanalyze",
-    "reanalyze_runs",
-    "replay",
-    "resume",
-    "run",
-    "view",
-    "write_report",
-]
 
 AnyRun: TypeAlias = Run | Path | str
 """A run, its folder, its name in the folder of runs, or `last`."""
@@ -142,8 +121,7 @@ def make_run(
     LabrigError
         When it cannot begin.
     """
-    protocol = sources.load_protocol()
-    rig = sources.load_rig(protocol)
+    protocol, rig = sources.load()
     protocol = require_usable_specimens(protocol, rig, runs_dir, SystemClock().utc(), attendant.say)
     order = RunOrder(
         find_experiment(protocol.experiment),
@@ -152,7 +130,7 @@ def make_run(
         runs_dir,
         name,
         tuple(command_line) or _name_program(),
-        sources.with_rig_file(protocol).document(),
+        sources.document(has_rig=rig is not None),
     )
     return perform(order, attendant)
 
@@ -237,7 +215,7 @@ def reanalyze_runs(
     """Measure several runs at once, as `reanalyze` does, and yield each with its result as it comes, or its error."""
     title = f"measuring {format_count(len(runs), 'run')}"
     with (
-        open_pool(workers, None, "analysed runs", attendant.say) as pool,
+        open_pool(workers, None, "analysed runs") as pool,
         attendant.progress(title, 1.0) as progress,
     ):
         yield from analyze_runs(

@@ -1,18 +1,15 @@
 """Who does the work of many tasks: processes of this computer, or the workers of a cluster."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 
-from labrig.analysis.engine import Pool, open_process_pool
+from labrig.analysis.engine import CORES, Pool, open_process_pool
 from labrig.errors import InputError
-from labrig.posix import count_usable_cores
 
 
 @contextmanager
-def open_pool(
-    workers: int | None, cluster: str | None, work: str, say: Callable[[str], None]
-) -> Iterator[Pool]:
+def open_pool(workers: int | None, cluster: str | None, work: str) -> Iterator[Pool]:
     """Give workers, of this computer or of a cluster.
 
     Parameters
@@ -23,8 +20,6 @@ def open_pool(
         The address of a cluster instead, tcp://HOST:PORT of a dask scheduler.
     work : str
         What they do, in the past tense, for messages: "computed tasks".
-    say : callable
-        Takes what is unlike on the workers of a cluster.
 
     Raises
     ------
@@ -34,7 +29,7 @@ def open_pool(
     if workers is not None and cluster is not None:
         raise InputError("--workers and --cluster exclude each other", "a cluster has its own workers")
     if cluster is None:
-        with open_process_pool(workers or count_usable_cores(), work) as pool:
+        with open_process_pool(workers or CORES, work) as pool:
             yield pool
         return
     if find_spec("distributed") is None:
@@ -45,6 +40,4 @@ def open_pool(
     from labrig.analysis.cluster import open_cluster
 
     with open_cluster(cluster, work) as pool:
-        for sentence in pool.unlike:
-            say(f"note: {sentence}")
         yield pool

@@ -1,13 +1,10 @@
-"""Continues a run after a crash, a power cut or a stop, on the same rig and with the same protocol."""
+"""Continues a run after a crash, a power cut or a stop, on the same rig and with the protocol of its record."""
 
 import shlex
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
@@ -15,13 +12,12 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.durable import require_free_bytes
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
-from labrig.input_file import parse_json, read_file
-from labrig.library.sources import Sources, read_sources
-from labrig.protocol.model import Model
+from labrig.library.sources import find_recorded_rig, fit_rig, load_rig_for
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
 from labrig.record.events import INCOMPLETE, TrialStart, TrialStop
+from labrig.record.layout import hash_file
 from labrig.record.manifest import find_rig_option, is_simulated
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
@@ -39,8 +35,8 @@ from labrig.runner.whole_run import FinishedRun, RigJob, finish, record_on_rig
 from labrig.runner.withdrawal import read_needle_path
 from labrig.text import format_count
 
-_NOT_THE_RIG = ("faults",)
-"""Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
+_NOT_THE_RIG = "faults"
+"""The key of a rig file that does not describe the rig: faults are scripted for one session of a simulated rig."""
 
 
 def resume_run(
@@ -56,7 +52,7 @@ def resume_run(
     RecordError
         When it is not a run, or is damaged.
     FileFormatError
-        When protocol, rig or calibration are not those of the run; each difference is a problem.
+        When rig or calibration are not those of the run; each difference is a problem.
     InputError
         When nothing of such a run can be kept, or a block has no room for another entry point.
     LockedError, DiskError, BusError, DriveError, CameraError
@@ -80,14 +76,15 @@ def resume_run(
         )
     experiment.require_parts()
     recorded = load_run_protocol(run)
-    description = _require_unchanged(run, recorded, _find_sources(run, rig, attendant))
+    description = _load_same_rig(run, recorded, rig)
     past = read_past(run)
     plan = plan_run(experiment, recorded, description, past)
     if plan.problems:
         raise FileFormatError(plan.problems)
     if not plan.trials:
         return finish(_close_without_rig(path, command_line), experiment, command_line, attendant)
-    attendant.say(f"{path}: {format_count(past.kept, 'trial')} kept, {plan.trials} left{_name_broken(run)}")
+    told = f"{format_count(past.kept, 'trial')} kept, {plan.trials} left{_name_broken(run)}"
+    attendant.say(f"{path}: {told}; the protocol is that of its record")
     require_free_bytes(path, count_needed_bytes(plan, description))
 
     def begin(rig: Rig, progress: Progress) -> Session:
@@ -147,73 +144,28 @@ def _open_undamaged(path: Path) -> Run:
     return open_run(path)
 
 
-def _find_sources(run: Run, rig: Path | None, attendant: Attendant) -> Sources:
-    """Return the sources of protocol and rig: those named now, else those named when the run was started."""
-    kept = read_sources(run.path, run.manifest)
-    if kept is None:
-        if rig is None:
-            raise InputError(f"{run.path} does not say which rig file it had", "name it with --rig FILE")
-        kept = Sources(run.path / "protocol.yaml", rig, (), None)
-    settings = tuple(setting for setting in kept.settings if not setting.startswith("rig.faults"))
-    sources = replace(kept, rig=rig or kept.rig, settings=settings)
-    if not sources.protocol.exists():
-        attendant.say(f"note: {sources.protocol} is not here; the protocol of the record is taken")
-        rig_settings = tuple(setting for setting in settings if setting.startswith("rig."))
-        return replace(sources, protocol=run.path / "protocol.yaml", settings=rig_settings, seed=None)
-    return sources
-
-
-def _require_unchanged(run: Run, recorded: ExperimentProtocol, sources: Sources) -> RigDescription:
-    """Return the rig; refuse if it, the protocol or the calibration have changed since the run began."""
-    protocol, description = sources.load()
-    # Those of the run itself are in its specimens by now.
-    protocol = protocol.put_tracks(
-        {gel.block.name: gel.block.tracks for gel in recorded.gels.values() if gel.block is not None}
-    )
-    if description is None or run.rig_path is None:
+def _load_same_rig(run: Run, protocol: ExperimentProtocol, given: Path | None) -> RigDescription:
+    """Return the rig of a run, from the file that is named now or was then; refuse one that has changed since."""
+    kept, settings = find_recorded_rig(run.path, run.manifest)
+    file = given or kept
+    if run.rig_path is None or file is None:
+        raise InputError(f"{run.path} does not say which rig file it had", "name it with --rig FILE")
+    unscripted = [setting for setting in settings if not setting.startswith(_NOT_THE_RIG)]
+    description = fit_rig(protocol, load_rig_for(protocol, file, file, unscripted))
+    if description is None:
         raise InputError(f"{run.path} moves no rig", "run its protocol again")
-    problems = [
-        *_find_problems(str(sources.protocol), _values(recorded), _values(protocol)),
-        *_find_problems(str(sources.rig), _values(load_rig(run.rig_path)), _values(description)),
-        *_find_calibration_problems(run, description),
-    ]
-    if problems:
-        raise FileFormatError(tuple(problems))
+    before, now = (
+        each.model_dump(mode="json", exclude={_NOT_THE_RIG}) for each in (load_rig(run.rig_path), description)
+    )
+    changed = [(f"{file} {key}", a, b) for key, a, b in find_differences(before, now)]
+    hashes = {name: hash_file(path) for name, path in description.calibration_files().items()}
+    for name, a, b in find_differences(run.calibration_hashes, hashes):
+        changed.append((f"calibration {name}", f"SHA-256 {a}", b))
+    if changed:
+        hint = "a run continues with what it began with: restore that, or start a new run"
+        told = (Problem(where, f"the run began with {a}, now it is {b}", hint) for where, a, b in changed)
+        raise FileFormatError(tuple(told))
     return description
-
-
-def _values(model: Model) -> dict[str, Any]:
-    return {key: value for key, value in model.model_dump(mode="json").items() if key not in _NOT_THE_RIG}
-
-
-def _find_problems(where: str, recorded: object, now: object) -> Iterator[Problem]:
-    for key, before, after in find_differences(recorded, now):
-        yield Problem(
-            f"{where} {key}",
-            f"the run began with {before}, now it is {after}",
-            "a run continues with what it began with: restore that, or start a new run",
-        )
-
-
-def _find_calibration_problems(run: Run, description: RigDescription) -> Iterator[Problem]:
-    files = description.calibration_files()
-    recorded = run.calibration_hashes
-    for name in sorted({*recorded, *files}):
-        now = read_file(files[name]) if name in files else b""
-        digest = sha256(now).hexdigest() if name in files else None
-        if digest != recorded.get(name):
-            yield Problem(
-                f"calibration {name}",
-                f"the run began with SHA-256 {_shorten(recorded.get(name))}, now it is {_shorten(digest)}",
-                "a run continues with what it began with: restore that file, or start a new run",
-            )
-            if name in files and name in recorded and name.endswith(".json"):
-                before = read_file(run.calibration_path(name))
-                yield from _find_problems(f"calibration {name}", parse_json(before), parse_json(now))
-
-
-def _shorten(digest: object) -> str:
-    return "none" if digest is None else f"{str(digest)[:12]}..."
 
 
 def _close_without_rig(path: Path, command_line: tuple[str, ...]) -> FinishedRun:

@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import FileFormatError, InputError
@@ -28,29 +29,16 @@ class Sources:
 
     def load(self) -> tuple[ExperimentProtocol, RigDescription | None]:
         """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""
-        protocol = self.load_protocol()
-        return protocol, self.load_rig(protocol)
+        of_protocol, of_rig = split_overrides(self.settings)
+        protocol = load_protocol(self.protocol, PROTOCOL_MODELS, of_protocol, self.seed)
+        return protocol, fit_rig(protocol, load_rig_for(protocol, self.protocol, self.rig, of_rig))
 
-    def load_protocol(self) -> ExperimentProtocol:
-        """Read the protocol, which takes less time than the rig. Raises `FileFormatError`, `InputError`."""
-        return load_protocol(self.protocol, PROTOCOL_MODELS, split_overrides(self.settings)[0], self.seed)
-
-    def load_rig(self, protocol: ExperimentProtocol) -> RigDescription | None:
-        """Read the rig of a protocol, if it needs one. Raises `FileFormatError`, `InputError`."""
-        rig = load_rig_for(protocol, self.protocol, self.rig, split_overrides(self.settings)[1])
-        return fit_rig(protocol, rig)
-
-    def with_rig_file(self, protocol: ExperimentProtocol) -> "Sources":
-        """Return these with the default rig file, if none was named and the protocol needs one."""
-        if not find_experiment(protocol.experiment).moves_rig:
-            return self
-        return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)
-
-    def document(self) -> dict[str, object]:
+    def document(self, *, has_rig: bool) -> dict[str, object]:
         """Return the form for the manifest; relative names are relative to the lab folder."""
+        rig = find_rig_file(self.rig, self.protocol) if has_rig else None
         return {
             "protocol": str(_place_in_lab(self.protocol)),
-            "rig": None if self.rig is None else str(_place_in_lab(self.rig)),
+            "rig": None if rig is None else str(_place_in_lab(rig)),
             "settings": list(self.settings),
             "seed": self.seed,
         }
@@ -65,27 +53,19 @@ def _place_in_lab(path: Path) -> Path:
     return path if ".." in placed.parts else placed
 
 
-def read_sources(run: Path, manifest: Mapping[str, object]) -> Sources | None:
-    """Return the sources of a run by its manifest; None for one that keeps none.
+def find_recorded_rig(run: Path, manifest: Mapping[str, Any]) -> tuple[Path | None, list[str]]:
+    """Return the rig file that a run was started with, None if it names none, and what was set of it.
 
-    Files that are not below the working folder are those of the lab folder that holds the run.
+    A file that is not below the working folder is that of the lab folder that holds the run.
     """
-    lab = find_lab_folder(run)
-
-    def find(name: object) -> Path:
-        path = Path(str(name))
-        return path if path.exists() or lab is None or not (lab / path).exists() else lab / path
-
-    kept = manifest.get("sources")
-    if not isinstance(kept, Mapping):
-        return None
-    rig, seed, settings = kept.get("rig"), kept.get("seed"), kept.get("settings")
-    return Sources(
-        find(kept.get("protocol")),
-        None if rig is None else find(rig),
-        tuple(map(str, settings)) if isinstance(settings, list) else (),
-        seed if isinstance(seed, int) else None,
-    )
+    kept = manifest.get("sources") or {}
+    settings = split_overrides([str(setting) for setting in kept.get("settings", ())])[1]
+    if kept.get("rig") is None:
+        return None, settings
+    path, lab = Path(str(kept["rig"])), find_lab_folder(run)
+    if lab is not None and not path.exists() and (lab / path).exists():
+        path = lab / path
+    return path, settings
 
 
 def load_rig_for(

@@ -1,7 +1,7 @@
 """The specimens of a protocol before a run: the tracks that are in them, and whether they are of an age to be used."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -39,17 +39,16 @@ def prepare_specimens(
         return PreparedSpecimens(protocol)
     names = {section.name for section in named.values()}
     found = find_tracks(runs_dir, names, simulated=rig.kind == ONLY_SIMULATED)
-    return PreparedSpecimens(
-        protocol.put_tracks(found.tracks),
-        (
-            *(problem for key, section in named.items() for problem in _find_age_problems(key, section, now)),
-            *find_too_many(next(iter(named)), found.tracks),
-        ),
-        (
-            *(problem for key, section in named.items() for problem in _warn_of_age(key, section, now)),
-            *(_warn_of_unread(problem) for problem in found.unread),
-        ),
-    )
+    problems = find_too_many(next(iter(named)), found.tracks)
+    warnings: list[Problem] = []
+    for key, section in named.items():
+        problem, is_doubt = _judge_age(f"{key}.specimen_file", section, now)
+        if problem is not None:
+            (warnings if is_doubt else problems).append(problem)
+    for unread in found.unread:
+        message = f"its tracks are not known, and may be crossed: {unread.message}"
+        warnings.append(replace(unread, message=message))
+    return PreparedSpecimens(protocol.put_tracks(found.tracks), tuple(problems), tuple(warnings))
 
 
 def require_usable_specimens(
@@ -78,38 +77,25 @@ def require_usable_specimens(
     return prepared.protocol
 
 
-def _find_age_problems(key: str, section: SpecimenSection, now: datetime) -> list[Problem]:
-    """Return why a block cannot be used now: it is not cast yet, or its time is over."""
-    where, moment = f"{key}.specimen_file", now.isoformat(timespec="minutes")
-    if section.find_age_h(now) < 0:
-        message = f"specimen {section.name} was cast on {section.cast_on}, and now it is {moment}"
-        return [Problem(where, message, "correct cast_on in its file, or the clock of this computer")]
-    if section.usable_until is not None and datetime.fromisoformat(section.usable_until) < now:
-        message = f"specimen {section.name} was usable until {section.usable_until}, and now it is {moment}"
-        return [
-            Problem(where, message, "take a fresh block, or set usable_until in its file to a later time")
-        ]
-    return []
-
-
 def find_too_many(key: str, tracks: TracksBySpecimen) -> list[Problem]:
     """Return that the blocks have more tracks than a record keeps."""
     count = sum(map(len, tracks.values()))
-    if count <= MOST_TRACKS:
-        return []
     message = f"the specimens of this protocol have {count} tracks, and a record keeps {MOST_TRACKS}"
-    return [Problem(f"{key}.specimen_file", message, "take a fresh block, or make a run for each")]
+    problem = Problem(f"{key}.specimen_file", message, "take a fresh block, or make a run for each")
+    return [problem] if count > MOST_TRACKS else []
 
 
-def _warn_of_age(key: str, section: SpecimenSection, now: datetime) -> list[Problem]:
-    """Return that a block has not cured for as long as its file says."""
-    age_h, cured_for_h = section.find_age_h(now), section.cured_for_h
-    if cured_for_h is None or not 0 <= age_h < cured_for_h:
-        return []
-    message = f"specimen {section.name} is {age_h:.1f} h old, and cures for {cured_for_h:g} h by its file"
-    return [Problem(f"{key}.specimen_file", message, f"wait {cured_for_h - age_h:.1f} h more")]
-
-
-def _warn_of_unread(problem: Problem) -> Problem:
-    message = f"its tracks are not known, and may be crossed: {problem.message}"
-    return Problem(problem.where, message, problem.hint)
+def _judge_age(where: str, section: SpecimenSection, now: datetime) -> tuple[Problem | None, bool]:
+    """Return what speaks against the use of a block now, and whether that is only doubtful."""
+    age_h, until, cured_for_h = section.find_age_h(now), section.usable_until, section.cured_for_h
+    name, now_is = f"specimen {section.name}", f"and now it is {now.isoformat(timespec='minutes')}"
+    if age_h < 0:
+        message = f"{name} was cast on {section.cast_on}, {now_is}"
+        return Problem(where, message, "correct cast_on in its file, or the clock of this computer"), False
+    if until is not None and datetime.fromisoformat(until) < now:
+        hint = "take a fresh block, or set usable_until in its file to a later time"
+        return Problem(where, f"{name} was usable until {until}, {now_is}", hint), False
+    if cured_for_h is not None and age_h < cured_for_h:
+        message = f"{name} is {age_h:.1f} h old, and cures for {cured_for_h:g} h by its file"
+        return Problem(where, message, f"wait {cured_for_h - age_h:.1f} h more"), True
+    return None, False

@@ -16,7 +16,6 @@ from typing import Self
 from labrig.durable import append_or_restore
 from labrig.errors import InputError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, open_file, parse_json, read_file
-from labrig.posix import NO_LINKS
 from labrig.record.layout import COPY_HINT
 
 
@@ -97,7 +96,7 @@ class LineFile:
     @classmethod
     def reopen(cls, path: Path) -> Self:
         """Open a file for appending, and cut off a torn last line. Raises `OSError` if it is a link or missing."""
-        file = cls(path, os.open(path, os.O_RDWR | os.O_APPEND | NO_LINKS))
+        file = cls(path, os.open(path, os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW))
         with open_file(path) as written:
             content = written.read()
         whole = content[: content.rfind(b"\n") + 1]

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from labrig.durable import disk_errors
+from labrig.durable import disk_errors, sync_directory
 from labrig.errors import InputError, OutputExistsError
-from labrig.posix import sync_directory
 from labrig.record.layout import MANIFEST, PROTOCOL
 from labrig.record.manifest import read_manifest
 

@@ -17,10 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.durable import sync_file, write_and_rename
+from labrig.durable import sync_directory, sync_file, write_and_rename
 from labrig.errors import InputError, PictureError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
-from labrig.posix import sync_directory
 from labrig.record.layout import COPY_HINT, FRAME_LINES, FRAMES, inside, picture_file
 from labrig.vision.picture import MAX_PICTURE_BYTES, decode_picture
 

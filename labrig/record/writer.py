@@ -17,10 +17,16 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.durable import disk_errors, free_bytes, open_descriptor, write_and_rename, write_atomically
+from labrig.durable import (
+    disk_errors,
+    free_bytes,
+    open_descriptor,
+    sync_directory,
+    write_and_rename,
+    write_atomically,
+)
 from labrig.errors import DiskError, InputError, LabrigError, OutputExistsError, RecordError
 from labrig.input_file import read_file
-from labrig.posix import reserve, sync_directory
 from labrig.record.decisions import count_trials_done
 from labrig.record.events import Event
 from labrig.record.json_lines import LineFile, encode_line
@@ -489,7 +495,7 @@ def make_reserve(path: Path) -> None:
     record states that the run failed and why.
     """
     with open_descriptor(path / RESERVE, os.O_WRONLY | os.O_CREAT) as descriptor:
-        reserve(descriptor, _RESERVE_BYTES)
+        os.posix_fallocate(descriptor, 0, _RESERVE_BYTES)
 
 
 def _make_opening_manifest(

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from labrig.analysis.result import CentreLines
 from labrig.clock import Clock
-from labrig.durable import disk_errors, require_free_bytes, sync_file, temporary_file
-from labrig.posix import sync_directory
+from labrig.durable import disk_errors, require_free_bytes, sync_directory, sync_file, temporary_file
 from labrig.record.events import FrameLine
 from labrig.record.following import GrowingRun, LinedPicture, RecordLines, list_lines
 from labrig.record.layout import TRIAL_START, VIEW

@@ -120,18 +120,6 @@ def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster, tmp_
             pass
 
 
-def test_a_worker_with_other_kernels_is_named(cluster: LocalCluster, tmp_path: Path) -> None:
-    """Its results may differ in their last digits, which is told and no reason to refuse it."""
-    others = {"PYTHONPATH": str(ROOT), "OPENBLAS_CORETYPE": "Nehalem"}
-    with (
-        join(cluster, tmp_path, others),
-        open_cluster(cluster.scheduler_address, "squared") as pool,
-    ):
-        (sentence,) = pool.unlike
-        assert "made with OpenBLAS Nehalem, and this is OpenBLAS " in sentence
-        assert list(run_in_order(pool, square, range(50))) == [square(task) for task in range(50)]
-
-
 def test_a_cluster_that_has_lost_every_worker_ends_the_work() -> None:
     """Tasks that nobody does are not waited for without end; those that were done came back before."""
     with (

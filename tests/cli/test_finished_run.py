@@ -1,13 +1,17 @@
 """The exit code of a run that ended by itself, by what its result says."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from labrig.cli.finished_run import print_finished
 from labrig.experiments.registry import find_experiment
+from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome
-from labrig.runner.whole_run import FinishedRun
+from labrig.runner.whole_run import FinishedRun, finish
+
+RECORDS = Path(__file__).parents[1] / "records"
 
 
 @pytest.mark.parametrize(
@@ -27,3 +31,26 @@ def test_only_a_result_that_says_yes_ends_with_zero(
     """A target that is not known to have been reached is no success, nor is one that was missed."""
     finished = FinishedRun(tmp_path, Outcome("success", "", None), result=result)
     assert print_finished(finished, find_experiment("insertion"), as_json=True) == exit_code
+
+
+class Interrupting(Attendant):
+    """Presses Ctrl+C when it is told something."""
+
+    def __init__(self, told: str) -> None:
+        self._told = told
+
+    def say(self, text: str) -> None:
+        """Press it."""
+        if text == self._told:
+            raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_the_page_is_written_says_that_the_run_is_measured(tmp_path: Path) -> None:
+    """And which command writes the page; the result is there."""
+    path = Path(shutil.copytree(RECORDS / "roll-zero", tmp_path / "run"))
+    before = len(list((path / "analysis").iterdir()))
+    ended = FinishedRun(path, Outcome("success", "", None))
+    finished = finish(ended, find_experiment("roll-zero"), ("labrig",), Interrupting("writing the report"))
+    assert "it is recorded and measured; labrig report writes its page" in finished.outcome.reason
+    assert (finished.result is None, finished.report) == (False, None)
+    assert len(list((path / "analysis").iterdir())) == before + 1

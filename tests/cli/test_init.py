@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.lab import RUNS_DIR_VARIABLE
-from labrig.library.sources import Sources, read_sources
+from labrig.library.sources import Sources, find_recorded_rig
 from tests.cli.conftest import Labrig
 
 
@@ -43,14 +43,14 @@ def test_a_manifest_names_its_sources_from_the_lab_folder(lab: Path, monkeypatch
     """Wherever in the lab folder a run was started, it can be resumed from any other folder."""
     monkeypatch.chdir(lab / "data")
     typed = Sources(Path("../protocols/design.yaml"), Path("../calibration/rig-simulated.yaml"), (), None)
-    kept = typed.document()
+    kept = typed.document(has_rig=True)
     assert (kept["protocol"], kept["rig"]) == ("protocols/design.yaml", "calibration/rig-simulated.yaml")
     monkeypatch.chdir(lab.parent)
-    found = read_sources(Path("my lab/data/runs/one"), {"sources": kept})
-    assert found.protocol.samefile(lab / "protocols/design.yaml")
-    assert found.rig.samefile(lab / "calibration/rig-simulated.yaml")
+    rig, _ = find_recorded_rig(Path("my lab/data/runs/one"), {"sources": kept})
+    assert rig is not None
+    assert rig.samefile(lab / "calibration/rig-simulated.yaml")
     for elsewhere in (lab.parent / "a.yaml", Path("../a.yaml")):
-        assert Sources(elsewhere, None, (), None).document()["protocol"] == str(elsewhere)
+        assert Sources(elsewhere, None, (), None).document(has_rig=False)["protocol"] == str(elsewhere)
 
 
 def test_the_folder_of_the_runs_may_be_set_for_a_session(

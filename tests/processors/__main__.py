@@ -18,7 +18,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import Any
 
-from labrig.posix import count_usable_cores
+from labrig.analysis.engine import CORES
 from labrig.record.processor import describe_change
 from tests.benchmarks.table import print_rows
 from tests.processors.environments import DEFAULT, Environment, list_environments
@@ -73,7 +73,7 @@ def main() -> int:
     environments = list_environments()
     if many:
         environments = (environments[0], environments[-1])
-    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(count_usable_cores()) as pool:
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(CORES) as pool:
         folder = Path(name)
         if not many:
             examples = folder / "examples"

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from labrig.analysis.engine import describe_kernels
+from labrig.record.processor import describe_processor
 
 DEFAULT = "default"
 _BLAS = "OPENBLAS_CORETYPE"
@@ -26,7 +26,7 @@ class Environment:
 
 def list_environments() -> tuple[Environment, ...]:
     """Return the environments, the default first; of features, they name those of this processor, as numpy demands."""
-    found = describe_kernels()
+    found = describe_processor()
     numpy = str(found["numpy"]).split()
     opencv = [name for name in str(found["opencv"]).split() if name.startswith("AVX512")]
     switches = {

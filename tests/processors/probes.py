@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.engine import describe_kernels
 from labrig.analysis.run import analyze_run
 from labrig.campaign.tasks import compute_task
 from labrig.experiments.hinge_design.protocol import DesignTolerances
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
+from labrig.record.processor import describe_processor
 from labrig.record.reader import open_run
 from labrig.runner.replay import replay_run
 from tests.analysis.synthetic import NOW, PROVENANCE
@@ -205,7 +205,7 @@ PROBES: tuple[Callable[[], Iterator[Case]], ...] = (
 def write_cases(path: Path, probes: Iterable[Callable[[], Iterator[Case]]]) -> None:
     """Write the kernels of this process, and all cases of some probes."""
     cases = [asdict(case) for probe in probes for case in probe()]
-    found = {"processor": dict(describe_kernels()), "cases": cases}
+    found = {"processor": dict(describe_processor()), "cases": cases}
     path.write_text(json.dumps(found), encoding="utf-8")
 
 

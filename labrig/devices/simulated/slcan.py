@@ -6,12 +6,11 @@ bus. A program that does not read loses frames, as with an adapter whose buffer 
 """
 
 import os
+import tty
 from collections import deque
 from selectors import EVENT_READ, DefaultSelector
 
 import can
-
-from labrig.posix import open_serial_line
 
 _BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Those of the commands S0 to S8 [bit/s]."""
@@ -39,7 +38,10 @@ class SlcanAdapter(can.BusABC):
         self._line = self._unsent = b""
         self._received: deque[can.Message] = deque()
         # Its other end is kept open too: the line stays when a program closes it.
-        self._end, self._other, self.path = open_serial_line()
+        self._end, self._other = os.openpty()
+        tty.setraw(self._other)
+        os.set_blocking(self._end, False)
+        self.path = os.ttyname(self._other)
         self._waiting = DefaultSelector()
         self._waiting.register(self._end, EVENT_READ)
 

@@ -5,13 +5,13 @@ reports what it requested instead of what the camera does. The numbers are those
 v4l2-controls.h.
 """
 
+import fcntl
 import os
 import struct
 import sys
 from dataclasses import dataclass
 
 from labrig.errors import CameraError
-from labrig.posix import control_device
 
 _CONTROL = struct.Struct("=Ii")
 
@@ -81,7 +81,7 @@ class V4l2Controls:
                 "plug it in; ls /dev/video* shows which there are; membership of group video is needed",
             ) from error
         try:
-            control_device(self._handle, QUERY_CAPABILITY, bytes(_CAPABILITY_BYTES))
+            fcntl.ioctl(self._handle, QUERY_CAPABILITY, bytes(_CAPABILITY_BYTES))
         except OSError as error:
             os.close(self._handle)
             raise CameraError(
@@ -125,7 +125,7 @@ class V4l2Controls:
     def _request(self, request: int, identifier: int, value: int) -> int | None:
         """Return the value of the control after the request; None if the device refuses it."""
         try:
-            answer = control_device(self._handle, request, _CONTROL.pack(identifier, value))
+            answer = fcntl.ioctl(self._handle, request, _CONTROL.pack(identifier, value))
         except OSError:
             return None
         return int(_CONTROL.unpack(answer)[1])

@@ -285,7 +285,7 @@ def test_an_error_is_described_by_its_code_or_class(ready: ProfileDriveOnABus, c
     assert fault.code == code
     with pytest.raises(DriveFaultError, match=words):
         ready.driver.raise_if_faulted()
-    assert fault.remedy
+    assert fault.hint
 
 
 def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) -> None:

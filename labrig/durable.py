@@ -56,7 +56,10 @@ def write_and_rename(path: Path, content: bytes, *, sync: bool = True) -> None:
     next `sync_directory` of its folder.
     """
     with disk_errors(path), temporary_file(path) as temporary:
-        _write_new(temporary, content, sync=sync)
+        with open_descriptor(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL) as descriptor:
+            write_fully(descriptor, content)
+            if sync:
+                os.fsync(descriptor)
         temporary.replace(path)
 
 
@@ -85,13 +88,6 @@ def sync_directory(path: Path) -> None:
     """Make the names in a folder durable. Raises `OSError`."""
     with open_descriptor(path, os.O_RDONLY | os.O_DIRECTORY) as descriptor:
         os.fsync(descriptor)
-
-
-def _write_new(path: Path, content: bytes, *, sync: bool) -> None:
-    with open_descriptor(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL) as descriptor:
-        write_fully(descriptor, content)
-        if sync:
-            os.fsync(descriptor)
 
 
 @contextmanager

@@ -27,12 +27,15 @@ def _socket(path: Path) -> None:
         end.bind(os.path.relpath(path))
 
 
+_NONE = "it is no regular file, but a pipe, a device or a socket"
+
+
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (_pipe, "it is a named pipe, expected a regular file"),
-        (_device, "it is a device, expected a regular file"),
-        (_socket, "it is a socket, expected a regular file"),
+        (_pipe, _NONE),
+        (_device, _NONE),
+        (_socket, _NONE),
         (_dangling_link, "No such file or directory"),
         (Path.mkdir, "Is a directory"),
     ],

@@ -10,9 +10,7 @@ What stands behind an opening fence says what becomes of the block:
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from markdown_it import MarkdownIt
@@ -56,18 +54,6 @@ def list_blocks(page: Path, *kinds: str) -> list[Fence]:
         if token.type == "fence" and token.map is not None
     ]
     return [fence for fence in found if not kinds or fence.info in kinds]
-
-
-def find_prose(text: str) -> Iterator[str]:
-    """Yield the text of each paragraph and list entry; no heading, table or block of code. Code in a line is a word."""
-    for token, inside in pairwise(parse(text)):
-        if token.type == "paragraph_open":
-            yield "".join(
-                child.content
-                if child.type in {"text", "code_inline", "text_special"}
-                else " " * ("break" in child.type)
-                for child in inside.children or ()
-            )
 
 
 def list_lines(block: Fence) -> list[Line]:

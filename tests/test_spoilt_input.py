@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from labrig.analysis.result import load_centre_lines
 from labrig.campaign.campaign_file import load_campaign_file
 from labrig.devices.drives.eds import read_eds
-from labrig.devices.motion_log import read_last_motion
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig
 from labrig.errors import LabrigError
@@ -59,7 +58,6 @@ max_length_mm: 80
 _STATE = b"""{"kind": "labrig-rig-state", "schema_version": 1, "needle_in_tissue": false, "since_run": null,
 "referenced": ["rotation"], "note": "", "roll_zero": {"needle_id": "N1", "zero_rad": 0.1, "sd_rad": 0.01, "run": "r"}}
 """
-_MOTIONS = b'{"kind":"start","axis":"linear","position":1.5}\n{"kind":"end","axis":"linear","position":1.5}\n'
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,6 @@ def _list_kinds() -> list[Kind]:
             lambda path: load_centre_lines(path.parent),
         ),
         Kind("state.json", _STATE, lambda path: NeedleState(path).state),
-        Kind("s.json.motions.jsonl", _MOTIONS, lambda path: read_last_motion(path.with_name("s.json"))),
         Kind(
             "drive.eds", (ROOT / "labrig/devices/drives/epos2.eds").read_bytes(),
             lambda path: read_eds(path, path.parent),

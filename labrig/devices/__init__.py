@@ -20,7 +20,6 @@ What is decided here
 - States of all axes are of one instant, that of a SYNC. The set-up of a drive may be pinned in the rig file.
 - After any failure every axis is stopped, and standstill is read back; a halt goes to all axes before any answer is
   awaited. A table in the tests has the outcome of each fault. A closed rig has its power stages off.
-- A motion outside a run is logged beside the state file before it begins (`motion_log`); runs have their record.
 - Every position that is read is judged against the move that was started, and axes that nobody reads are read while
   the rig waits or asks; targets are read back in turn. This stands above `Drive`, and so does the watch on the bus for
   another master.

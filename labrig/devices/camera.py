@@ -91,7 +91,6 @@ class CameraDescription(Model):
         if frame.t_bound_s is not None:
             value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
             yield CheckResult("camera time", CheckStatus.PASS, value)
-        yield check_rate(camera.measure_rate_hz(_RATE_PICTURES), self.rate_hz)
 
 
 class ControlledCameraDescription(CameraDescription):
@@ -153,9 +152,6 @@ _LOOK_S = 0.05
 _MOVED_MM = 0.5
 """Travel after which a picture must differ from the one before."""
 
-_RATE_PICTURES = 6
-_LEAST_RATE_FRACTION = 0.9
-
 
 def _do_nothing() -> None:
     """Nobody supervises: no drive has power."""
@@ -180,10 +176,6 @@ class Exposure:
 
 class PictureSource(Protocol):
     """Source of pictures: the driver of a camera, or a simulated camera."""
-
-    @property
-    def exposures(self) -> int:
-        """Exposures that the camera has made so far, including those discarded."""
 
     def set(self, name: str, value: Setting) -> None:
         """Request a setting, which the source may ignore. Raises `CameraError` if it has no such setting."""
@@ -348,18 +340,6 @@ class Camera:
             meanwhile()
         return t_s
 
-    def measure_rate_hz(self, pictures: int) -> float | None:
-        """Return the rate of exposures [Hz] over this many pictures; None if pictures take no rig time.
-
-        Raises `CameraError`.
-        """
-        self.capture()
-        before_s, before = self._clock.now_s(), self._source.exposures
-        for _ in range(pictures):
-            self.capture()
-        took_s = self._clock.now_s() - before_s
-        return (self._source.exposures - before) / took_s if took_s > 0 else None
-
     def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
         """Refuse a camera that repeats a picture: two real exposures are never identical.
 
@@ -442,19 +422,6 @@ class CameraContext:
     clock: Clock
     folder: Path = Path()
     world: World | None = None
-
-
-def check_rate(measured_hz: float | None, asked_hz: float) -> CheckResult:
-    """Compare the measured rate of the camera with the requested one."""
-    check = "camera rate"
-    if measured_hz is None:
-        return CheckResult(check, CheckStatus.PASS, f"{asked_hz:g} Hz asked; simulated pictures take no time")
-    value = f"{measured_hz:.1f} Hz measured, {asked_hz:g} Hz asked"
-    if measured_hz >= _LEAST_RATE_FRACTION * asked_hz:
-        return CheckResult(check, CheckStatus.PASS, value)
-    return CheckResult(
-        check, CheckStatus.WARN, value, "shorten exposure_us, or use a USB port that no other camera shares"
-    )
 
 
 def require_calibrated_camera(camera: CameraDescription, path: Path, in_use: Mapping[str, Setting]) -> None:

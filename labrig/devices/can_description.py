@@ -50,9 +50,9 @@ class CanDescription(Model):
     """Channel of the interface, such as can0."""
     bitrate: Bitrate = 1_000_000
     """Bit rate; the drives must be set to the same [bit/s]."""
-    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = 120
-    """How long a drive may take to answer before it is asked once more; with the default a silent drive is
-    found out, and every axis stopped, within half a second [ms]."""
+    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = 80
+    """How long a drive may take to answer before it is asked once more; with the default a drive that answers
+    nothing is found out, and its axis stands still, within 0.4 s [ms]."""
     options: dict[str, str | int | float | bool] = Field(default_factory=dict)
     """Further arguments of the python-can interface, by name."""
     heartbeat: HeartbeatDescription = Field(default_factory=HeartbeatDescription)

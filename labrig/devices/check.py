@@ -18,7 +18,6 @@ from labrig.devices.check_result import CheckResult, CheckStatus, failed, passed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
-from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError, LockedError, OutputExistsError, SecondMasterError
@@ -58,7 +57,6 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         *check_calibration(rig, now),
         _check_disk(),
         _check_state(rig),
-        *_check_last_motion(rig),
     ]
 
 
@@ -224,16 +222,3 @@ def _check_state(rig: RigDescription) -> CheckResult:
         return passed("rig state", "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN
     return CheckResult("rig state", status, state.doubt, state.find_way_out(rig.option))
-
-
-def _check_last_motion(rig: RigDescription) -> Iterator[CheckResult]:
-    """Yield the last homing or jog, for a person who returns to a bench."""
-    last = None if rig.state_path is None else read_last_motion(rig.state_path)
-    if rig.state_path is None or last is None:
-        return
-    position = last["position"]
-    stood = f"at {position:.4g} {last['unit']}" if isinstance(position, float) else "somewhere"
-    value = (
-        f"axis {last['axis']} {stood}, {last['what']}, {last.get('outcome', 'never ended')}, {last['utc']}"
-    )
-    yield passed("last motion by hand", f"{value}; see {motion_log_path(rig.state_path).name}")

@@ -4,8 +4,7 @@ What is decided here
 --------------------
 - Recorded pictures do not show what the needle does now. They run the path of a bench without a camera. With real
   drives, an experiment whose pictures decide motion is refused.
-- A folder gives its next picture for each read, picture2 before picture10. With `times: rate` it is played in rig time
-  from the first read on: a read waits for the first picture that is not older than its command.
+- A folder gives its next picture for each read, picture2 before picture10.
 - Only regular files in the folder are read.
 """
 
@@ -16,7 +15,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
-from labrig.clock import Clock
 from labrig.devices.camera import (
     Camera,
     CameraContext,
@@ -29,8 +27,6 @@ from labrig.devices.camera import (
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.errors import CameraError, PictureError
 from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture, size_of
-
-_MICROSECOND_S = 1e-6
 
 
 def _check_source(source: str) -> str:
@@ -49,8 +45,6 @@ class FilesCameraDescription(CameraDescription):
     """files: recorded pictures in place of a camera."""
     source: Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_check_source)]
     """Folder of pictures, relative to the rig file."""
-    times: Literal["rate"] | None = None
-    """rate: a picture every 1 / rate_hz of rig time. null: the next picture at each request."""
 
     @property
     def address(self) -> str:
@@ -63,8 +57,7 @@ class FilesCameraDescription(CameraDescription):
 
     def open(self, context: CameraContext) -> "FilesSource":
         """Open the folder. Raises `CameraError`."""
-        period_s = None if self.times is None else 1.0 / self.rate_hz
-        return FilesSource(context.folder / self.source, period_s, context.clock)
+        return FilesSource(context.folder / self.source)
 
     def check(self, camera: Camera) -> Iterator[CheckResult]:
         """Yield that pictures arrive and are recorded ones."""
@@ -80,10 +73,6 @@ class FilesSource:
     ----------
     folder : Path
         The folder.
-    period_s : float or None
-        Rig time between two pictures [s]; None gives the next one at each read.
-    clock : Clock
-        Rig time.
 
     Raises
     ------
@@ -91,13 +80,10 @@ class FilesSource:
         When the folder or its first picture cannot be read.
     """
 
-    def __init__(self, folder: Path, period_s: float | None, clock: Clock) -> None:
-        self.exposures = 0
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._period_s = period_s
-        self._clock = clock
         self._paths = _list_pictures(folder)
-        self._zero_s: float | None = None
+        self._left = list(self._paths)
         width_px, height_px = size_of(_read(self._paths[0]))
         self._size = {"width_px": float(width_px), "height_px": float(height_px)}
 
@@ -109,23 +95,9 @@ class FilesSource:
         return self._size.get(name)
 
     def read(self) -> Exposure:
-        """Return the next picture; if they are played, the first one not older than now.
-
-        Raises
-        ------
-        CameraError
-            When no picture is left.
-        """
-        now_s = self._clock.now_s()
-        self._zero_s = now_s if self._zero_s is None else self._zero_s
-        while self.exposures < len(self._paths):
-            path, number = self._paths[self.exposures], self.exposures
-            self.exposures += 1
-            if self._period_s is None:
-                return Exposure(_read(path))
-            t_s = self._zero_s + number * self._period_s
-            if t_s >= now_s - _MICROSECOND_S:
-                return Exposure(_read(path), t_s, t_bound_s=0.0)
+        """Return the next picture. Raises `CameraError` when none is left."""
+        if self._left:
+            return Exposure(_read(self._left.pop(0)))
         raise CameraError(
             f"the {len(self._paths)} pictures of folder {self._folder} have ended",
             "record more pictures, or take fewer: labrig check PROTOCOL says how many a run takes",

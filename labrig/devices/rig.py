@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from typing import NoReturn, TypeVar
@@ -18,7 +18,6 @@ from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed, require_homing_current
-from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_location import NeedleFinder, NeedleLocation, are_drives_lost
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
@@ -66,8 +65,6 @@ class Rig:
         Called between two bus transactions; returns a signal that has arrived.
     opening : Opening
         Which parts are opened, and how.
-    doing : str
-        What the rig is used for.
     alert : callable
         Tells the person at the rig at once, before anything else is done, that the drives are lost.
 
@@ -87,7 +84,6 @@ class Rig:
         person: Operator,
         interrupted: Interrupted,
         opening: Opening = WHOLE,
-        doing: str = "labrig",
         alert: Callable[[str], None] = lambda _text: None,
     ) -> None:
         self.description = description
@@ -103,7 +99,6 @@ class Rig:
         self.state_period_s = 1 / description.recording.state_rate_hz
         self.needle = NeedleState(description.state_path, do=self.do_aside)
         self._limits_found = self.needle.state.current_limits
-        self._motions = MotionLog(description.state_path, hardware.clock.utc, doing, self.do_aside)
         self._identities: dict[str, Identity] = {}
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
@@ -373,16 +368,6 @@ class Rig:
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
 
-    def note_motion(self, axis_name: str, what: str) -> AbstractContextManager[None]:
-        """Log that an axis is moved outside a run, at the start and the end of the block.
-
-        Raises
-        ------
-        DiskError
-            Before the block starts.
-        """
-        return self._motions.note_motion(self.axis(axis_name), what)
-
     def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return self._link.network.take_frames()
@@ -649,7 +634,6 @@ def open_rig(
             person=hardware.accompany(person),
             interrupted=interrupted,
             opening=opening,
-            doing=doing,
             alert=alert,
         )
         stack.push(_close_on_exit(rig))

@@ -151,8 +151,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
         way = axis.description.homing.method if method is None else method
         rig.check_homing(name, way, needle_mounted=needle_mounted)
         _confirm(rig, _make_homing_request(rig, name, way, needle_mounted=needle_mounted))
-        with rig.note_motion(name, f"home by method {way}"):
-            rig.home_axis(name, way, needle_mounted=needle_mounted)
+        rig.home_axis(name, way, needle_mounted=needle_mounted)
         position = rig.read_states()[name].position
         findings.append(
             Finding(name, "reference", "PASS", f"method {way}, stands at {position:.4g} {axis.unit}")
@@ -237,10 +236,9 @@ def _jog(rig: Rig, name: str, distance: float, speed: float | None) -> float:
         )
     what = f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"
     _confirm(rig, ConfirmMotion(name, what))
-    with rig.note_motion(name, what):
-        before = axis.read().position
-        axis.start_jog(distance, chosen)
-        return _wait_for(rig, name) - before
+    before = axis.read().position
+    axis.start_jog(distance, chosen)
+    return _wait_for(rig, name) - before
 
 
 def _jog_to(rig: Rig, name: str, position: float, speed: float | None) -> None:
@@ -248,9 +246,8 @@ def _jog_to(rig: Rig, name: str, position: float, speed: float | None) -> None:
     chosen = axis.description.nearest_speed(min(_jog_speed(axis.unit, speed), axis.max_speed))
     what = f"move to {position:g} {axis.unit} at {chosen:.3g} {axis.unit}/s"
     _confirm(rig, ConfirmMotion(name, what))
-    with rig.note_motion(name, what):
-        axis.start_move(position, chosen)
-        _wait_for(rig, name)
+    axis.start_move(position, chosen)
+    _wait_for(rig, name)
 
 
 def _jog_speed(unit: str, speed: float | None) -> float:

@@ -47,9 +47,6 @@ class Stop(Enum):
     BY_ANYBODY = 0.4
     """The computer or the drive can act."""
 
-    UNANSWERED = 0.5
-    """The computer can act, once two questions in a row have had no answer."""
-
     BY_THE_DRIVE = HEARTBEAT_S + SPEED_MM_S / QUICK_STOP_MM_S2
     """Only the drive can: heartbeat time and deceleration."""
 
@@ -149,7 +146,7 @@ def _aborts(error: type[LabrigError], words: str) -> FaultOutcome:
     return FaultOutcome("aborted", error, words, Stop.BY_ANYBODY, Lost.NONE)
 
 
-_SILENT = _fails(DriveSilentError, "did not answer", Stop.UNANSWERED, Lost.ALL, fault=_NO_ANSWER)
+_SILENT = _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
 _STOOD_STILL = _fails(
     DriveFaultError,
     "labrig itself stood still for",

@@ -8,11 +8,11 @@ import pytest
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
-from labrig.devices.camera import Camera, CameraContext, Exposure, PictureSource, check_rate
+from labrig.devices.camera import CameraContext
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
-from labrig.devices.clocks import SimulatedClock, SystemClock
+from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.drives.states import DriveState, decode_state
@@ -363,31 +363,6 @@ def test_a_rig_that_is_checked_is_in_use(tmp_path: Path) -> None:
     camera = _Intruder.model_validate(rig.camera.model_dump())
     results = _by_name(check_rig(rig.model_copy(update={"camera": camera}).placed_in(tmp_path)))
     assert results["camera picture"].status is CheckStatus.PASS
-
-
-class _SlowSource:
-    """A camera that takes its time, in the clock of a rig."""
-
-    def __init__(self, source: PictureSource, clock: SimulatedClock, exposure_s: float) -> None:
-        self.exposures = 0
-        self._source, self._clock, self._exposure_s = source, clock, exposure_s
-        self.set, self.get, self.close = source.set, source.get, source.close
-
-    def read(self) -> Exposure | None:
-        """Let five exposures pass."""
-        self.exposures += 5
-        self._clock.sleep(5 * self._exposure_s)
-        return self._source.read()
-
-
-@pytest.mark.parametrize(("exposure_s", "status"), [(1 / 30, CheckStatus.PASS), (0.1, CheckStatus.WARN)])
-def test_the_rate_of_the_camera_is_measured(exposure_s: float, status: CheckStatus) -> None:
-    """By rig time, 30 Hz is as requested and 10 Hz is too slow."""
-    with opened_rig() as opened:
-        source = _SlowSource(opened.hardware.open_source(), opened.hardware.clock, exposure_s)
-        measured = Camera(source, simulated_rig().camera, opened.hardware.clock).measure_rate_hz(3)
-        assert measured == pytest.approx(1 / exposure_s, rel=1e-3)
-        assert check_rate(measured, 30.0).status is status
 
 
 def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:

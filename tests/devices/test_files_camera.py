@@ -52,21 +52,6 @@ def test_the_end_of_the_pictures_is_an_error_with_their_count(tmp_path: Path) ->
     assert "labrig check" in refusal.value.hint
 
 
-def test_pictures_with_a_rate_are_played_in_the_rigs_time(tmp_path: Path) -> None:
-    """From the first read on, each read waits for the first picture that is not older."""
-    write_pictures(tmp_path / "p", 40)
-    clock = SimulatedClock()
-    camera = _camera(tmp_path, clock, times="rate")
-    clock.sleep(7.0)
-    seen = []
-    for pause_s in (0.0, 0.12, 0.3):
-        clock.sleep(pause_s)
-        frame = camera.capture()
-        seen.append((number_in(frame.image), round(frame.t_s - 7.0, 9), round(clock.now_s() - 7.0, 9)))
-    assert seen == [(0, 0.0, 0.0), (3, 0.15, 0.15), (9, 0.45, 0.45)]
-    assert frame.t_bound_s == 0.0
-
-
 def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     """Only pictures inside the folder are read."""
     cv2.imwrite(str(tmp_path / "outside.png"), draw_numbered_picture(0))
@@ -143,7 +128,6 @@ def test_recorded_pictures_need_no_control(tmp_path: Path) -> None:
         ("sorce=p", "unknown key sorce"),
         ("source='http://10.0.0.7/live'", "no pictures over the network; name a folder of pictures"),
         ("latency_s=0.1", "unknown key latency_s"),
-        ("times=sidecar", "times"),
     ],
 )
 def test_an_invalid_section_is_refused(tmp_path: Path, override: str, words: str) -> None:

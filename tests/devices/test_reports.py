@@ -47,8 +47,8 @@ def test_a_report_has_the_motor_current() -> None:
         assert opened.drives["insertion"].objects.value(co.TPDO_MAPS[2][3]) == 0x20270010
 
 
-def test_inputs_of_a_drive_come_in_a_second_report() -> None:
-    """Only the drive to which something is wired sends one; analog values are in the sensor's unit."""
+def test_inputs_of_a_drive_are_read_with_its_report() -> None:
+    """Only of the drive to which something is wired; analog values are in the sensor's unit."""
     force = "needle_force: {source: analog-1, unit: N, units_per_volt: 4, zero_v: 0.5}"
     with opened_rig(
         simulated_rig(f"axes.insertion.inputs={{{force}, door: {{source: general-A}}}}")
@@ -59,7 +59,7 @@ def test_inputs_of_a_drive_come_in_a_second_report() -> None:
         states = opened.rig.read_states()
         assert states["insertion"].inputs == {"needle_force": pytest.approx(5.0), "door": True}
         assert states["linear"].inputs == {}
-        assert set(_frames(opened)) == {SYNC, *REPORTS, 0x481}
+        assert set(_frames(opened)) == {SYNC, *REPORTS, 0x601, 0x581}
 
 
 def test_a_missing_report_is_requested_and_counted() -> None:

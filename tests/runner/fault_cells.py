@@ -112,11 +112,6 @@ class FaultyCamera:
         self._source = source
         self._picture: Exposure | None = None
 
-    @property
-    def exposures(self) -> int:
-        """Exposures of the camera."""
-        return self._source.exposures
-
     def set(self, name: str, value: Setting) -> None:
         """Make a setting."""
         self._source.set(name, value)

@@ -85,16 +85,15 @@ def test_an_fsync_of_500_ms_delays_no_beat(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_takes_500_ms_for_everything_delays_no_beat(tmp_path: Path) -> None:
-    """Record, state file and motion log: each waits for the disk, and the axes are supervised meanwhile."""
+    """Record and state file: each waits for the disk, and the axes are supervised meanwhile."""
     remembering = simulated_rig("state_file=state.json").placed_in(tmp_path)
     with threaded_rig(remembering) as (opened, hardware), listening(opened) as heard:
         hardware.disk.busy_s = BUSY_S
         opened.rig.connect()
         opened.rig.needle.mark_out()
         opened.rig.reference_axes()
-        with opened.rig.note_motion("insertion", "move by 1 mm"):
-            opened.rig.insertion.start_jog(1.0, 1.0)
-            opened.rig.wait(1.5)
+        opened.rig.insertion.start_jog(1.0, 1.0)
+        opened.rig.wait(1.5)
         opened.rig.close()
         assert heard.longest_gap_s <= LONGEST_GAP_S
         require_no_fault(opened)

@@ -3,27 +3,21 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
-from labrig.devices.check import check_rig
 from labrig.devices.drives import epos2 as od
-from labrig.devices.motion_log import read_last_motion
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import (
-    DiskError,
     DriveError,
     DriveFaultError,
     InputError,
-    InterruptedRunError,
     LimitError,
     SafetyStopError,
 )
-from labrig.record.json_lines import decode_line
 from labrig.runner.commissioning import (
     check_limits,
     check_travel,
@@ -259,91 +253,3 @@ def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:
     with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
         assert [axis.name for axis in rig.axes] == ["insertion", "rotation", "linear"]
         assert rig.camera.capture().sequence == 0
-
-
-# What is left of it
-
-
-def _read_log(folder: Path) -> list[dict[str, object]]:
-    return [decode_line(line) for line in (folder / "state.json.motions.jsonl").read_bytes().splitlines()]
-
-
-def test_every_motion_by_hand_is_noted(tmp_path: Path) -> None:
-    """Each motion is logged with person, time, axis, start and end; homing logs the new zero."""
-    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
-        jog(opened.rig, "linear", 2.0)
-        home_axes(opened.rig, None, needle_mounted=True)
-        last = read_last_motion(tmp_path / "state.json")
-    lines = _read_log(tmp_path)
-    assert [(line["kind"], line["axis"]) for line in lines] == [
-        (kind, axis) for axis in ("linear", "linear", "insertion", "rotation") for kind in ("start", "end")
-    ]
-    start, end = lines[:2]
-    assert (start["position"], start["referenced"], start["what"]) == (0.0, False, "move by 2 mm at 1 mm/s")
-    assert start["by"]
-    assert start["utc"]
-    assert end["position"] == pytest.approx(2.0, abs=0.02)
-    assert end["outcome"] == "done"
-    assert (lines[3]["position"], lines[3]["referenced"]) == (0.0, True)
-    assert last == lines[-1]
-
-
-def test_a_motion_that_is_broken_off_is_noted_with_why(tmp_path: Path) -> None:
-    """A motion that fails is logged with its end position and the cause."""
-    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
-
-        def arrive_later() -> None:
-            if opened.hardware.clock.now_s() > 5:
-                opened.signal.name = "SIGINT"
-
-        opened.hardware.clock.on_advance(arrive_later)
-        with pytest.raises(InterruptedRunError):
-            jog(opened.rig, "linear", 20.0)
-    end = _read_log(tmp_path)[-1]
-    assert (end["kind"], end["outcome"]) == ("end", "interrupted by SIGINT")
-    assert isinstance(end["position"], float)
-    assert 0.5 < end["position"] < 19
-
-
-def test_a_torn_line_of_the_log_spoils_no_other(tmp_path: Path) -> None:
-    """A line torn by a power cut is cut off, and the whole ones before it stay."""
-    (tmp_path / "state.json.motions.jsonl").write_bytes(b'{"kind":"end"}\n{"kind":"sta')
-    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
-        jog(opened.rig, "linear", 1.0)
-    assert [line["kind"] for line in _read_log(tmp_path)] == ["end", "start", "end"]
-
-
-def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:
-    """A motion is refused if its log cannot be written."""
-    (tmp_path / "state.json.motions.jsonl").mkdir()
-    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
-        with pytest.raises(DiskError, match=r"motions\.jsonl"):
-            jog(opened.rig, "linear", 1.0)
-        assert opened.drives["linear"].shaft_counts == 0
-
-
-def test_a_full_disk_hides_no_fault_of_the_drive(tmp_path: Path) -> None:
-    """If a motion fails and its end cannot be logged, the fault of the drive is reported."""
-    log = tmp_path / "state.json.motions.jsonl"
-    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
-
-        def strike() -> None:
-            if opened.hardware.clock.now_s() > 5 and log.is_file():
-                log.unlink()
-                log.mkdir()
-                opened.signal.name = "SIGINT"
-
-        opened.hardware.clock.on_advance(strike)
-        with pytest.raises(InterruptedRunError, match="SIGINT"):
-            jog(opened.rig, "linear", 20.0)
-    assert log.is_dir()
-
-
-def test_the_check_tells_what_was_moved_last(tmp_path: Path) -> None:
-    """`labrig devices check` shows the last logged motion."""
-    description = simulated_rig("state_file=state.json").placed_in(tmp_path)
-    assert "last motion by hand" not in {result.check for result in check_rig(description)}
-    with _bare(description) as (opened, _):
-        jog(opened.rig, "linear", 2.0)
-    (check,) = (result for result in check_rig(description) if result.check == "last motion by hand")
-    assert check.value.startswith("axis linear at 2 mm, move by 2 mm at 1 mm/s, done, ")

@@ -1,7 +1,6 @@
 """Every kind of camera that labrig has passes the suite for cameras."""
 
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
@@ -58,9 +57,10 @@ class TestUvcWithoutStamps(TestUvc):
     stamps = False
 
 
-class _Files(CameraConformance):
+class TestFolder(CameraConformance):
+    """A folder of pictures."""
+
     folder: Path
-    times: Literal["rate"] | None = None
 
     @pytest.fixture(autouse=True)
     def _record(self, tmp_path: Path) -> None:
@@ -76,16 +76,5 @@ class _Files(CameraConformance):
             width_px=SIZE_PX[0],
             height_px=SIZE_PX[1],
             rate_hz=20.0,
-            times=self.times,
         )
         return OpenedCamera(section.open(CameraContext(clock, self.folder)), section, clock)
-
-
-class TestFolder(_Files):
-    """A folder whose pictures have no times."""
-
-
-class TestFolderByRate(_Files):
-    """A folder with a picture every 50 ms."""
-
-    times = "rate"

@@ -171,7 +171,10 @@ class Cia402Drive(DriveNode):
         settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
         self.adjust(settings)
         self._reports.switch_on()
-        self._settings = {**settings, **self.make_stop_by_itself(heartbeat, self._reports.layouts)}
+        self._settings = {
+            **settings,
+            **self.make_stop_by_itself(heartbeat, reports=bool(self._reports.layout)),
+        }
         self._fingerprint = found
         self.adjust(dict(zip(self.model.fingerprint, found, strict=True)))
 

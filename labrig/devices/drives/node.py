@@ -12,7 +12,7 @@ What is decided here
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -233,7 +233,7 @@ class DriveNode:
     # Stopping by itself
 
     def make_stop_by_itself(
-        self, heartbeat: HeartbeatDescription, reports: Iterable[int]
+        self, heartbeat: HeartbeatDescription, *, reports: bool
     ) -> dict[Place, int | None]:
         """Make the drive stop when the computer's heartbeat does, and obey nobody else.
 
@@ -241,8 +241,8 @@ class DriveNode:
         ----------
         heartbeat : HeartbeatDescription
             The computer's.
-        reports : iterable of int
-            Transmit PDOs that stay on.
+        reports : bool
+            Whether the transmit PDO of the report stays on.
 
         Returns
         -------
@@ -254,7 +254,7 @@ class DriveNode:
         DriveError
             When it does not keep one of the settings, among them an option that means "no action".
         """
-        used = {co.TRANSMIT_PDO_COB_IDS[pdo] for pdo in reports}
+        used = {co.REPORT_COB_ID} if reports else set()
         unused = [
             place
             for place in self.model.eds.objects

@@ -29,7 +29,11 @@ EMERGENCY_ID = Place(0x1014)
 CONSUMER_HEARTBEAT = Place(0x1016, 1)
 PRODUCER_HEARTBEAT = Place(0x1017)
 VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL_NUMBER = (Place(0x1018, n) for n in range(1, 5))
+REPORT = 2
+"""The transmit PDO of labrig's report, counted from 0: it has statusword and position by default."""
+
 TRANSMIT_PDO_COB_IDS = tuple(Place(0x1800 + n, 1) for n in range(4))
+REPORT_COB_ID = TRANSMIT_PDO_COB_IDS[REPORT]
 TPDO_TYPES = tuple(Place(0x1800 + n, 2) for n in range(4))
 TPDO_MAPS = tuple(tuple(Place(0x1A00 + n, k) for k in range(9)) for n in range(4))
 ABORT_CONNECTION = Place(0x6007)

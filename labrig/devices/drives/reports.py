@@ -2,16 +2,16 @@
 
 What is decided here
 --------------------
-- Statusword, position and motor current come at each SYNC in one process-data frame of 8 bytes, instead of six SDO
-  frames; inputs that the rig file names, and what does not fit, in a second one. A missing report is requested by SDO
-  and counted.
-- They are mapped while the node is pre-operational and without power. What the drive refuses is off, and read by SDO.
-  The mapping is not stored: it ends with the drive's power.
+- Statusword, position and, where it fits, the motor current come at each SYNC in one process-data frame of 8 bytes,
+  instead of six SDO frames. A missing report is requested by SDO and counted. The inputs that a rig file names are read
+  by SDO.
+- The frame is mapped while the node is pre-operational and without power. If the drive refuses that, it is off, and all
+  is read by SDO. The mapping is not stored: it ends with the drive's power.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from queue import SimpleQueue
 from struct import Struct
 
@@ -26,8 +26,6 @@ from labrig.errors import DriveError, DriveRefusedError
 _PDO_BITS = 64
 _REPORTED = (co.STATUSWORD, co.POSITION_ACTUAL)
 _AT_EACH_SYNC = 1
-_PDOS = (2, 3)
-"""Transmit PDOs, counted from 0: one has statusword and position by default, the other takes what has no room there."""
 
 _REPORT_PATIENCE = 0.25
 """Longest wait for a report, as a part of the answer timeout: its frame is already on its way."""
@@ -39,10 +37,6 @@ class InputPlace:
 
     place: Place
     bit: int | None = None
-
-
-def _keep(arrived: SimpleQueue[bytes], _can_id: int, data: bytearray, _timestamp: float) -> None:
-    arrived.put(bytes(data))
 
 
 class DriveReports:
@@ -57,51 +51,35 @@ class DriveReports:
 
     Attributes
     ----------
-    layouts : mapping of int to tuple of Place
-        What each PDO carries that is sent at each SYNC.
+    layout : tuple of Place
+        What is reported at each SYNC; nothing if the drive refuses to.
     missed, strays : int
         How many expected PDOs did not arrive, and how many came unexpected.
     """
 
     def __init__(self, node: DriveNode, link: CanLink) -> None:
         self.missed = self.strays = 0
-        self.layouts: dict[int, tuple[Place, ...]] = {}
-        self._forms: dict[int, Struct] = {}
+        self.layout: tuple[Place, ...] = ()
+        self._form = Struct("")
         self._node = node
         self._link = link
         self._is_expected = False
-        self._arrived: dict[int, SimpleQueue[bytes]] = {pdo: SimpleQueue() for pdo in _PDOS}
-        for pdo, arrived in self._arrived.items():
-            link.network.subscribe(0x180 + 0x100 * pdo + node.node_id, partial(_keep, arrived))
+        self._arrived: SimpleQueue[bytes] = SimpleQueue()
+        self._can_id = 0x180 + 0x100 * co.REPORT + node.node_id
+        link.network.subscribe(self._can_id, lambda _id, data, _t: self._arrived.put(bytes(data)))
 
     def switch_on(self) -> None:
-        """Make the drive report at each SYNC, as far as its PDOs can be mapped and switched on."""
-        self.layouts = {}
-        for pdo, layout in self._pack().items():
-            if self._send_at_sync(pdo, layout):
-                self.layouts[pdo] = layout
-                self._forms[pdo] = make_form(map(self._node.variable, layout))
+        """Make the drive report at each SYNC, if its PDO can be mapped and switched on."""
+        places = (*_REPORTED, self.current[0]) if self.current is not None else _REPORTED
+        fits = sum(len(self._node.variable(place)) for place in places) <= _PDO_BITS
+        wanted = places if fits else _REPORTED
+        self.layout = wanted if self._send_at_sync(wanted) else ()
+        self._form = make_form(map(self._node.variable, self.layout))
 
-    def _pack(self) -> dict[int, tuple[Place, ...]]:
-        """Return which PDO carries which objects: each goes into the first with room, or into none."""
-        layouts: dict[int, tuple[Place, ...]] = {}
-        for place in self._list_places(with_current=True):
-            for pdo in _PDOS:
-                carried = (*layouts.get(pdo, ()), place)
-                if sum(len(self._node.variable(each)) for each in carried) <= _PDO_BITS:
-                    layouts[pdo] = carried
-                    break
-        return layouts
-
-    def _list_places(self, *, with_current: bool) -> tuple[Place, ...]:
-        """Return the objects that are read, each once."""
-        current = (self.current[0],) if self.current is not None and with_current else ()
-        return (*_REPORTED, *current, *self._input_words)
-
-    def _send_at_sync(self, pdo: int, layout: tuple[Place, ...]) -> bool:
-        """Tell whether a PDO carries these objects at each SYNC from now on; one that the drive refuses is off."""
-        node, cob_id, mapping = self._node, co.TRANSMIT_PDO_COB_IDS[pdo], co.TPDO_MAPS[pdo][: 1 + len(layout)]
-        if not all(map(node.model.has, (cob_id, co.TPDO_TYPES[pdo], *mapping))):
+    def _send_at_sync(self, layout: tuple[Place, ...]) -> bool:
+        """Tell whether these objects are sent at each SYNC from now on; what the drive refuses is off."""
+        node, cob_id, mapping = self._node, co.REPORT_COB_ID, co.TPDO_MAPS[co.REPORT][: 1 + len(layout)]
+        if not all(map(node.model.has, (cob_id, co.TPDO_TYPES[co.REPORT], *mapping))):
             return False
         carried = [place.index << 16 | place.subindex << 8 | len(node.variable(place)) for place in layout]
         wanted = dict(zip(mapping, (len(layout), *carried), strict=True))
@@ -110,8 +88,7 @@ class DriveReports:
             if any(node.upload(place) != value for place, value in wanted.items()):
                 node.adjust({cob_id: node.upload(cob_id) | co.PDO_INVALID, mapping[0]: 0})
                 node.adjust({**dict(zip(mapping[1:], carried, strict=True)), mapping[0]: len(layout)})
-            own_id = 0x180 + 0x100 * pdo + node.node_id
-            node.adjust({co.TPDO_TYPES[pdo]: _AT_EACH_SYNC, cob_id: co.NO_REMOTE | own_id})
+            node.adjust({co.TPDO_TYPES[co.REPORT]: _AT_EACH_SYNC, cob_id: co.NO_REMOTE | self._can_id})
         except DriveRefusedError:
             return False
         finally:
@@ -121,34 +98,31 @@ class DriveReports:
     def expect(self) -> None:
         """Drop what has arrived: the next `read` is that of the coming SYNC."""
         self._is_expected = True
-        for arrived in self._arrived.values():
-            while not arrived.empty():
-                arrived.get_nowait()
-                self.strays += 1
+        while not self._arrived.empty():
+            self._arrived.get_nowait()
+            self.strays += 1
 
     def read(self) -> dict[Place, int]:
-        """Return statusword, position [counts] and load, as reported; by SDO what is not expected or does not arrive.
+        """Return statusword, position [counts], current and inputs; by SDO what is not reported or does not arrive.
 
         The motor current is only in a report that was expected: who looks in between asks for it if the axis lags.
         """
         is_expected, self._is_expected = self._is_expected, False
-        values = self._take() if is_expected else {}
-        for place in self._list_places(with_current=is_expected):
+        values = self._take() if is_expected and self.layout else {}
+        current = (self.current[0],) if self.current is not None and is_expected else ()
+        for place in (*_REPORTED, *current, *self._input_words):
             if place not in values:
                 values[place] = self._node.upload(place)
         return values
 
     def _take(self) -> dict[Place, int]:
-        """Return what was sent at the SYNC, without what has not arrived in good time."""
+        """Return what was sent at the SYNC; nothing if that does not arrive in good time."""
         deadline_s = self._link.clock.now_s() + _REPORT_PATIENCE * self._link.answer_timeout_s
-        values: dict[Place, int] = {}
-        for pdo, places in self.layouts.items():
-            data, form = self._link.receive(self._arrived[pdo], deadline_s), self._forms[pdo]
-            if data is None or len(data) != form.size:
-                self.missed += 1
-            else:
-                values |= zip(places, form.unpack(data), strict=True)
-        return values
+        data = self._link.receive(self._arrived, deadline_s)
+        if data is None or len(data) != self._form.size:
+            self.missed += 1
+            return {}
+        return dict(zip(self.layout, self._form.unpack(data), strict=True))
 
     # Load
 

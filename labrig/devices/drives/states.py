@@ -74,19 +74,12 @@ _STATES = {
 
 FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
 
+_WITHOUT_POWER = {DriveState.READY_TO_SWITCH_ON, DriveState.SWITCH_ON_DISABLED, DriveState.FAULT}
+
 _ATTAINED = {
     TargetState.ENABLED: {DriveState.OPERATION_ENABLED},
-    TargetState.QUICK_STOPPED: {
-        DriveState.QUICK_STOP_ACTIVE,
-        DriveState.SWITCH_ON_DISABLED,
-        DriveState.READY_TO_SWITCH_ON,
-        DriveState.FAULT,
-    },
-    TargetState.POWER_OFF: {
-        DriveState.READY_TO_SWITCH_ON,
-        DriveState.SWITCH_ON_DISABLED,
-        DriveState.FAULT,
-    },
+    TargetState.QUICK_STOPPED: {DriveState.QUICK_STOP_ACTIVE, *_WITHOUT_POWER},
+    TargetState.POWER_OFF: _WITHOUT_POWER,
 }
 _NEXT = {
     TargetState.ENABLED: {
@@ -100,12 +93,15 @@ _NEXT = {
         DriveState.SWITCHED_ON: SHUTDOWN,
         DriveState.PASSING: DISABLE_VOLTAGE,
     },
-    TargetState.POWER_OFF: {
-        DriveState.OPERATION_ENABLED: DISABLE_VOLTAGE,
-        DriveState.QUICK_STOP_ACTIVE: DISABLE_VOLTAGE,
-        DriveState.SWITCHED_ON: DISABLE_VOLTAGE,
-        DriveState.PASSING: DISABLE_VOLTAGE,
-    },
+    TargetState.POWER_OFF: dict.fromkeys(
+        (
+            DriveState.OPERATION_ENABLED,
+            DriveState.QUICK_STOP_ACTIVE,
+            DriveState.SWITCHED_ON,
+            DriveState.PASSING,
+        ),
+        DISABLE_VOLTAGE,
+    ),
 }
 
 _DOES = {

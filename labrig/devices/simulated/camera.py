@@ -42,7 +42,6 @@ class SimulatedSource:
     """
 
     def __init__(self, world: World, clock: Clock) -> None:
-        self.exposures = 0
         self._world = world
         self._clock = clock
         self._settings = dict(_POWER_ON)
@@ -58,7 +57,6 @@ class SimulatedSource:
 
     def read(self) -> Exposure:
         """Draw a picture; if time passes by itself, with the time of what it shows."""
-        self.exposures += 1
         asked_s = self._clock.now_s()
         self._clock.sleep(0.0)  # brings the axes to where they are now
         t_s = self._clock.now_s()

@@ -291,7 +291,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._shaft.tick(now_s)
         if self._homing:
             self._continue_homing(now_s)
-        if self._moving:
+        if self._moving or self._state is DriveState.FAULT_REACTION:
             self._come_to_rest(now_s)
         self._read_switches(seeks_switch=seeks_switch)
         self.send_due(now_s)
@@ -636,7 +636,7 @@ class SimulatedCia402Drive(CanopenNode):
             self._set_state(DriveState.FAULT)
         elif self._state is not DriveState.FAULT_REACTION:
             self._brake(co.PROFILE_DECELERATION if option == _SLOW_DOWN else co.QUICK_STOP_DECELERATION, t_s)
-            self._moving = True
+            self._moving = self._moving or not self._is_at_rest()
             self._set_state(DriveState.FAULT_REACTION)
 
     def _reset_fault(self) -> None:

@@ -92,7 +92,6 @@ class UvcSource:
         rate_hz: float,
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.exposures = 0
         self._capture = capture
         self._controls = controls
         self._clock = clock
@@ -134,7 +133,6 @@ class UvcSource:
         for _ in range(_QUEUED_PICTURES + 2):
             if not self._capture.grab():
                 return None
-            self.exposures += 1
             stamp_s = self._read_stamp_s()
             if stamp_s is not None and stamp_s - self._exposure_s >= asked_s:
                 break

@@ -31,7 +31,6 @@ class MarkerSource:
     """Draws the disc; a real camera would open its device here."""
 
     def __init__(self, section: MarkerDescription, clock: Clock) -> None:
-        self.exposures = 0
         self._section = section
         self._clock = clock
         self._settings: dict[str, Setting] = {}
@@ -46,7 +45,6 @@ class MarkerSource:
 
     def read(self) -> Exposure:
         """Draw a picture."""
-        self.exposures += 1
         section = self._section
         v_px, u_px = np.mgrid[: section.height_px, : section.width_px]
         centre_u_px = section.width_px / 2 + section.drift_px_s * self._clock.now_s()

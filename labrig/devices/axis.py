@@ -1,7 +1,7 @@
 """One axis of the rig: its limits, its reference and its moves, for any kind of drive."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
@@ -17,12 +17,8 @@ _SAME_TARGET = 1e-6
 """Targets that differ by less are the same [mm or rad]."""
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where an axis is [mm or rad], read at or after `t_s`."""
-
-    t_s: float
-    position: float
+_Place = tuple[float, float]
+"""An instant [s], and where the axis is, read then or later [mm or rad]."""
 
 
 class Axis:
@@ -100,7 +96,7 @@ class Axis:
             )
         move, beyond = self.drive.round_move(position, speed), self._beyond(position)
         here = self._place()
-        self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed, here.position)
+        self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed, here[1])
         self._go(here, position, speed, beyond)
         return move
 
@@ -129,10 +125,10 @@ class Axis:
         """
         here = self._place()
         achieved = self.description.nearest_speed(min(speed, self.max_speed))
-        target = here.position + distance
+        target = here[1] + distance
         if self.referenced:
             self.check_move(target, achieved)
-        self._due_s = self._clock.now_s() + self._longest_s(target, achieved, here.position)
+        self._due_s = self._clock.now_s() + self._longest_s(target, achieved, here[1])
         self._go(here, target, achieved, None)
         return achieved
 
@@ -156,7 +152,7 @@ class Axis:
         return position - backlash
 
     def _place(self) -> _Place:
-        return _Place(self._clock.now_s(), self.drive.position())
+        return self._clock.now_s(), self.drive.position()
 
     def _go(self, here: _Place, target: float, speed: float, beyond: float | None) -> None:
         self._inside_since_s = None
@@ -169,9 +165,9 @@ class Axis:
         self.expected = expect_move(
             self.description,
             self.expected,
-            here.position,
+            here[1],
             (move.position, move.speed),
-            (here.t_s, self._clock.now_s()),
+            (here[0], self._clock.now_s()),
         )
 
     def _longest_s(self, target: float, speed: float, here: float) -> float:
@@ -197,7 +193,7 @@ class Axis:
         reached = self._has_arrived(arrived=read.target_reached)
         if reached and self._then is not None:
             target, speed = self._then
-            self._go(_Place(self._clock.now_s(), read.position), target, speed, None)
+            self._go((self._clock.now_s(), read.position), target, speed, None)
             reached = False
         if reached:
             self._due_s = None

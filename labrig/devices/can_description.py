@@ -1,7 +1,6 @@
 """The section `can` of a rig file: which bus the drives stand on, and the heartbeats on it."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Annotated, Literal
 
 import can
@@ -62,9 +61,9 @@ class CanDescription(Model):
         """Yield an interface that python-can does not know."""
         known = sorted({ONLY_SIMULATED, *can.VALID_INTERFACES})
         if self.interface not in known:
-            near = get_close_matches(self.interface, known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"python-can knows {', '.join(known)}"
-            yield Conflict("interface", f"unknown interface {self.interface}", hint)
+            yield Conflict(
+                "interface", f"unknown interface {self.interface}", f"python-can knows {', '.join(known)}"
+            )
         if self.interface == "udp_multicast" or self.options.get("receive_own_messages"):
             message = "labrig would receive what it sends, and take itself for another master"
             yield Conflict("interface", message, "use an interface that delivers to others alone")

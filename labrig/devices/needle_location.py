@@ -6,9 +6,8 @@ What is not known is said to be unknown.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-from labrig.clock import Clock
 from labrig.devices.axis import Axis
-from labrig.devices.needle_state import NeedleState
+from labrig.devices.needle_state import RigState
 from labrig.errors import (
     BusError,
     BusPassiveError,
@@ -17,6 +16,8 @@ from labrig.errors import (
     DriveSilentError,
     MachineError,
 )
+
+LastPositions = Mapping[str, tuple[float, float]]
 
 _JUST_NOW_S = 0.1
 """A position that is no older is told without its age [s]."""
@@ -112,74 +113,59 @@ def are_drives_lost(error: Exception) -> bool:
     return isinstance(error, BusError | DriveSilentError) and not isinstance(error, BusPassiveError)
 
 
-class NeedleFinder:
-    """Tells where the needle is.
+def locate_needle(
+    axes: Sequence[Axis],
+    state: RigState,
+    last: LastPositions,
+    now_s: float,
+    unknown_motion: str,
+    *,
+    ask: bool,
+) -> NeedleLocation:
+    """Return where the needle is.
 
     Parameters
     ----------
     axes : sequence of Axis
         The open axes.
-    needle : NeedleState
+    state : RigState
         Whether it is in tissue, and which axes have their reference.
-    clock : Clock
-        Rig time.
-    positions : mapping of str to tuple of float
-        Axis -> when it was read last [s], and where it was [mm or rad]; it may change.
+    last : mapping of str to tuple of float
+        Axis -> when it was read last [s], and where it was [mm or rad].
+    now_s : float
+        Rig time [s].
+    unknown_motion : str
+        Why it is not known whether the axes stand still; empty if each was seen to stand.
+    ask : bool
+        Whether the drives are asked, those in fault too. Without it, and for a drive that does not answer or has lost
+        its position, the last reading counts.
     """
 
-    def __init__(
-        self,
-        axes: Sequence[Axis],
-        needle: NeedleState,
-        clock: Clock,
-        positions: Mapping[str, tuple[float, float]],
-    ) -> None:
-        self._axes = axes
-        self._needle = needle
-        self._clock = clock
-        self._positions = positions
+    def locate(axis: Axis) -> AxisLocation:
+        (read_s, position), why_old = last.get(axis.name, (None, None)), ""
+        if ask:
+            try:
+                read_s, position = now_s, _read_position(axis)
+            except MachineError as error:
+                why_old = error.message
+        age_s = None if read_s is None else now_s - read_s
+        return AxisLocation(axis.name, axis.unit, position, age_s, axis.name in state.referenced, why_old)
 
-    def find(self, unknown_motion: str, *, ask: bool) -> NeedleLocation:
-        """Return where the needle is.
+    return NeedleLocation(unknown_motion, state.needle_in_tissue, state.doubt, tuple(map(locate, axes)))
 
-        Parameters
-        ----------
-        unknown_motion : str
-            Why it is not known whether the axes stand still; empty if each was seen to stand.
-        ask : bool
-            Whether the drives are asked, those in fault too. Without it, and for a drive that does not answer or has
-            lost its position, the last reading counts.
-        """
-        state = self._needle.state
-        located = tuple(self._locate(axis) if ask else self._place_last(axis) for axis in self._axes)
-        return NeedleLocation(unknown_motion, state.needle_in_tissue, state.doubt, located)
 
-    def tell_loss(self, error: Exception) -> str:
-        """Return what the person at the rig is told at once of drives that are lost, from what was read last."""
-        axis = error.axis if isinstance(error, DriveError) else ""
-        lost = f"the drive of axis {axis} does not answer" if axis else "the drives do not answer"
-        last = self.find(lost, ask=False)
-        return f"{last.motion}\nlast positions: {last.where}"
+def _read_position(axis: Axis) -> float:
+    """Return the position of an axis, also of a drive in fault. Raises `MachineError` where it has lost it."""
+    try:
+        axis.drive.check()
+    except (DriveRestartedError, DriveSilentError):
+        raise
+    except MachineError:
+        pass  # a drive in fault still answers
+    return axis.drive.position()
 
-    def _locate(self, axis: Axis) -> AxisLocation:
-        try:
-            axis.drive.check()
-        except (DriveRestartedError, DriveSilentError) as error:
-            return self._place_last(axis, error.message)
-        except MachineError:
-            pass  # a drive in fault still answers
-        try:
-            return self._place(axis, (self._clock.now_s(), axis.drive.position()))
-        except MachineError as error:
-            return self._place_last(axis, error.message)
 
-    def _place_last(self, axis: Axis, why_old: str = "") -> AxisLocation:
-        return self._place(axis, self._positions.get(axis.name, (None, None)), why_old)
-
-    def _place(
-        self, axis: Axis, read: tuple[float, float] | tuple[None, None], why_old: str = ""
-    ) -> AxisLocation:
-        read_s, position = read
-        age_s = None if read_s is None else self._clock.now_s() - read_s
-        referenced = axis.name in self._needle.state.referenced
-        return AxisLocation(axis.name, axis.unit, position, age_s, referenced, why_old)
+def name_loss(error: Exception) -> str:
+    """Return what a person is told at once of drives that are lost."""
+    axis = error.axis if isinstance(error, DriveError) else ""
+    return f"the drive of axis {axis} does not answer" if axis else "the drives do not answer"

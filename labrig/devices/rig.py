@@ -18,7 +18,7 @@ from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed, require_homing_current
-from labrig.devices.needle_location import NeedleFinder, NeedleLocation, are_drives_lost
+from labrig.devices.needle_location import NeedleLocation, are_drives_lost, locate_needle, name_loss
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
@@ -110,7 +110,6 @@ class Rig:
         nodes = {axis.description.node_id: axis.name for axis in self.axes}
         self._watch = BusWatch(link, nodes, description.can.heartbeat)
         self._supervisor = Supervisor(self._axes, self._watch, self._heartbeat, interrupted, opening)
-        self._finder = NeedleFinder(self.axes, self.needle, self.clock, self._supervisor.positions)
         self._unknown_motion = ""
         self._stopped_for: Ended | None = None
         self._is_ending = self._is_stopping = False
@@ -406,7 +405,8 @@ class Rig:
         if are_drives_lost(error):
             self._heartbeat.note_loss()
             if explained is error:
-                self._alert(self._finder.tell_loss(error))
+                last = self._locate_needle(name_loss(error), ask=False)
+                self._alert(f"{last.motion}\nlast positions: {last.where}")
         self._is_ending = self._is_stopping = True
         for end in (self.stop, self._forget_lost_zeros):
             try:
@@ -424,7 +424,11 @@ class Rig:
 
     def locate_needle(self) -> NeedleLocation:
         """Return where the needle is: positions that are read now, also from drives in fault, or else the last ones."""
-        return self._finder.find(self._unknown_motion, ask=True)
+        return self._locate_needle(self._unknown_motion, ask=True)
+
+    def _locate_needle(self, unknown_motion: str, *, ask: bool) -> NeedleLocation:
+        last, now_s = self._supervisor.positions, self.clock.now_s()
+        return locate_needle(self.axes, self.state, last, now_s, unknown_motion, ask=ask)
 
     # The needle
 

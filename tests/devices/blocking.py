@@ -18,7 +18,7 @@ from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.devices.uvc.source import UvcSource
+from labrig.devices.uvc.camera import UvcSource
 from labrig.devices.worker import WorkerThread
 from labrig.simulation.world import World
 from tests.devices.captures import FakeControls

@@ -12,8 +12,7 @@ from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
 from labrig.devices.uvc.camera import CAMERA as UVC
-from labrig.devices.uvc.camera import UvcCameraDescription
-from labrig.devices.uvc.source import UvcSource
+from labrig.devices.uvc.camera import UvcCameraDescription, UvcSource
 from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL, V4l2Controls
 from labrig.errors import CameraError
 from labrig.simulation.world import World

@@ -18,7 +18,7 @@ import pytest
 
 from labrig.devices.clocks import SystemClock
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.drive_journal import DriveEvent
+from labrig.devices.simulated.simulated_node import DriveEvent
 from tests.devices.mover import HEARTBEAT_S, QUICK_STOP_MM_S2, SPEED_MM_S
 from tests.devices.served import Served, served_drives
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from labrig.devices.simulated.motor import Motor, torque_of_force
+from labrig.devices.simulated.shaft import Motor, torque_of_force
 from tests.devices.rigs import opened_rig
 
 

@@ -2,7 +2,8 @@
 
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckStatus
-from labrig.devices.dead_man import _try_axis, try_dead_man
+from labrig.devices.dead_man import _Trial, try_dead_man
+from labrig.devices.heartbeat import HeartbeatClock
 from tests.devices.rigs import one_drive, simulated_rig
 
 
@@ -30,14 +31,8 @@ def test_an_axis_that_moves_on_fails() -> None:
     """Its settings were read back, and it does not do what they say."""
     with one_drive() as one:
         vars(one.drive)["lose_master"] = lambda _t_s: None
-        found = _try_axis(
-            "insertion",
-            one.driver.section,
-            one.driver._link,
-            one.clock,
-            heartbeat=HeartbeatDescription(),
-            speed=1.0,
-            distance=2.0,
-        )
-        assert (found.status, found.value[:11]) == (CheckStatus.FAIL, "it moved on")
+        section, link, heartbeat = one.driver.section, one.driver._link, HeartbeatDescription()
+        trial = _Trial(section, HeartbeatClock(one.clock, link, heartbeat), heartbeat)
+        goes_on, _ = trial.make(section.open(link, "insertion", trial.beating), one.clock)
+        assert goes_on
         assert not one.drive.is_powered()

@@ -4,7 +4,7 @@ import pytest
 
 from labrig.devices.camera import Camera, Frame
 from labrig.devices.uvc.camera import CAMERA as UVC
-from labrig.devices.uvc.source import UvcSource
+from labrig.devices.uvc.camera import UvcSource
 from labrig.errors import CameraError
 from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls, uvc_section
 

@@ -8,7 +8,7 @@ from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files import FilesCameraDescription
 from labrig.devices.simulated.camera import SimulatedCameraDescription
-from labrig.devices.uvc.source import UvcSource
+from labrig.devices.uvc.camera import UvcSource
 from labrig.simulation.world import World
 from labrig.testing.cameras import CameraConformance, OpenedCamera
 from tests.devices.captures import (

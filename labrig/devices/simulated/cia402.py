@@ -24,11 +24,10 @@ from labrig.devices.drives.states import (
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.dictionary import ObjectDictionary
-from labrig.devices.simulated.drive_journal import DriveEvent, DriveJournal
-from labrig.devices.simulated.homing import HomingMove, plan_homing
 from labrig.devices.simulated.node import CanopenNode, NmtState
 from labrig.devices.simulated.sdo_server import SdoAbortError
-from labrig.devices.simulated.shaft import Mechanics, MotorShaft
+from labrig.devices.simulated.shaft import HomingMove, Mechanics, MotorShaft, plan_homing
+from labrig.devices.simulated.simulated_node import DriveEvent, DriveJournal
 from labrig.devices.trapezoid import Limits
 
 _PROFILE_POSITION, _HOMING = 1, 6

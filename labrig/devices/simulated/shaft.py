@@ -1,9 +1,19 @@
-"""The motor shaft of a simulated drive: its profile, its mechanical stops, and its counter."""
+"""The motor shaft of a simulated drive: profile, stops, counter and motor current, and the searches of its homing.
 
+The current is that of a simple model of motor, screw and position controller. A motor that turns carries its friction
+and its load: I = (friction + load) / torque constant, in the direction of its motion. A shaft that something holds
+makes the position controller push harder the further it lags, by a constant current for each turn of lag. A motor at
+rest without lag carries nothing: screw and gear hold themselves. The output current limit of the drive caps all of it.
+Inertia is left out. The defaults are those of a small brushed motor with a gearhead, not of a certain one.
+
+Homing methods below zero belong to manufacturers: -1 and -3 go with positive speed into the upper stop, -2 and -4 with
+negative speed into the lower one; 1, 2, -1 and -2 end at the encoder's index.
+"""
+
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from labrig.devices.simulated.motor import Motor
 from labrig.devices.trapezoid import (
     Limits,
     Profile,
@@ -11,6 +21,57 @@ from labrig.devices.trapezoid import (
     make_move_profile,
     make_rest_profile,
 )
+
+
+def _no_load() -> float:
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor and what it drives.
+
+    Parameters
+    ----------
+    torque_constant_mnm_a : float
+        Torque constant [mNm/A].
+    friction_mnm : float
+        Friction of motor and gearhead, at the motor [mNm].
+    stiffness_ma_per_turn : float
+        Current with which the position controller answers a lag of one turn of the motor [mA].
+    load_mnm : callable
+        Returns the torque at the motor that resists its motion now [mNm].
+    """
+
+    torque_constant_mnm_a: float = 25.0
+    friction_mnm: float = 1.5
+    stiffness_ma_per_turn: float = 4000.0
+    load_mnm: Callable[[], float] = _no_load
+
+    def current_ma(self, speed: float, lag_turns: float, limit_ma: float) -> float:
+        """Return the motor current, with its sign [mA].
+
+        Parameters
+        ----------
+        speed : float
+            Speed of the motor with its sign, in any unit; 0 at rest.
+        lag_turns : float
+            Position demanded minus position reached [turns of the motor].
+        limit_ma : float
+            Output current limit of the drive [mA].
+        """
+        current_ma = self.stiffness_ma_per_turn * lag_turns
+        direction = speed or lag_turns
+        if direction:
+            carried_ma = 1000 * (self.friction_mnm + self.load_mnm()) / self.torque_constant_mnm_a
+            current_ma += math.copysign(carried_ma, direction)
+        return max(-limit_ma, min(limit_ma, current_ma))
+
+
+def torque_of_force(force_n: float, travel_per_turn_mm: float, gear_ratio: float) -> float:
+    """Return the torque at the motor of a force on a screw without losses, F lead / (2 pi gear) [mNm]."""
+    return force_n * travel_per_turn_mm / (2 * math.pi * gear_ratio)
+
 
 _HALVINGS = 40
 
@@ -153,3 +214,62 @@ class MotorShaft:
         self.profile = self.profile.shifted(counts)
         self.zero -= counts
         self.tick(max(t_s, self.ticked_s))
+
+
+_TO_INDEX = frozenset({-2, -1, 1, 2})
+_FOR_EVER = 1e12
+
+
+@dataclass(frozen=True)
+class HomingMove:
+    """A move of a homing sequence.
+
+    Parameters
+    ----------
+    target : float
+        Counter to go to.
+    slow : bool
+        At the speed for the index, not for the switch.
+    to_stop : bool
+        Ends at a stop; the target gives only the direction.
+    """
+
+    target: float
+    slow: bool = False
+    to_stop: bool = False
+
+
+def plan_homing(
+    method: int, shaft: MotorShaft, counts_per_turn: float, offset: float
+) -> tuple[HomingMove, ...]:
+    """Return the moves of a method from where the shaft is, the home offset last."""
+    if method in {35, 37}:
+        return ()
+    place, direction, back = _find_end(method, shaft)
+    if place is None:
+        return (HomingMove(direction * _FOR_EVER, to_stop=method < 0),)
+    end = place - shaft.zero
+    first = HomingMove(direction * _FOR_EVER if method < 0 else end, to_stop=method < 0)
+    if method not in _TO_INDEX:
+        return (first, HomingMove(end + offset, slow=True))
+    index = _find_next_index(end, back, shaft.zero, counts_per_turn)
+    return (first, HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
+
+
+def _find_end(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
+    """Return (place of the stop or switch, direction towards it, direction in which the index is sought)."""
+    mechanics = shaft.mechanics
+    ends = {
+        **dict.fromkeys((-1, -3), (mechanics.upper_stop, 1)),
+        **dict.fromkeys((-2, -4), (mechanics.lower_stop, -1)),
+        **dict.fromkeys((1, 17), (mechanics.negative_switch, -1)),
+        **dict.fromkeys((2, 18), (mechanics.positive_switch, 1)),
+    }
+    place, direction = ends[method]
+    return place, direction, -direction
+
+
+def _find_next_index(counter: float, direction: int, zero: float, per_turn: float) -> float:
+    turns = (counter + zero) / per_turn
+    turn = math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1
+    return turn * per_turn - zero

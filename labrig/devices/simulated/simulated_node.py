@@ -1,8 +1,43 @@
-"""What a simulated rig and its fault script need from a simulated drive of any kind."""
+"""What a simulated rig, its fault script and tests need from a simulated drive of any kind, and what it did."""
 
+from collections import deque
+from dataclasses import dataclass
 from typing import Protocol
 
-from labrig.devices.simulated.drive_journal import DriveJournal
+_KEPT = 10_000
+
+
+@dataclass(frozen=True)
+class DriveEvent:
+    """An event of a drive.
+
+    Parameters
+    ----------
+    t_s : float
+        The exact instant, not that of the tick that noticed it.
+    kind : str
+        boot, nmt, state, emergency, set-point, brake, still or homing.
+    text : str
+        The state entered, the error code, or similar.
+    shaft_counts : float
+        Position of the shaft.
+    """
+
+    t_s: float
+    kind: str
+    text: str
+    shaft_counts: float
+
+
+class DriveJournal(deque[DriveEvent]):
+    """The last events of a drive, oldest first."""
+
+    def __init__(self) -> None:
+        super().__init__(maxlen=_KEPT)
+
+    def last(self, kind: str) -> DriveEvent | None:
+        """Return the newest event of a kind, or None."""
+        return next((event for event in reversed(self) if event.kind == kind), None)
 
 
 class SimulatedNode(Protocol):

@@ -95,19 +95,6 @@ class Person:
         return Answer(self.yes)
 
 
-@dataclass(frozen=True)
-class Waiting:
-    """Somebody who never answers."""
-
-    clock: Clock
-
-    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
-        """Let the rig be supervised for ever."""
-        while True:
-            self.clock.sleep(0.05)
-            meanwhile()
-
-
 def count_repeats(drive: Drive) -> int:
     """Return how many requests were repeated and answers unexpected, as the record has it."""
     found = drive.describe()

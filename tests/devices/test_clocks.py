@@ -28,15 +28,6 @@ def test_listeners_are_called_at_least_every_tenth_of_a_second(duration: float) 
     assert heard[-1] == clock.now_s()
 
 
-def test_listeners_are_called_in_their_order() -> None:
-    """Drives come first, then the world that follows them."""
-    clock, order = SimulatedClock(), []
-    clock.on_advance(lambda: order.append("drive"))
-    clock.on_advance(lambda: order.append("world"))
-    clock.sleep(0.1)
-    assert order == ["drive", "world"]
-
-
 def test_the_system_clock_never_goes_back_and_starts_near_zero() -> None:
     """It is monotonic, and its calendar time is aware and in UTC."""
     clock = SystemClock()

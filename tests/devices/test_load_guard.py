@@ -130,14 +130,6 @@ def test_an_input_that_the_drive_hides_is_refused() -> None:
         open_again(opened).connect()
 
 
-def test_a_drive_without_the_input_is_refused() -> None:
-    """A channel that nobody reads guards nothing."""
-    with opened_rig(simulated_rig(DOOR)) as opened:
-        opened.drives["linear"].abort_next(0x06020000, od.INPUT_STATE.index)
-        with pytest.raises(DriveError):
-            opened.rig.connect()
-
-
 def test_a_gel_that_resists_shows_in_current_and_force() -> None:
     """60 mm of needle in gel: 0.5 N at the tip and 0.02 N/mm along it, on a lead of 2 mm behind a gear of 4."""
     force = "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10}}"

@@ -28,13 +28,6 @@ def test_the_committed_schema_is_current() -> None:
     assert (CALIBRATION / "rig.schema.json").read_text(encoding="utf-8") == schema_text(rig_schema())
 
 
-@pytest.mark.parametrize("path", [SIMULATED, BENCH])
-def test_committed_rig_files_name_their_schema_in_the_first_line(path: Path) -> None:
-    """Editors complete and check them by it."""
-    first = path.read_text(encoding="utf-8").splitlines()[0]
-    assert first == "# yaml-language-server: $schema=rig.schema.json"
-
-
 def test_the_simulated_rig_makes_the_papers_speeds_exactly() -> None:
     """1 and 5 mm/s of insertion and sheath are integer rpm."""
     rig = load_rig(SIMULATED)
@@ -114,19 +107,6 @@ def test_invalid_values_are_refused_with_their_line(tmp_path: Path, old: str, ne
     assert all(p.where.startswith(f"{path}:") for p in refusal.value.problems)
 
 
-def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:
-    """A rig without a calibration names files that its record cannot contain."""
-    rig = large_rig().placed_in(tmp_path)
-    assert rig.calibration_paths() == {
-        "intrinsics.json": tmp_path / "simulated-intrinsics.json",
-        "plane.json": tmp_path / "simulated-plane.json",
-    }
-    assert rig.calibration_files() == {}
-    (tmp_path / "simulated-plane.json").touch()
-    assert list(rig.calibration_files()) == ["plane.json"]
-    assert load_rig(SIMULATED, ["calibration.plane=null"]).calibration_paths().keys() == {"intrinsics.json"}
-
-
 def test_moves_can_be_checked_without_a_rig() -> None:
     """`labrig check` refuses what the open rig would, and checks limits without a lead."""
     check_axis_move(large_rig(), "insertion", 40.0, 1.0)
@@ -172,17 +152,6 @@ def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
     assert (needle.diameter_mm, needle.link_mm) == (1.4, 3.5)
     assert needle.design == DesignDescription(radius_low_mm=42.5, radius_high_mm=48.0)
     assert rig.calibration_paths() == plain.calibration_paths()
-
-
-def test_a_world_changes_only_for_a_design() -> None:
-    """Not for a needle of numbers, not if the rig file has its own design, not on a bench."""
-    plain = large_rig()
-    needle = _designed_needle()
-    assert plain.with_needle(needle.model_copy(update={"design": None})) is plain
-    own = large_rig("world.needle.design={radius_low_mm: 20, radius_high_mm: 21}")
-    assert own.with_needle(needle) is own
-    bench = load_rig(BENCH)
-    assert bench.with_needle(needle) is bench
 
 
 def test_a_needle_wider_than_the_simulated_sheath_is_refused() -> None:

@@ -111,23 +111,6 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Can
     assert bench.frames(0x085) == [bytes(8)]
 
 
-def test_a_remapped_pdo_comes_on_sync(bench: CanopenBench) -> None:
-    """Position and following error in a PDO at each SYNC."""
-    mapping = co.TPDO_MAPS[2]
-    for entry, value in (
-        (mapping[0], 0),
-        (mapping[1], 0x60640020),
-        (mapping[2], 0x20F40010),
-        (mapping[0], 2),
-        (co.TPDO_TYPES[2], 1),
-        (co.TRANSMIT_PDO_COB_IDS[2], 0x385),
-    ):
-        assert bench.write(entry, value) == 0
-    bench.nmt(0x01)
-    bench.send(0x080)
-    assert bench.frames(0x385) == [bytes(6)]
-
-
 @pytest.mark.parametrize(
     ("place", "value", "code"),
     [
@@ -146,32 +129,6 @@ def test_a_remapped_pdo_comes_on_sync(bench: CanopenBench) -> None:
 def test_refusals_carry_maxons_codes(bench: CanopenBench, place: Place, value: int, code: int) -> None:
     """Each invalid write is aborted with the code for its reason."""
     assert bench.write(place, value) == code
-
-
-def test_mapping_has_rules(bench: CanopenBench) -> None:
-    """Unmappable objects, wrong or excessive lengths, and mapping outside PRE-OPERATIONAL are refused."""
-    mapping = co.TPDO_MAPS[0]
-    assert bench.write(mapping[0], 0) == 0
-    assert bench.write(mapping[1], 0x10180120) == 0x06040041
-    assert bench.write(mapping[1], 0x60640010) == 0x06040041
-    for place in (1, 2, 3):
-        assert bench.write(mapping[place], 0x60640020) == 0
-    assert bench.write(mapping[0], 3) == 0x06040042
-    bench.nmt(0x01)
-    assert bench.write(mapping[0], 2) == 0x0F00FFC0
-    bench.write(co.UPPER_LIMIT, 10)
-    assert bench.write(co.LOWER_LIMIT, 11) == 0x06090036
-
-
-def test_a_changed_setting_clears_the_configuration_fingerprint(bench: CanopenBench) -> None:
-    """A new parameter value sets 0x1020 to zero; an equal value or process data does not."""
-    bench.write(od.CONFIGURATION[0], 7)
-    bench.write(od.CONFIGURATION[1], 9)
-    bench.write(co.TARGET_POSITION, 100)
-    bench.write(co.PROFILE_ACCELERATION, 10000)
-    assert (bench.read(od.CONFIGURATION[0]), bench.read(od.CONFIGURATION[1])) == (7, 9)
-    bench.write(co.PROFILE_ACCELERATION, 10001)
-    assert (bench.read(od.CONFIGURATION[0]), bench.read(od.CONFIGURATION[1])) == (0, 0)
 
 
 def test_error_history_is_newest_first_and_can_be_cleared(bench: CanopenBench) -> None:
@@ -195,78 +152,11 @@ def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: Can
     assert bench.read(co.STATUSWORD) & 0x4F == 0x40
 
 
-def test_a_stopped_node_sends_no_emergency(bench: CanopenBench) -> None:
-    """In NMT STOPPED there is no EMCY; the error is in the history."""
-    bench.nmt(0x02)
-    bench.drive.fail(0x2310)
-    assert bench.frames(0x085) == []
-    bench.nmt(0x80)
-    assert bench.read(co.LAST_ERROR) == 0x2310
-
-
 def test_a_download_that_does_not_say_its_length_is_understood(bench: CanopenBench) -> None:
     """Clients may not state the number of bytes."""
     bench.send(0x605, b"\x22\x98\x60\0\x23\0\0\0")
     assert bench.frames(0x585)[0][0] == 0x60
     assert bench.read(co.HOMING_METHOD) == 35
-
-
-def test_the_wire_loses_repeats_and_delays_frames(bench: CanopenBench) -> None:
-    """Bus faults: a lost, a repeated and an overtaken frame, and no frames at all."""
-    ask = b"\x40\x41\x60\0\0\0\0\0"
-    bench.wire.lose(1)
-    bench.send(0x605, ask)
-    assert bench.frames(0x585) == []
-    bench.wire.duplicate(1)
-    bench.send(0x605, ask)
-    assert len(bench.frames(0x585)) == 2
-    bench.wire.delay(1, 0.05)
-    bench.send(0x605, ask)
-    assert bench.frames(0x585) == []
-    bench.clock.sleep(0.06)
-    assert len(bench.frames(0x585)) == 1
-    bench.wire.enter_bus_off()
-    bench.send(0x605, ask)
-    assert bench.frames(0x585) == []
-    bench.wire.restore()
-    bench.send(0x605, ask)
-    assert len(bench.frames(0x585)) == 1
-
-
-def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
-    """A reset takes time; nothing is sent before the boot-up frame at its end."""
-    clock, wire = SimulatedClock(), InProcessWire()
-    heard: list[int] = []
-    bus = InProcessBus(wire, lambda message: heard.append(message.arbitration_id))
-    drive = epos2_node(wire, NODE, clock, boot_time_s=0.26)
-    clock.on_advance(drive.tick)
-    heard.clear()
-    drive.restart()
-    clock.sleep(0.25)
-    assert heard == []
-    clock.sleep(0.02)
-    assert heard == [0x705]
-    drive.unplug()
-    bus.shutdown()
-
-
-def test_an_emergency_goes_out_under_its_own_cob_id(bench: CanopenBench) -> None:
-    """0x1014 can be written; with its highest bit set the drive sends no EMCY."""
-    assert bench.read(co.EMERGENCY_ID) == 0x80 + NODE
-    bench.write(co.EMERGENCY_ID, 0x90)
-    bench.drive.fail(0x8110)
-    assert bench.frames(0x090) == [b"\x10\x81\x11\0\0\0\0\0"]
-    bench.write(co.EMERGENCY_ID, 0x80000090)
-    bench.drive.fail(0x8111)
-    assert bench.frames(0x090) + bench.frames(0x080 + NODE) == []
-
-
-def test_a_masked_input_is_not_shown(bench: CanopenBench) -> None:
-    """0x2071:01 shows the inputs of the mask 0x2071:02; by default position marker and drive enable are hidden."""
-    bench.drive.press(0xFFFF)
-    assert bench.read(od.INPUT_STATE) == 0xE387
-    bench.write(od.INPUT_MASK, 0x0010)
-    assert bench.read(od.INPUT_STATE) == 0x0010
 
 
 def test_it_announces_itself_and_says_its_name_in_segments(bench: CanopenBench) -> None:

@@ -119,15 +119,6 @@ def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
         assert last.text == "stopped"
 
 
-def test_homing_without_a_stop_never_ends() -> None:
-    """Only a timeout of the driver can end it."""
-    with bench(Mechanics()) as b:
-        b.home(-3)
-        b.clock.sleep(100.0)
-        assert b.drive.is_homing
-        assert not b.word() & 0x1400
-
-
 def test_a_blocked_shaft_becomes_a_following_error() -> None:
     """0x8611 as soon as the shaft lags by more than 0x6065."""
     with bench(Mechanics()) as b:
@@ -185,52 +176,6 @@ def test_an_error_takes_power_at_once_or_brakes_first(code: int, option: int, rp
         still = b.drive.journal.last("still")
         assert still is not None
         assert still.t_s == pytest.approx(0.5 + (0.0 if rpm_per_s is None else 1000 / rpm_per_s))
-
-
-class _RunningClock(SimulatedClock):
-    """A computer's clock, which goes on between two readings: each is 50 us after the one before."""
-
-    def now_s(self) -> float:
-        """Return the time."""
-        self._now_us += 50
-        return super().now_s()
-
-
-@pytest.mark.parametrize("delay_us", range(0, 400, 50))
-def test_a_drive_that_has_come_to_rest_stays_where_it_noted_that(delay_us: int) -> None:
-    """Whatever the instant at which its profile ends while it computes."""
-    clock = _RunningClock()
-    drive = epos2_node(InProcessWire(), 1, clock)
-    clock.sleep(delay_us / 1e6)
-    for place, value in (
-        (co.CONTROLWORD, 0x06),
-        (co.CONTROLWORD, 0x0F),
-        (co.TARGET_POSITION, 100),
-        (co.CONTROLWORD, 0x3F),
-    ):
-        drive.objects.write(place, OBJECTS[place].encode_raw(value))
-    while (still := drive.journal.last("still")) is None:
-        drive.tick()
-    drive.tick()
-    assert drive.shaft_counts == still.shaft_counts == 100
-    drive.unplug()
-
-
-@pytest.mark.parametrize("code", [None, 0x2310, 0x8611])
-def test_the_acknowledge_of_a_set_point_ends_with_power(code: int | None) -> None:
-    """Bit 12 does not outlive disable voltage or a fault, not even one at whose end power goes."""
-    with bench(Mechanics()) as b:
-        b.write(co.TARGET_POSITION, 100_000)
-        b.write(co.CONTROLWORD, 0x1F)
-        b.clock.sleep(0.5)
-        assert b.word() & 0x1000
-        if code is None:
-            b.write(co.CONTROLWORD, 0x10)
-        else:
-            b.drive.fail(code)
-        b.clock.sleep(2.0)
-        assert not b.drive.is_powered()
-        assert not b.word() & 0x1000
 
 
 def test_an_emergency_stop_lasts_until_power_is_back() -> None:

@@ -3,12 +3,10 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 import can
 import pytest
 
-from labrig.devices.simulated.serving import ServedDrives
 from labrig.devices.simulated.slcan import SlcanAdapter, format_frame, parse_frame
 
 FRAME = can.Message(arbitration_id=0x181, data=b"\1\2\3\4\5\6\7\10", is_extended_id=False)
@@ -94,37 +92,3 @@ def test_a_program_that_never_reads_loses_frames_and_delays_nobody(adapter: Slca
                 lines += os.read(program, 65536)
         assert 0 < lines.count(b"\r") < sent
         assert set(lines.split(b"\r")[:-1]) == {LINE[:-1]}
-
-
-def test_a_program_that_sends_without_a_pause_does_not_stop_the_drives(adapter: SlcanAdapter) -> None:
-    """A round of serving ends although more frames wait, and the drives do what is due."""
-    rounds = iter(range(3))
-    with _open(adapter) as flood:
-        os.set_blocking(flood, False)
-
-        def until() -> bool:
-            with suppress(BlockingIOError):
-                while True:
-                    os.write(flood, b"t77F105\r" * 1000)
-            return next(rounds, None) is None
-
-        ServedDrives(adapter, ()).serve(until)
-        assert adapter.recv(timeout=0) is not None
-
-
-def test_a_program_that_goes_leaves_the_line_to_the_next(adapter: SlcanAdapter) -> None:
-    """Its end is closed, without an error."""
-    with _open(adapter) as program:
-        assert _talk(adapter, program, b"C\r", 1)[0] == b"\r"
-    with _open(adapter) as program:
-        adapter.send(FRAME)
-        assert _read(program, 22) == LINE
-
-
-def test_unplugging_ends_the_line(adapter: SlcanAdapter) -> None:
-    """A program reads the end, and cannot open it again."""
-    with _open(adapter) as program:
-        adapter.unplug()
-        assert os.read(program, 1) == b""
-    assert not Path(adapter.path).exists()
-    assert adapter.recv(timeout=0.01) is None

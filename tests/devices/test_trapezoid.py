@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from labrig.devices.trapezoid import Limits, make_brake_profile, make_move_profile, make_rest_profile
+from labrig.devices.trapezoid import Limits, make_brake_profile, make_move_profile
 
 positions = st.floats(-1e6, 1e6)
 limits = st.builds(
@@ -45,20 +45,7 @@ def test_limits_hold_from_rest(start: float, target: float, bounds: Limits, part
     assert min(start, target) - slack <= position <= max(start, target) + slack
 
 
-def test_a_long_move_cruises() -> None:
-    """10 at speed 1 and acceleration 1 takes 1 s up, 9 s of cruise and 1 s down."""
-    profile = make_move_profile(0.0, 0.0, 0.0, 10.0, Limits(1.0, 1.0, 1.0))
-    assert profile.end_s == pytest.approx(11.0)
-    assert profile.at(0.5) == pytest.approx((0.125, 0.5))
-    assert profile.at(5.5) == pytest.approx((5.0, 1.0))
-
-
 def test_braking_takes_the_distance_that_physics_says() -> None:
     """The distance is v^2 / 2a, in the time v / a."""
     profile = make_brake_profile(2.0, 5.0, -4.0, 8.0)
     assert (profile.end_s, profile.end_position) == pytest.approx((2.5, 4.0))
-
-
-def test_standing_still_is_a_profile() -> None:
-    """A profile at rest stays at rest."""
-    assert make_rest_profile(3.0, 7.0).at(3.0) == make_rest_profile(3.0, 7.0).at(1e9) == (7.0, 0.0)

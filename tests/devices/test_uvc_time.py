@@ -3,7 +3,6 @@
 import pytest
 
 from labrig.devices.camera import Camera, Frame
-from labrig.devices.uvc.camera import CAMERA as UVC
 from labrig.devices.uvc.camera import UvcSource
 from labrig.errors import CameraError
 from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls, uvc_section
@@ -41,16 +40,6 @@ def test_queued_pictures_are_dropped() -> None:
     assert capture.computer.now_s - asked_s <= PERIOD_S + 0.005
 
 
-def test_a_camera_that_is_read_all_the_time_gives_every_second_picture() -> None:
-    """Nothing waits in its queue then, so no call drops five pictures for one."""
-    camera, capture, _ = _open()
-    camera.capture()
-    before_s = capture.computer.now_s
-    for _ in range(10):
-        camera.capture()
-    assert capture.computer.now_s - before_s <= 2 * 10 * PERIOD_S + 1e-9
-
-
 @pytest.mark.parametrize("kind", [{"stamp_offset_s": 1.7e9}, {"stamp_offset_s": -900.0}, {"stamps": False}])
 def test_stamps_of_another_clock_are_not_used(kind: dict[str, object]) -> None:
     """Without a usable stamp the time is the middle of the call, bounded by half its duration."""
@@ -80,21 +69,6 @@ def test_a_picture_that_began_before_its_command_is_refused(
     assert "plug it in again" in refusal.value.hint
 
 
-def test_a_camera_without_pictures_is_an_error() -> None:
-    """No picture arrives, and there is no second wait."""
-    camera, _, _ = _open(dead=True)
-    with pytest.raises(CameraError, match="no picture"):
-        camera.capture()
-
-
-@pytest.mark.parametrize(("stamps", "words"), [(True, "42 ms, 0.04 mm"), (False, "104 ms, 0.10 mm")])
-def test_a_check_says_how_well_the_time_is_known(stamps: bool, words: str) -> None:
-    """To a period by the kernel's stamp; without it, to half of the five periods of a call."""
-    camera, _, _ = _open(stamps=stamps)
-    results = {result.check: result.value for result in UVC.check(SECTION, camera)}
-    assert results["camera time"] == f"known within {words} at 1 mm/s"
-
-
 @pytest.mark.parametrize(
     ("t_s", "fraction", "bound_s"),
     [(1.25, 0.25, 0.04), (0.9, 0.0, 0.14), (2.1, 1.0, 0.14)],
@@ -109,11 +83,3 @@ def test_a_frame_of_exact_time_has_no_bound() -> None:
     """A simulated picture has the time of the call."""
     frame = Frame(FakeCapture(Computer()).retrieve()[1], 1.25, 0).between(1.0, 2.0)
     assert (frame.t_bound_s, frame.fraction) == (None, None)
-
-
-def test_closing_twice_closes_once() -> None:
-    """The device is released once."""
-    _, capture, source = _open()
-    source.close()
-    source.close()
-    assert capture.released == 1

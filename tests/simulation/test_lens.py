@@ -9,7 +9,6 @@ from labrig.errors import InputError
 from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import (
     distort,
-    pixel_plane,
     plane_to_pixels,
     project,
     steering_plane_pose,
@@ -58,12 +57,3 @@ def test_the_plane_stands_where_the_description_says() -> None:
     along, up = plane_to_pixels(np.array([[0.0, 10.0], [10.0, 0.0]]), PLAIN) - PLAIN.origin_px
     assert along == pytest.approx([10 * PLAIN.fx_px / PLAIN.distance_mm, 0])
     assert up == pytest.approx([0, -10 * PLAIN.fy_px / PLAIN.distance_mm])
-
-
-def test_the_map_of_all_pixels_inverts_the_projection() -> None:
-    """Points of the plane at each pixel's foot are seen in that pixel."""
-    plane = pixel_plane(LENS)
-    rows, columns = np.mgrid[0:720:31, 0:1280:37]
-    feet = np.stack([plane.y_mm[rows, columns].ravel(), plane.z_mm[rows, columns].ravel()], axis=1)
-    seen = plane_to_pixels(feet.astype(float), LENS)
-    assert seen == pytest.approx(np.stack([columns.ravel(), rows.ravel()], axis=1), abs=1e-3)

@@ -70,14 +70,6 @@ def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> Non
         assert crossing == pytest.approx(rim, abs=0.3)
 
 
-def test_a_point_of_the_plane_is_seen_exactly_where_it_is() -> None:
-    """At x = 0 nothing is computed that could change a bit."""
-    points = np.random.default_rng(1).uniform(-30.0, 90.0, (50, 3)) * (0.0, 1.0, 1.0)
-    seen, scale = see_points(points, LENS)
-    np.testing.assert_array_equal(seen, points[:, 1:])
-    np.testing.assert_array_equal(scale, np.ones(50))
-
-
 def test_an_obstacle_out_of_the_plane_is_seen_aside_and_smaller() -> None:
     """The middle of its disc is where OpenCV projects its centre."""
     values: dict[str, Any] = {"lens": STRAIGHT_LENS, "noise_sd": 0, "bubbles_per_specimen": 0}

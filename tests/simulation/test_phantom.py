@@ -9,7 +9,6 @@ import pytest
 
 from labrig.simulation.description import DisturbancesDescription, WorldDescription
 from labrig.simulation.gel import Ball
-from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.track import NODE_MM, Bending, Track, Unevenness, draw_unevenness, no_unevenness
 from labrig.simulation.world import World
 
@@ -69,13 +68,6 @@ def test_a_needle_does_not_steer_in_a_cavity() -> None:
     assert headings[2] - headings[3] == pytest.approx(5.0 / 28.0)
 
 
-def test_cavities_are_as_many_and_as_long_as_described() -> None:
-    """Each is between six and ten millimetres long unless two of them meet."""
-    for seed in range(20):
-        empty = draw_path(disturbances(cavities=1), seed).curvature_share == 0.0
-        assert 6.0 - NODE_MM <= empty.sum() * NODE_MM <= 10.0 + NODE_MM
-
-
 def test_a_bevel_on_its_way_round_leads_out_of_the_plane() -> None:
     """A millimetre at a quarter turn leans the path by 1/r towards +x, as equation 5 says."""
     track = Track((0.0, 0.0), 0.0, BENDING)
@@ -124,12 +116,3 @@ def test_an_obstacle_is_seen_where_it_is_and_the_gel_shines_through() -> None:
     middle = changed.mean(axis=0)
     ratio = cast[tuple(middle.astype(int))] / plain[tuple(middle.astype(int))]
     assert 0.5 < ratio < 0.9
-
-
-def test_a_point_of_the_plane_is_where_its_pixel_is_seen() -> None:
-    """What the operator sees at a pixel lies in the plane, and is seen at that pixel."""
-    world = phantom(3)
-    lens = world.description.lens
-    seen = world.point_at_pixel_mm((900.0, 250.0))
-    assert seen[0] == 0.0
-    assert plane_to_pixels(np.array([seen[1:]]), lens)[0] == pytest.approx((900.0, 250.0), abs=1e-3)

@@ -97,11 +97,3 @@ def test_overshooting_by_the_lag_and_returning_leaves_the_bevel_in_the_plane() -
         insert(world, [(10.0, 0.0)])
         world.advance(10.0, math.pi + lag_rad, 15.0)
         assert insert(world, [(10.0, base_rad), (40.0, base_rad)]) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_needle_is_clamped_without_wind_up() -> None:
-    """A new needle points where the clamp says, wherever the axis stands."""
-    world = bench(20.0, clamp_roll_deg=30.0)
-    assert insert(world, [(20.0, math.radians(-30.0))]) == pytest.approx(
-        math.sin(math.radians(20.0)) / RADIUS_MM * 20.0**2 / 2, rel=0.03
-    )

@@ -86,11 +86,6 @@ def test_a_turned_bevel_takes_the_backlash_once_the_hinges_are_closed() -> None:
     assert track.node_at(21.55).curvature_1_mm == pytest.approx(1 / RADIUS_MM)
 
 
-def test_a_bevel_out_of_the_plane_bends_by_its_component() -> None:
-    """At 60 degrees the path in the plane has half the curvature."""
-    assert cut((30.0, math.pi / 3)).node_at(30.0).curvature_1_mm == pytest.approx(-0.5 / RADIUS_MM)
-
-
 def test_points_between_nodes_and_before_the_start_continue_the_path() -> None:
     """Between two nodes the path is smooth; before its start it is the sheath's axis."""
     track = cut((10.0, 0.0), heading_rad=0.1)
@@ -99,10 +94,3 @@ def test_points_between_nodes_and_before_the_start_continue_the_path() -> None:
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert steps == pytest.approx(np.full(len(steps), NODE_MM / 7), rel=1e-5)
     assert points[0] == pytest.approx([-math.sin(0.1), -math.cos(0.1)])
-
-
-def test_points_before_the_start_are_evenly_spaced() -> None:
-    """A sheath drawn back from where the needle left it bares a straight piece of needle."""
-    points = cut((2.0, 0.0)).points_mm(-1.0)
-    assert points[0] == pytest.approx([-1.0, 0.0, 0.0, -1.0])
-    assert np.diff(points[:, 0]) == pytest.approx(np.full(len(points) - 1, NODE_MM))

@@ -175,12 +175,6 @@ def test_another_drive_is_refused(bare: ProfileDriveOnABus, place: Place, value:
     assert all(data[0] == 0x40 for data in sent)
 
 
-def test_an_unknown_unit_is_not_compared(bare: ProfileDriveOnABus) -> None:
-    """A unit code that labrig does not know is ignored; the rig file counts."""
-    bare.node.objects.set_fixed(co.VELOCITY_UNIT, 0x00010100)
-    bare.driver.identify()
-
-
 UNITS = [
     ("rpm", 0.001, "rpm/s", 0.1),
     ("turns/s", 0.0001, "turns/s^2", 0.01),
@@ -262,17 +256,6 @@ def test_standard_currents_are_thousandths_of_the_rated_one(tmp_path: Path) -> N
         assert one.driver.current_limit_ma() == 10_000
 
 
-def test_inputs_have_the_names_of_the_profile(tmp_path: Path) -> None:
-    """0x60FD: limit switches and home are the first bits; a pressed limit switch is a fault."""
-    wired = {"end": {"source": "positive-limit"}, "start": {"source": "negative-limit"}}
-    with drive_on_a_bus(section_of(tmp_path, inputs=wired)) as one:
-        one.get_ready()
-        one.node.press(0x0002)
-        assert one.driver.read_inputs() == {"end": True, "start": False}
-        with pytest.raises(DriveFaultError, match="error 0x8A81, positive limit switch"):
-            one.driver.check()
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [(0x8611, "following error"), (0x5441, r"unknown to labrig \(hardware"), (0xFF01, "unknown to labrig")],
@@ -296,13 +279,6 @@ def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) ->
     ready.node.mend()
     ready.driver.reset_fault()
     ready.driver.enable()
-
-
-def test_a_mode_is_waited_for(ready: ProfileDriveOnABus) -> None:
-    """0x6061 reports the mode; no command is sent before the drive is in it."""
-    ready.node.objects._live = {**ready.node.objects._live, co.MODE_DISPLAY: lambda: 1}
-    with pytest.raises(DriveError, match=r"stayed in mode of operation 1 \(0x6061\) when 6"):
-        ready.home(Homing(HOMING_HERE))
 
 
 def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:

@@ -177,8 +177,8 @@ class Axis:
         window_s = self.description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
 
-    def read(self) -> DriveReading:
-        """Read statusword and position.
+    def read(self, since_s: float | None = None) -> DriveReading:
+        """Read statusword and position, as `Drive.read`.
 
         `target_reached` means that the last move is done: the drive says so, and the position that was read
         is within the window around the target.
@@ -189,7 +189,7 @@ class Axis:
             On a fault, a restart, silence, lost power, or a move that is long overdue.
         BusError
         """
-        read = self.drive.read()
+        read = self.drive.read(since_s)
         reached = self._has_arrived(arrived=read.target_reached)
         if reached and self._then is not None:
             target, speed = self._then

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 import can
 import canopen
@@ -37,6 +37,7 @@ OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, T
 _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
 """Default options; without this one, python-can polls slcan a thousand times a second."""
 
+_T = TypeVar("_T")
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
 # labrig raises what these libraries log; without a handler Python would also print it to stderr.
@@ -154,7 +155,7 @@ class CanLink:
             self.network.trouble = BusError(f"the CAN bus took no frame: {error}", _CHECK_BUS)
             raise self.network.trouble from error
 
-    def receive(self, answers: SimpleQueue[bytes], deadline_s: float) -> bytes | None:
+    def receive(self, answers: SimpleQueue[_T], deadline_s: float) -> _T | None:
         """Return the next of `answers`, waiting for it until the rig time `deadline_s`; None when none comes.
 
         Raises what `attend` raises: a `BusError`.

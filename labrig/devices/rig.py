@@ -208,8 +208,6 @@ class Rig:
             When one of them cannot continue; all that answer have been stopped.
         """
         try:
-            for axis in self.axes:
-                axis.drive.expect_report()
             return self._supervisor.read(Axis.read, lambda: self._link.send(_SYNC, b""))
         except MachineError as error:
             self._stop_because_of(error)

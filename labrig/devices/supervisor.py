@@ -140,7 +140,7 @@ class Supervisor:
         return min((stall.period_s for stall in self._stalls.values()), default=math.inf)
 
     def read(
-        self, read: Callable[[Axis], DriveReading], announce: Callable[[], None] = lambda: None
+        self, read: Callable[[Axis, float | None], DriveReading], sync: Callable[[], None] | None = None
     ) -> dict[str, DriveReading]:
         """Read every axis and judge what is read.
 
@@ -148,16 +148,18 @@ class Supervisor:
         ----------
         read : callable
             Reads an axis.
-        announce : callable
-            Called before, and after the time was taken: a busy computer may be held up once the drives have measured.
+        sync : callable or None
+            Sends the SYNC at which all are read, once the time was taken: a busy computer may be held up later.
 
         Raises
         ------
         DriveStrayedError, ForceGuardError, DriveError, BusError
         """
         self.last_s = self._heartbeat.now_s()
-        announce()
-        states = {name: read(axis) for name, axis in self._axes.items()}
+        if sync is not None:
+            sync()
+        since_s = None if sync is None else self.last_s
+        states = {name: read(axis, since_s) for name, axis in self._axes.items()}
         self.positions |= {name: (self.last_s, state.position) for name, state in states.items()}
         until_s = self._heartbeat.now_s()
         places = {name: PositionReading(self.last_s, until_s, each.position) for name, each in states.items()}
@@ -200,5 +202,5 @@ class Supervisor:
             raise_together([excess for excess in excesses if excess is not None])
 
 
-def _read_drive(axis: Axis) -> DriveReading:
-    return axis.drive.read()
+def _read_drive(axis: Axis, since_s: float | None) -> DriveReading:
+    return axis.drive.read(since_s)

@@ -155,9 +155,9 @@ class DriveConformance:
     def test_a_report_at_a_sync_has_position_and_load(self) -> None:
         """The position is that of a read by SDO; current and inputs are there, as far as the drive has them."""
         with self._enabled() as bench:
-            bench.drive.expect_report()
+            since_s = bench.clock.now_s()
             bench.opened.link.send(_SYNC, b"")
-            reported, lag = bench.drive.read(), bench.drive.lag()
+            reported, lag = bench.drive.read(since_s), bench.drive.lag()
             assert bench.is_at(reported.position)
             assert (reported.current_ma is None) is (bench.drive.current_ma() is None)
             assert set(reported.inputs) == set(bench.opened.section.inputs) == set(bench.drive.read_inputs())

@@ -286,13 +286,9 @@ class Cia402Drive(DriveNode):
         """Return the target position that the drive now has [mm or rad]."""
         return self._position(self.upload(co.TARGET_POSITION))
 
-    def expect_report(self) -> None:
-        """Drop earlier reports: the next `read` is that of the coming SYNC."""
-        self._reports.expect()
-
-    def read(self) -> DriveReading:
+    def read(self, since_s: float | None = None) -> DriveReading:
         """Read statusword, position and load. Raises `DriveError` if the drive cannot move."""
-        values = self._reports.read()
+        values = self._reports.read(since_s)
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
         self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
         self.check()

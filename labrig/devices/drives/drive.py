@@ -80,7 +80,7 @@ class DriveReading:
     """A reading of a drive that can move: position [mm or rad], statusword, and whether its last move has arrived.
 
     `target_reached` is true if the drive says so and the position is within the window around the target. `inputs` has
-    the inputs that the rig file names. The motor current [mA] is in a reading that was expected (`expect_report`); None
+    the inputs that the rig file names. The motor current [mA] is in a reading at a SYNC; None
     if the drive does not measure it.
     """
 
@@ -183,11 +183,13 @@ class Drive(Protocol):
     def target(self) -> float | None:
         """Return the target position that the drive now has, whoever wrote it [mm or rad]; None if it does not tell."""
 
-    def expect_report(self) -> None:
-        """Make the next `read` return what the drive reports at the coming SYNC, if it can."""
+    def read(self, since_s: float | None = None) -> DriveReading:
+        """Read statusword, position and inputs.
 
-    def read(self) -> DriveReading:
-        """Read statusword and position.
+        Parameters
+        ----------
+        since_s : float or None
+            Rig time just before a SYNC [s]: what the drive reports at it is read if it can, with the motor current.
 
         Raises
         ------

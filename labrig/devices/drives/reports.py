@@ -63,10 +63,9 @@ class DriveReports:
         self._form = Struct("")
         self._node = node
         self._link = link
-        self._is_expected = False
-        self._arrived: SimpleQueue[bytes] = SimpleQueue()
+        self._arrived: SimpleQueue[tuple[float, bytes]] = SimpleQueue()
         self._can_id = 0x180 + 0x100 * co.REPORT + node.node_id
-        link.network.subscribe(self._can_id, lambda _id, data, _t: self._arrived.put(bytes(data)))
+        link.network.subscribe(self._can_id, self._on_report)
 
     def switch_on(self) -> None:
         """Make the drive report at each SYNC, if its PDO can be mapped and switched on."""
@@ -95,34 +94,31 @@ class DriveReports:
             node.send_nmt(NMT_START)
         return True
 
-    def expect(self) -> None:
-        """Drop what has arrived: the next `read` is that of the coming SYNC."""
-        self._is_expected = True
-        while not self._arrived.empty():
-            self._arrived.get_nowait()
-            self.strays += 1
+    def _on_report(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        self._arrived.put((self._link.clock.now_s(), bytes(data)))
 
-    def read(self) -> dict[Place, int]:
-        """Return statusword, position [counts], current and inputs; by SDO what is not reported or does not arrive.
+    def read(self, since_s: float | None) -> dict[Place, int]:
+        """Return statusword, position [counts] and inputs; by SDO what is not reported or does not arrive.
 
-        The motor current is only in a report that was expected: who looks in between asks for it if the axis lags.
+        The motor current is there too if the report of a SYNC is awaited, which was sent then or later: who looks in
+        between asks for it if the axis lags.
         """
-        is_expected, self._is_expected = self._is_expected, False
-        values = self._take() if is_expected and self.layout else {}
-        current = (self.current[0],) if self.current is not None and is_expected else ()
+        values = {} if since_s is None or not self.layout else self._take(since_s)
+        current = () if self.current is None or since_s is None else (self.current[0],)
         for place in (*_REPORTED, *current, *self._input_words):
             if place not in values:
                 values[place] = self._node.upload(place)
         return values
 
-    def _take(self) -> dict[Place, int]:
+    def _take(self, since_s: float) -> dict[Place, int]:
         """Return what was sent at the SYNC; nothing if that does not arrive in good time."""
         deadline_s = self._link.clock.now_s() + _REPORT_PATIENCE * self._link.answer_timeout_s
-        data = self._link.receive(self._arrived, deadline_s)
-        if data is None or len(data) != self._form.size:
+        while (report := self._link.receive(self._arrived, deadline_s)) is not None and report[0] < since_s:
+            self.strays += 1
+        if report is None or len(report[1]) != self._form.size:
             self.missed += 1
             return {}
-        return dict(zip(self.layout, self._form.unpack(data), strict=True))
+        return dict(zip(self.layout, self._form.unpack(report[1]), strict=True))
 
     # Load
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.devices.camera import CONTROL_NAMES, Camera, CameraContext
+from labrig.devices.camera import Camera, CameraContext
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files import CAMERA as FILES
 from labrig.devices.files import FilesCameraDescription
@@ -102,23 +102,6 @@ def _load(folder: Path, *overrides: str) -> RigDescription:
     path = folder / "rig.yaml"
     path.write_text(before + camera + after, encoding="utf-8")
     return load_rig(path, overrides)
-
-
-def test_recorded_pictures_work_on_both_kinds_of_rig(tmp_path: Path) -> None:
-    """Their section has no exposure, gain or focus."""
-    camera = _load(tmp_path).camera
-    assert isinstance(camera, FilesCameraDescription)
-    assert camera.settings() == {"width_px": 1280, "height_px": 720}
-    assert camera.rig_kinds == {"simulated", "bench"}
-
-
-def test_recorded_pictures_need_no_control(tmp_path: Path) -> None:
-    """A source has none, and its section names none."""
-    write_pictures(tmp_path / "p", 1)
-    camera = _camera(tmp_path)
-    assert not set(CONTROL_NAMES) & FilesCameraDescription.model_fields.keys()
-    assert camera.settings.asked.keys() == {"width_px", "height_px"}
-    assert camera.capture().image.shape == SIZE_PX[::-1]
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives import epos2 as od
@@ -197,37 +195,3 @@ def test_a_restarted_drive_counts_from_zero_where_its_shaft_stands() -> None:
         b.clock.sleep(5.0)
         b.drive.restart()
         assert (b.drive.shaft_counts, b.read(co.POSITION_ACTUAL)) == (5_000, 0)
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from([0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x02, 0x06, 0x07]),
-            st.integers(-60_000, 60_000),
-            st.integers(200, 25_000),
-            st.floats(0.0, 0.5),
-        ),
-        max_size=8,
-    )
-)
-def test_the_drive_never_leaves_its_limits_by_more_than_braking(
-    steps: list[tuple[int, int, int, float]],
-) -> None:
-    """For any command, demand beyond a software limit is a fault and the axis stops."""
-    with bench(Mechanics()) as b:
-        b.write(co.LOWER_LIMIT, -20_000)
-        b.write(co.UPPER_LIMIT, 20_000)
-        for word, target, rpm, wait_s in steps:
-            b.write(co.PROFILE_VELOCITY, rpm)
-            b.write(co.TARGET_POSITION, target)
-            b.write(co.CONTROLWORD, word)
-            b.clock.sleep(wait_s)
-        b.clock.sleep(60.0)
-        fastest = 25_000 * COUNTS_PER_RPM
-        braking = fastest**2 / (2 * 10_000 * COUNTS_PER_RPM)
-        assert abs(b.drive.shaft_counts) <= 20_000 + braking
-        # The counter holds whole quadcounts: a target on the limit is not beyond it by its last binary digit.
-        if round(abs(b.drive.shaft_counts)) > 20_000:
-            assert b.read(co.LAST_ERROR) == 0xFF09
-        assert not b.drive.is_moving

@@ -56,11 +56,6 @@ def test_less_is_no_stall(readings: list[tuple[float, float, float]]) -> None:
     assert judge(*readings) == ""
 
 
-def test_both_directions_are_judged() -> None:
-    """A withdrawal is stalled with a negative current."""
-    assert "480 mA for 0.10 s, 1.5 mm behind" in judge((1.0, -1.0, -480.0), (1.1, -1.5, -480.0))
-
-
 def test_a_fast_axis_is_looked_at_more_often() -> None:
     """Four times until the drive fails by its following error, but at most a hundred times a second."""
     for speed, period_s in ((2.0, 0.25), (100.0, 0.01)):

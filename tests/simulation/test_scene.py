@@ -7,9 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from labrig.simulation.description import LightDescription, WorldDescription
+from labrig.simulation.description import WorldDescription
 from labrig.simulation.lens import plane_to_pixels
-from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench, centre_line_mm, insert, withdraw
 
 Floats = npt.NDArray[np.float64]
@@ -48,19 +47,6 @@ def test_the_needle_s_edges_stand_where_the_truth_says(roll_rad: float) -> None:
             edges = edge_mm(mean, -0.82, -0.42), edge_mm(mean, 0.42, 0.82)
             assert edges == pytest.approx((-0.6, 0.6), abs=0.02)
             assert abs(sum(edges)) / 2 < 0.01
-
-
-def test_the_needle_is_dark_with_a_glint_off_its_middle() -> None:
-    """Both flanks are darker than half the gel; the brightest place between them is off the centre line."""
-    world = bench()
-    insert(world, 40.0)
-    mean = profiles(world.picture(), centre_line_mm(world, 401))[40:120].mean(axis=0)
-    gel = mean[np.abs(OFFSETS_MM) > 1.2].mean()
-    inner = np.abs(OFFSETS_MM) < 0.45
-    glint_mm = OFFSETS_MM[inner][np.argmax(mean[inner])]
-    assert mean[inner].min() < 0.5 * gel
-    assert mean[inner].max() > 1.5 * mean[inner].min()
-    assert 0.05 < abs(glint_mm) < 0.4
 
 
 def test_the_needle_ends_at_its_true_tip() -> None:
@@ -102,12 +88,3 @@ def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> No
     slit = mean[np.abs(OFFSETS_MM) < 0.1].mean()
     assert 0.85 * around < slit < 0.98 * around
     assert np.ptp(profiles(world.picture(), line).mean(axis=0)) < 8
-
-
-def test_light_is_uneven_and_follows_exposure() -> None:
-    """The picture is brighter here than there, half as bright at half the exposure, and saturates."""
-    world = World(QUIET.model_copy(update={"light": LightDescription(unevenness=0.3)}), 1)
-    plain = world.picture().astype(float)[:, 200:]
-    assert plain.max() - plain.min() > 15
-    assert np.abs(world.picture(0.5)[:, 200:] - plain / 2).max() <= 1
-    assert world.picture(4.0)[:, 200:].min() == 255

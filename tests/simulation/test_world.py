@@ -9,8 +9,7 @@ import pytest
 
 from labrig.errors import InputError
 from labrig.simulation.description import SheathDescription, WorldDescription
-from labrig.simulation.world import World
-from tests.simulation.benches import QUIET, bench, centre_line_mm, insert, withdraw
+from tests.simulation.benches import bench, centre_line_mm, insert, withdraw
 
 
 def session(seed: int) -> tuple[bytes, ...]:
@@ -76,14 +75,6 @@ def test_truth_tells_the_insertion_before_and_after_it_is_withdrawn() -> None:
     assert (deepest["specimen"], deepest["gelatin_percent"], deepest["hole"]) == ("A", 13.0, 0)
 
 
-def test_truth_of_an_empty_bench_has_no_radius() -> None:
-    """Every key is present, and unknown values are None."""
-    truth = World(QUIET, 1).truth()
-    assert set(truth) == set(bench().truth())
-    assert truth["radius_mm"] is None
-    assert truth["specimen"] is None
-
-
 def test_the_sheath_stands_where_the_linear_axis_says() -> None:
     """Its tip lies on its axis, axis position less 15 mm from the origin, but for the play."""
     world = bench()
@@ -107,18 +98,6 @@ def test_a_needle_is_carried_along_its_path_by_the_linear_axis() -> None:
     assert centre_line_mm(world)[-1] == pytest.approx(tip)
 
 
-def test_in_air_the_needle_is_straight_and_leaves_nothing() -> None:
-    """Without a specimen each insertion starts anew."""
-    world = World(QUIET, 1)
-    world.mount_needle("N1")
-    insert(world, 30.0)
-    line = centre_line_mm(world)
-    assert np.ptp(line[:, 0]) == 0
-    assert line[-1, 1] == pytest.approx(30.0)
-    world.advance(0.0, 0.0, 15.0)
-    assert len(centre_line_mm(world)) == 0
-
-
 @pytest.mark.parametrize(("insertion_mm", "linear_mm"), [(5.0, 0.0), (0.0, 15.0)])
 def test_the_gel_is_not_moved_with_the_instrument_in_it(insertion_mm: float, linear_mm: float) -> None:
     """Shifting the gel with needle or sheath in it is refused, with the depth."""
@@ -132,12 +111,6 @@ def test_the_gel_is_not_moved_with_the_instrument_in_it(insertion_mm: float, lin
         world.clear_bench()
     with pytest.raises(InputError, match="deep in A"):
         world.mount_needle("N2")
-
-
-def test_a_hole_of_another_specimen_is_refused() -> None:
-    """Shifting to a hole of a specimen that is not in place is refused."""
-    with pytest.raises(InputError, match="specimen B is not on the bench; A is"):
-        bench().shift_to_hole("B", 0, 35.0)
 
 
 @pytest.mark.parametrize("position_mm", [-1.0, 241.0, math.nan])

@@ -12,7 +12,6 @@ from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.units import AxisScale
 from labrig.errors import (
     DriveError,
     DriveFaultError,
@@ -294,12 +293,3 @@ def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
         assert not one.node.is_moving
         with pytest.raises(InputError, match=r"none\.eds does not exist"):
             one.driver.identify()
-
-
-def test_the_scale_follows_the_stated_units() -> None:
-    """One turn per second in counts, rpm and thousandths of rpm."""
-    section = DRIVE.example(1)
-    assert section.scale() == AxisScale(2000.0, 1.0, 1.0, speed_units=60.0, acceleration_units=60.0)
-    fine = section.model_copy(update={"velocity_unit": "counts/s", "acceleration_factor": 0.5})
-    assert (fine.scale().speed_units, fine.scale().acceleration_units) == (2000.0, 120.0)
-    assert (section.speed_unit, fine.speed_unit) == ("rpm of the motor", "counts/s of the motor")

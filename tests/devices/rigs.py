@@ -70,16 +70,12 @@ def epos2_node(
     *,
     encoder_pulses: int = 500,
     mechanics: Mechanics = _FREE,
-    boot_time_s: float = 0.0,
     hardware: int = 0x6220,
     software: int = 0x2122,
 ) -> SimulatedCia402Drive:
     """Put a simulated EPOS2 on a wire."""
     section = DRIVE.example(node_id).model_copy(update={"encoder_pulses_per_turn": encoder_pulses})
-    behaviour, fixed = be_epos2(section, hardware, software)
-    return SimulatedCia402Drive(
-        section, wire, clock, mechanics, boot_time_s, behaviour=behaviour, fixed=fixed
-    )
+    return SimulatedCia402Drive(section, wire, clock, mechanics, be_epos2(section, hardware, software))
 
 
 @dataclass

@@ -28,7 +28,8 @@ from labrig.devices.drives.model import Asked, Model, Stated
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.kinds import Nature, be_epos2
+from labrig.devices.simulated.cia402 import Behaviour
+from labrig.devices.simulated.kinds import be_epos2
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
 
@@ -132,7 +133,7 @@ class Epos2Axis(ProductSection):
         """Names of the analog inputs of the drive."""
         return tuple(ANALOG_INPUTS)
 
-    def find_nature(self) -> Nature:
+    def find_behaviour(self) -> Behaviour:
         """Return how an EPOS2 24/5 behaves."""
         return be_epos2(self)
 

@@ -11,8 +11,8 @@ from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.eds import find_bounds
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
-from labrig.devices.simulated.kinds import Nature, be_cia402
+from labrig.devices.simulated.cia402 import Behaviour, SimulatedCia402Drive
+from labrig.devices.simulated.kinds import be_cia402
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import InputError
 from labrig.protocol.model import Conflict
@@ -52,12 +52,11 @@ class ProductSection(Cia402Section):
     def simulate(
         self, wire: InProcessWire, clock: Clock, mechanics: Mechanics, boot_time_s: float = 0.0
     ) -> SimulatedCia402Drive:
-        """Return a simulated drive on a wire, of the nature of the product."""
-        behaviour, fixed = self.find_nature()
+        """Return a simulated drive on a wire, which behaves as the product does."""
         return SimulatedCia402Drive(
-            self, wire, clock, mechanics, boot_time_s, behaviour=behaviour, fixed=fixed
+            self, wire, clock, mechanics, self.find_behaviour(), boot_time_s=boot_time_s
         )
 
-    def find_nature(self) -> Nature:
+    def find_behaviour(self) -> Behaviour:
         """Return how the product behaves; by default as any CiA 402 drive with its EDS file."""
         return be_cia402(self)

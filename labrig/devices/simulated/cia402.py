@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from labrig.clock import Clock
@@ -86,6 +86,8 @@ class Behaviour:
         Object that says which limit switches stop the drive; None: both do.
     zero_is_no_limit : bool
         Whether software limits of zero both are none.
+    fixed : mapping of Place to int
+        What a drive has instead of the defaults of its EDS file, and keeps through every reset.
     """
 
     status_bits: int
@@ -96,6 +98,7 @@ class Behaviour:
     reset_communication_first: frozenset[int]
     switch_mask: Place | None = None
     zero_is_no_limit: bool = False
+    fixed: Mapping[Place, int] = field(default_factory=dict)
 
 
 class SimulatedCia402Drive(CanopenNode):
@@ -111,12 +114,10 @@ class SimulatedCia402Drive(CanopenNode):
         Whose time it moves in. `tick` is to be called whenever that time advances.
     mechanics : Mechanics
         What the shaft can run against.
-    boot_time_s : float
-        How long it is silent after a reset.
     behaviour : Behaviour
         That of its product.
-    fixed : mapping of Place to int
-        What this drive has instead of the defaults, and keeps through every reset.
+    boot_time_s : float
+        How long it is silent after a reset.
     """
 
     def __init__(
@@ -125,13 +126,11 @@ class SimulatedCia402Drive(CanopenNode):
         wire: InProcessWire,
         clock: Clock,
         mechanics: Mechanics,
-        boot_time_s: float = 0.0,
-        *,
         behaviour: Behaviour,
-        fixed: Mapping[Place, int],
+        *,
+        boot_time_s: float = 0.0,
     ) -> None:
-        self._section, self._fixed = section, fixed
-        self._behaviour = behaviour
+        self._section, self._behaviour = section, behaviour
         self._model = section.model()
         self._scale = section.scale()
         self.journal = DriveJournal()
@@ -145,13 +144,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._inputs = 0
         self._done_s = -math.inf
         self._forget()
-        objects = ObjectDictionary(
-            self._model.eds,
-            section.node_id,
-            fixed,
-            self._list_live_objects(),
-            fingerprint=self._model.fingerprint,
-        )
+        objects = ObjectDictionary(self._model, section.node_id, behaviour.fixed, self._list_live_objects())
         self._values = objects.value
         super().__init__(wire, section.node_id, clock, objects)
         self._note("boot", "power on")
@@ -213,10 +206,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
-        mechanics, behaviour = self._shaft.mechanics, self._behaviour
-        SimulatedCia402Drive(
-            self._section, self._wire, self._clock, mechanics, behaviour=behaviour, fixed=self._fixed
-        )
+        SimulatedCia402Drive(self._section, self._wire, self._clock, self._shaft.mechanics, self._behaviour)
 
     def fail(self, code: int) -> None:
         """Go to fault with an error code: tell it by EMCY, and brake or lose power as the code has it."""

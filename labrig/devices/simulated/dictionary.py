@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping
 from canopen.objectdictionary import ODVariable
 
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.eds import Eds, count_bytes, find_bounds, find_default, read_own_eds
+from labrig.devices.drives.eds import count_bytes, find_bounds, find_default, read_own_eds
+from labrig.devices.drives.model import Model
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.sdo_server import SdoAbortError
@@ -25,16 +26,14 @@ class ObjectDictionary:
 
     Parameters
     ----------
-    eds : Eds
-        What there is.
+    model : Model
+        The product: what there is, and which objects are cleared when a setting changes.
     node_id : int
         Added to the COB-IDs that depend on it.
     fixed : mapping of Place to int
         What this drive has instead of the defaults, and keeps through every reset.
     live : mapping of Place to callable
         Objects whose value is made when it is read.
-    fingerprint : tuple of Place
-        Those that are cleared when a setting changes.
 
     Attributes
     ----------
@@ -50,14 +49,9 @@ class ObjectDictionary:
     written: Callable[[Place, int, int], None]
 
     def __init__(
-        self,
-        eds: Eds,
-        node_id: int,
-        fixed: Mapping[Place, int],
-        live: Mapping[Place, Callable[[], int]],
-        *,
-        fingerprint: tuple[Place, ...],
+        self, model: Model, node_id: int, fixed: Mapping[Place, int], live: Mapping[Place, Callable[[], int]]
     ) -> None:
+        eds = model.eds
         self._name = eds.product_name.encode("ascii", "replace")
         self._objects = eds.objects
         self._indices = {place.index for place in eds.objects} | {_DEVICE_NAME.index}
@@ -65,7 +59,7 @@ class ObjectDictionary:
         self._defaults = {p: find_default(v) + node_id * v.relative for p, v in self.variables.items()}
         self._fixed = dict(fixed)
         self._live = live
-        self._fingerprint = fingerprint
+        self._fingerprint = model.fingerprint
         self.values: dict[Place, int] = {}
         self.load()
 

@@ -1,5 +1,7 @@
 """The products that are simulated: an EPOS2 24/5, and any CiA 402 drive by its EDS file, which behaves as an EPOS4."""
 
+from dataclasses import replace
+
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
@@ -38,12 +40,10 @@ _MODES = 0x21
 """0x6502: profile position, homing."""
 
 
-Nature = tuple[Behaviour, dict[Place, int]]
-"""How a product behaves, and what one of its drives has instead of the defaults of the EDS file."""
-
-
-def be_epos2(section: Cia402Section, hardware: int = _EPOS2_24_5, software: int = _SOFTWARE_TRIED) -> Nature:
-    """Return the nature of an EPOS2 of this hardware and software version."""
+def be_epos2(
+    section: Cia402Section, hardware: int = _EPOS2_24_5, software: int = _SOFTWARE_TRIED
+) -> Behaviour:
+    """Return the behaviour of an EPOS2 of this hardware and software version."""
     fixed = {
         _ENCODER_PULSES: round(section.scale().counts_per_turn) // _COUNTS_PER_PULSE,
         _HARDWARE: hardware,
@@ -55,11 +55,11 @@ def be_epos2(section: Cia402Section, hardware: int = _EPOS2_24_5, software: int 
     }
     if hardware == _EPOS2_24_5:
         fixed |= {_CONTINUOUS_CURRENT: 5000, _MAX_CURRENT: 10_000}
-    return EPOS2, fixed
+    return replace(EPOS2, fixed=fixed)
 
 
-def be_cia402(section: Cia402Section) -> Nature:
-    """Return the nature of a CiA 402 drive with the units and the encoder that its section states."""
+def be_cia402(section: Cia402Section) -> Behaviour:
+    """Return the behaviour of a CiA 402 drive with the units and the encoder that its section states."""
     model = section.model()
     fixed = {
         co.DEVICE_TYPE: 0x00020192,
@@ -72,4 +72,4 @@ def be_cia402(section: Cia402Section) -> Nature:
     }
     if not model.has(co.MAX_FOLLOWING_ERROR):
         fixed[co.MAX_FOLLOWING_ERROR] = 0xFFFFFFFF
-    return CIA402, fixed
+    return replace(CIA402, fixed=fixed)

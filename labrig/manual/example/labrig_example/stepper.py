@@ -1,5 +1,6 @@
 """The driver `example-stepper`, a CiA 402 stepper drive: the section of its axis, and what is known of it."""
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -11,7 +12,8 @@ from labrig.devices.drives.model import Asked, Model
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.kinds import CIA402, Nature
+from labrig.devices.simulated.cia402 import Behaviour
+from labrig.devices.simulated.kinds import CIA402
 from labrig.devices.units import AxisScale
 from labrig.errors import DriveError
 
@@ -34,9 +36,10 @@ class StepperAxis(ProductSection):
         """Return the conversion to microsteps and rpm."""
         return AxisScale(self.microsteps_per_turn, gear_ratio, travel_per_turn, self.reversed)
 
-    def find_nature(self) -> Nature:
+    def find_behaviour(self) -> Behaviour:
         """Return how a simulated one behaves: as CiA 402 says."""
-        return CIA402, {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + self.node_id}
+        own = {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + self.node_id}
+        return replace(CIA402, fixed=own)
 
     def model(self) -> Model:
         """Return what is known of the stepper; a drive of your own has an EDS file of its own (`read_eds`)."""

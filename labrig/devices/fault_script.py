@@ -9,10 +9,10 @@ from labrig.protocol.model import Conflict, Model
 
 FaultName = Literal[
     "silent", "boot-up", "emergency", "emergency-stop", "blocked", "input",
-    "bus-off", "unplugged", "late-frames",
+    "bus-off", "unplugged",
 ]  # fmt: skip
 
-_OF_THE_BUS = frozenset({"bus-off", "unplugged", "late-frames"})
+_OF_THE_BUS = frozenset({"bus-off", "unplugged"})
 
 
 class FaultDescription(Model):
@@ -28,8 +28,6 @@ class FaultDescription(Model):
     """Waits further until the axis is doing this."""
     code: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = None
     """Error code of an emergency [-]."""
-    count: Annotated[int, Field(ge=1, le=1_000_000)] = 1
-    """Frames that are late, by 0.1 s [-]."""
     source: Annotated[str, Field(min_length=1, max_length=40)] | None = None
     """Input of the drive that the fault input sets: analog-1, general-A."""
     value: float = 0.0

@@ -34,7 +34,6 @@ class StillSource:
     """Takes every setting, and shows one picture."""
 
     def __init__(self, description: RigDescription) -> None:
-        self.exposures = 0
         self._settings: dict[str, Setting] = {}
         self._shape = (description.camera.height_px, description.camera.width_px)
 
@@ -48,7 +47,6 @@ class StillSource:
 
     def read(self) -> Exposure | None:
         """Return the picture."""
-        self.exposures += 1
         return Exposure(np.zeros(self._shape, np.uint8))
 
     def close(self) -> None:

@@ -35,7 +35,6 @@ class Lens:
         self._pictures = list(pictures)
         self._settings: dict[str, Setting] = {}
         self._rate_hz = rate_hz
-        self.exposures = 0
         self.closed = False
 
     def set(self, name: str, value: Setting) -> None:
@@ -48,7 +47,6 @@ class Lens:
 
     def read(self) -> Exposure | None:
         """Give the next."""
-        self.exposures += 1
         picture = self._pictures.pop(0)
         return None if picture is None else Exposure(picture)
 

@@ -190,7 +190,6 @@ def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -
     "fault",
     [
         "{fault: boot-up, axis: linear, at_s: 20}",
-        "{fault: late-frames, at_s: 30, count: 3}",
         "{fault: unplugged, at_s: 25}",
         "{fault: bus-off, at_s: 25}",
     ],
@@ -268,13 +267,11 @@ class _StampedSource:
     """A camera with a delay before the exposure, a transfer time and time stamps."""
 
     def __init__(self, source: PictureSource, clock: Clock) -> None:
-        self.exposures = 0
         self._source, self._clock = source, clock
         self.set, self.get, self.close = source.set, source.get, source.close
 
     def read(self) -> Exposure | None:
         """Take 13 ms until the exposure, and 27 ms more."""
-        self.exposures += 1
         self._clock.sleep(0.013)
         exposure, t_s = self._source.read(), self._clock.now_s()
         self._clock.sleep(0.027)

@@ -290,17 +290,6 @@ def raise_together(failures: Sequence[MachineError]) -> None:
     raise together
 
 
-def require_all(checks: Iterable[Callable[[], object]]) -> None:
-    """Run every check, and raise the `DriveError`s of those that fail together."""
-    failures = []
-    for check in checks:
-        try:
-            check()
-        except DriveError as error:
-            failures.append(error)
-    raise_together(failures)
-
-
 def try_all(things: Iterable[_Thing], action: Callable[[_Thing], object]) -> list[MachineError]:
     """Do something with every one of them, and return the failures: that of one keeps nothing from the others."""
     failures: list[MachineError] = []

@@ -14,7 +14,7 @@ import math
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TypeVar
 
 from canopen.objectdictionary import ODVariable
@@ -23,7 +23,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Identity, require_all
+from labrig.devices.drives.drive import Identity, raise_together, try_all
 from labrig.devices.drives.eds import count_bytes, find_bounds, read_own_eds
 from labrig.devices.drives.errors import describe_emergency
 from labrig.devices.drives.model import Cia402Section, Model, Stated
@@ -163,7 +163,7 @@ class DriveNode:
             When its EDS file cannot be read.
         """
         identity = self.read_identity()
-        require_all((self.require_stated, self.require_fingerprint))
+        raise_together(try_all((self.require_stated, self.require_fingerprint), lambda check: check()))
         if self.find(co.ABORT_CONNECTION) is not None:
             return identity
         return replace(
@@ -188,9 +188,8 @@ class DriveNode:
 
     def require_stated(self) -> None:
         """Refuse a drive whose encoder or units are not those of its section; they are never written."""
-        require_all(
-            partial(self._compare, stated) for stated in self.model.stated if self.model.has(stated.place)
-        )
+        told = [stated for stated in self.model.stated if self.model.has(stated.place)]
+        raise_together(try_all(told, self._compare))
 
     def _compare(self, stated: Stated) -> None:
         found = stated.read(self.upload(stated.place))

@@ -7,8 +7,6 @@ from labrig.devices.fault_script import FaultDescription
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.simulated_node import SimulatedNode
 
-_LATE_S = 0.1
-
 
 class FaultScript:
     """Injects each fault when it is due.
@@ -52,9 +50,10 @@ class FaultScript:
     def inject(self, fault: FaultDescription) -> None:
         """Inject a fault now."""
         self.happened.append((self._clock.now_s(), fault))
-        drive = None if fault.axis is None else self._drives[fault.axis]
-        actions = self._of_bus(fault) if drive is None else _of_drive(fault, drive)
-        actions[fault.fault]()
+        if fault.axis is None:
+            {"bus-off": self._wire.enter_bus_off, "unplugged": self._wire.unplug}[fault.fault]()
+        else:
+            _list_actions(fault, self._drives[fault.axis])[fault.fault]()
 
     def _is_due(self, fault: FaultDescription) -> bool:
         if self._clock.now_s() < fault.at_s:
@@ -65,16 +64,8 @@ class FaultScript:
         doing = "homing" if drive.is_homing else "moving" if drive.is_moving else "idle"
         return fault.once == doing
 
-    def _of_bus(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
-        wire = self._wire
-        return {
-            "bus-off": wire.enter_bus_off,
-            "unplugged": wire.unplug,
-            "late-frames": lambda: wire.delay(fault.count, _LATE_S),
-        }
 
-
-def _of_drive(fault: FaultDescription, drive: SimulatedNode) -> dict[str, Callable[[], object]]:
+def _list_actions(fault: FaultDescription, drive: SimulatedNode) -> dict[str, Callable[[], object]]:
     return {
         "silent": drive.mute,
         "boot-up": drive.restart,

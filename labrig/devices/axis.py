@@ -63,13 +63,6 @@ class Axis:
 
     # Moving
 
-    def check_move(self, position: float, speed: float) -> None:
-        """Refuse a move beyond the limits of this axis, or one whose speed changes too much by rounding.
-
-        Raises `LimitError`.
-        """
-        self.description.check_move(self.name, position, speed)
-
     def start_move(self, position: float, speed: float) -> Setpoint:
         """Start a move and return at once; `read` and `Rig.read_states` tell when it is done.
 
@@ -88,7 +81,7 @@ class Axis:
             When the axis has neither a reference nor an assumed position.
         DriveError, BusError
         """
-        self.check_move(position, speed)
+        self.description.check_move(self.name, position, speed)
         if not (self.referenced or self.assumed):
             raise SafetyStopError(
                 f"axis {self.name} is not referenced: nobody knows where it stands",
@@ -127,7 +120,7 @@ class Axis:
         achieved = self.description.nearest_speed(min(speed, self.max_speed))
         target = here[1] + distance
         if self.referenced:
-            self.check_move(target, achieved)
+            self.description.check_move(self.name, target, achieved)
         self._due_s = self._clock.now_s() + self._longest_s(target, achieved, here[1])
         self._go(here, target, achieved, None)
         return achieved

@@ -15,7 +15,7 @@ class Place(NamedTuple):
 
 
 PDO_INVALID, NO_REMOTE = 0x80000000, 0x40000000
-"""Bits of a COB-ID: the PDO or EMCY is switched off; it cannot be requested."""
+"""Bits of a COB-ID: the PDO is switched off; it cannot be requested."""
 
 WINDOW_OFF = 0xFFFFFFFF
 """Position window 0x6067 in which target reached means the end of the trajectory, not the position."""
@@ -25,7 +25,6 @@ ERROR_REGISTER = Place(0x1001)
 ERROR_COUNT = Place(0x1003)
 ERROR_HISTORY = tuple(Place(0x1003, n) for n in range(1, 6))
 LAST_ERROR = ERROR_HISTORY[0]
-EMERGENCY_ID = Place(0x1014)
 CONSUMER_HEARTBEAT = Place(0x1016, 1)
 PRODUCER_HEARTBEAT = Place(0x1017)
 VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL_NUMBER = (Place(0x1018, n) for n in range(1, 5))

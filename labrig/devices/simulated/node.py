@@ -87,10 +87,9 @@ class CanopenNode(ABC):
             self._bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
 
     def send_emergency(self, code: int, register: int) -> None:
-        """Send an EMCY frame; not while stopped, nor with 0x1014 switched off."""
-        cob_id = self.objects.values[co.EMERGENCY_ID]
-        if self.nmt_state is not NmtState.STOPPED and not cob_id & co.PDO_INVALID:
-            self.send(cob_id & 0x7FF, struct.pack("<HB5x", code, register))
+        """Send an EMCY frame; not while stopped."""
+        if self.nmt_state is not NmtState.STOPPED:
+            self.send(0x080 + self.node_id, struct.pack("<HB5x", code, register))
 
     def boot(self) -> None:
         """Announce the node, and become pre-operational."""

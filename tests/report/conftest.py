@@ -1,7 +1,6 @@
 """Runs and their pages, made once for all tests that only look at them."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 
@@ -50,9 +49,3 @@ def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
         radii_mm={HOSTILE: (28.0,)}, gelatin_percent=(10.0,), title=HOSTILE, operator=HOSTILE, notes=HOSTILE
     )
     return make_page(record_sweep(tmp_path_factory.mktemp("hostile"), sweep))
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A folder for runs of the test's own."""
-    return tmp_path

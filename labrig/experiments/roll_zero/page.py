@@ -1,7 +1,7 @@
 """What the page of a roll zero run shows: each insertion's deflection, and the cosine of the roll through them."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,29 +19,11 @@ from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.page import Page
 from labrig.report.palette import DESIGN, mark
-from labrig.report.pictures import THUMBNAIL, Photograph, photograph
+from labrig.report.pictures import THUMBNAIL, photograph
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
 _CURVE_POINTS = 181
-
-
-@dataclass(frozen=True)
-class RollRow:
-    """One insertion: the rotation axis [degrees], the lateral deflection of its tip and its residual [mm]."""
-
-    roll_deg: float
-    deflection_mm: float
-    residual_mm: float | None
-
-
-@dataclass(frozen=True)
-class Shot:
-    """One recorded picture: its number, the rotation axis [degrees], and the picture itself."""
-
-    frame: int
-    roll_deg: float
-    photograph: Photograph
 
 
 def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult] | None) -> Page:
@@ -78,26 +60,27 @@ def _write_verdict(result: RollZeroResult) -> list[Markup]:
 
 
 def _collect_content(run: Run, result: RollZeroResult) -> dict[str, Any]:
-    shots = _list_shots(run)
-    fit = None if result.torsion is None else result.torsion.fit
+    shots = [
+        (
+            line.frame,
+            math.degrees(line.rotation_rad or 0.0),
+            photograph(run.read_frame(line.frame), THUMBNAIL),
+        )
+        for line in run.frame_lines
+        if line.role == RollZeroRole.NEEDLE
+    ]
     return {
-        "rows": _list_rows(result),
+        "rows": [
+            (math.degrees(roll), seen, None if fitted is None else seen - fitted)
+            for roll, seen in zip(result.rolls_rad, result.deflections_mm, strict=True)
+            for fitted in (_evaluate_fit_mm(result, roll),)
+        ],
         "figure": _draw_figure(result, "roll-zero") if result.rolls_rad else None,
         "shots": shots,
         "unseen": len(shots) - len(result.rolls_rad),
-        "fit": result.fit,
-        "torsion": result.torsion,
-        "torsion_fit": fit,
+        "torsion_fit": None if result.torsion is None else result.torsion.fit,
         "degrees": math.degrees,
     }
-
-
-def _list_rows(result: RollZeroResult) -> list[RollRow]:
-    return [
-        RollRow(math.degrees(roll), seen, None if fitted is None else seen - fitted)
-        for roll, seen in zip(result.rolls_rad, result.deflections_mm, strict=True)
-        for fitted in (_evaluate_fit_mm(result, roll),)
-    ]
 
 
 def _evaluate_fit_mm(result: RollZeroResult, roll_rad: float) -> float | None:
@@ -110,40 +93,19 @@ def _evaluate_fit_mm(result: RollZeroResult, roll_rad: float) -> float | None:
 def _draw_figure(result: RollZeroResult, name: str) -> Markup:
     """Draw the deflections over the roll, the cosine, and the zero with twice its standard deviation."""
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(6.4, 3.1), layout="constrained")
+        figure = Figure(figsize=(9.6, 3.9), layout="constrained")
         axes = figure.subplots()
         turn_rad = np.linspace(0.0, 2 * math.pi, _CURVE_POINTS)
-        curve = [mm for roll in turn_rad if (mm := _evaluate_fit_mm(result, float(roll))) is not None]
+        curve = [mm for roll in turn_rad.tolist() if (mm := _evaluate_fit_mm(result, roll)) is not None]
         if result.fit is not None and curve:
             axes.plot(np.degrees(turn_rad), curve, color=DESIGN, linewidth=1.2, label="fitted cosine")
             zero, sd = (math.degrees(result.fit[key]) for key in ("zero_rad", "sd_rad"))
             axes.axvspan(zero % 360 - 2 * sd, zero % 360 + 2 * sd, color="#009e73", alpha=0.3, linewidth=0)
             axes.axvline(zero % 360, color="#009e73", linewidth=1.2, label="roll zero, ± 2 SD")
-        seen = mark(0)
-        axes.plot(
-            np.degrees(result.rolls_rad),
-            result.deflections_mm,
-            linestyle="none",
-            marker=seen.marker,
-            color=seen.colour,
-            label="tip, as seen",
-        )
-        axes.set_xlim(-15, 375)
+        rolls_deg = np.degrees(result.rolls_rad)
+        axes.plot(rolls_deg, result.deflections_mm, "o", color=mark(0).colour, label="tip, as seen")
         axes.set_xticks(range(0, 361, 60))
-        axes.set_xlabel("rotation axis (degrees)")
-        axes.set_ylabel("tip aside, y (mm)")
+        axes.set(xlim=(-15, 375), xlabel="rotation axis (degrees)", ylabel="tip aside, y (mm)")
         axes.grid(visible=True)
         axes.legend(loc="best")
         return svg(figure, name)
-
-
-def _list_shots(run: Run) -> list[Shot]:
-    return [
-        Shot(
-            line.frame,
-            math.degrees(line.rotation_rad or 0.0),
-            photograph(run.read_frame(line.frame), THUMBNAIL),
-        )
-        for line in run.frame_lines
-        if line.role == RollZeroRole.NEEDLE
-    ]

@@ -1,8 +1,10 @@
 """The page of a steerability run or of imported pictures."""
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -18,7 +20,6 @@ from labrig.experiments.shared.curvature_result import (
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import (
     CameraView,
-    DrawnPicture,
     draw_camera_view,
     draw_thumbnail,
 )
@@ -42,22 +43,6 @@ class GelRow:
     mark: Mark
     paper: PaperGel | None
     truth: SpecimenTruth | None
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """One picture of the contact sheet; `picture` is None if it cannot be read."""
-
-    result: PictureResult
-    picture: DrawnPicture | None
-
-
-@dataclass(frozen=True)
-class SheetGroup:
-    """The pictures of one needle in one gel; imported pictures are one group without a row."""
-
-    row: GelRow | None
-    sheets: tuple[Sheet, ...]
 
 
 def make_curvature_page(
@@ -86,6 +71,7 @@ def make_curvature_page(
         for measurement in content.measurements
         if measurement.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}
     ]
+    sheets = [(measurement, draw_thumbnail(run, measurement, lines, plane)) for measurement in shown]
     return Page(
         facts,
         TEMPLATE,
@@ -100,12 +86,11 @@ def make_curvature_page(
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": None if design is None else _draw_figure(design, rows, content, lines),
             "view": _draw_last_picture(run, content, lines, plane),
-            "groups": _group_sheets(
-                rows,
-                [Sheet(measurement, draw_thumbnail(run, measurement, lines, plane)) for measurement in shown],
-            ),
-            "refused": [measurement for measurement in content.measurements if _is_listed_alone(measurement)],
-            "expected": _group_expected_refusals(content.measurements),
+            "groups": [
+                *((row, [sheet for sheet in sheets if _is_of_row(sheet[0], row)]) for row in rows),
+                (None, [sheet for sheet in sheets if sheet[0].trial is None]),
+            ],
+            **_sort_refusals(content.measurements),
             "simulated": content.truth is not None,
             "roll_sd_deg": content.settings.get("roll_sd_deg"),
             "steerability": design is not None,
@@ -202,27 +187,16 @@ def _draw_last_picture(
     return draw_camera_view(run, shown, lines, plane, commanded_mm)
 
 
-def _group_sheets(rows: Sequence[GelRow], sheets: Sequence[Sheet]) -> list[SheetGroup]:
-    groups = [
-        SheetGroup(row, tuple(sheet for sheet in sheets if _is_of_row(sheet.result, row))) for row in rows
-    ]
-    loose = tuple(sheet for sheet in sheets if sheet.result.trial is None)
-    return [group for group in (*groups, SheetGroup(None, loose)) if group.sheets]
-
-
 def _is_of_row(result: PictureResult, row: GelRow) -> bool:
     return (result.needle_id, result.specimen) == (row.measured.needle_id, row.measured.name)
 
 
-def _is_listed_alone(result: PictureResult) -> bool:
-    """Return whether a refusal is listed by itself: all except those of short insertions on the way."""
-    return not result.accepted and not (result.role == NeedleRole.ADVANCE and result.found)
-
-
-def _group_expected_refusals(measurements: Sequence[PictureResult]) -> Mapping[str, Sequence[PictureResult]]:
-    """Return the pictures on the way that show the shaft but give no radius, by inserted length."""
-    by_length: dict[str, list[PictureResult]] = {}
+def _sort_refusals(measurements: Sequence[PictureResult]) -> dict[str, Any]:
+    """Return the refused pictures, and apart those of short insertions on the way, by inserted length."""
+    refused, expected = [], defaultdict(list)
     for result in measurements:
-        if not result.accepted and not _is_listed_alone(result):
-            by_length.setdefault(number(result.insertion_mm, 0), []).append(result)
-    return by_length
+        if not result.accepted and result.role == NeedleRole.ADVANCE and result.found:
+            expected[number(result.insertion_mm, 0)].append(result)
+        elif not result.accepted:
+            refused.append(result)
+    return {"refused": refused, "expected": expected}

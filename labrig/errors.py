@@ -274,19 +274,11 @@ class DriveError(WireError):
 
 
 class DriveFaultError(DriveError):
-    """A drive reports an error; `fault` has code and register as reported."""
-
-    def __init__(
-        self, message: str, hint: str = "", *, code: int = 0, register: int = 0, text: str = ""
-    ) -> None:
-        super().__init__(message, hint, fault=Fault("emergency", code, register, text))
+    """A drive reports an error; its fault, `emergency`, has code and register as reported."""
 
 
 class DriveRefusedError(DriveError):
-    """A drive refused an object; `fault` has the SDO abort code."""
-
-    def __init__(self, message: str, hint: str = "", *, code: int = 0, text: str = "") -> None:
-        super().__init__(message, hint, fault=Fault("sdo-abort", code, 0, text))
+    """A drive refused an object; its fault, `sdo-abort`, has the abort code."""
 
 
 class DriveRestartedError(DriveError):

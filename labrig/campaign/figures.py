@@ -97,7 +97,7 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, measure: str) -> Non
         if spread.mean is not None and spread.ci95 is not None:
             axes.plot([part.mid] * 2, spread.ci95, "-", color="#000000", linewidth=1.5)
             axes.plot(part.mid, spread.mean, "o", color="#000000", markersize=4)
-    axes.set_xlabel(label_quantity(key))
+    axes.set_xlabel(_label_key(key))
     axes.set_ylabel(label_quantity(measure))
     axes.grid(visible=True)
 
@@ -126,9 +126,10 @@ def draw_map(
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         axes = figure.subplots()
-        share = axes.hexbin(
-            x, y, reached, gridsize=(fields, fields), cmap="viridis", vmin=0, vmax=1, rasterized=True
-        )
+        counts, x_edges, y_edges = np.histogram2d(x, y, fields)
+        hits, _, _ = np.histogram2d(x, y, (x_edges, y_edges), weights=reached.astype(np.float64))
+        share = np.ma.masked_where(counts == 0, hits / np.maximum(counts, 1.0)).T
+        mesh = axes.pcolormesh(x_edges, y_edges, share, cmap="viridis", vmin=0, vmax=1, rasterized=True)
         many = len(x) > _MOST_VECTORS
         axes.plot(x[reached], y[reached], ".", color="#000000", markersize=3, rasterized=many)
         axes.plot(x[~reached], y[~reached], "x", color="#d55e00", markersize=4, rasterized=many)
@@ -136,11 +137,17 @@ def draw_map(
             axes.add_patch(Circle((across, up), radius, fill=False, edgecolor="#000000", linewidth=1.4))
         if circles:
             axes.set_aspect("equal")
-        axes.set_xlabel(label_quantity(keys[0]))
-        axes.set_ylabel(label_quantity(keys[1]))
+        axes.set_xlabel(_label_key(keys[0]))
+        axes.set_ylabel(_label_key(keys[1]))
         label = f"share with {label_quantity(result.measure)} at most {result.tolerance:g}"
-        figure.colorbar(share, ax=axes, label=label)
+        figure.colorbar(mesh, ax=axes, label=label)
         return svg(figure, name)
+
+
+def _label_key(key: str) -> str:
+    """Return the label of a key; of an entry of a list, that of the list with the entry's number."""
+    head, _, entry = key.rpartition(".")
+    return f"{label_quantity(head)}, {entry}" if entry.isdigit() else label_quantity(key)
 
 
 def _shorten(name: str) -> str:

@@ -2,10 +2,14 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from labrig.campaign.figures import draw_map
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
 from labrig.campaign.store import make_table
@@ -142,3 +146,13 @@ def test_what_a_user_wrote_stays_text_on_the_page(tmp_path: Path) -> None:
     page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
     assert HOSTILE not in page
     assert "<script>alert" not in page
+
+
+def test_the_share_of_a_field_stands_where_its_points_are() -> None:
+    """Rows go along y: what reaches the target with a large x and a small y is right below, not left above."""
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, 20), np.linspace(0, 1, 20)))
+    table = pd.DataFrame({"x": x, "y": y, "error_mm": np.where((x > 0.5) & (y < 0.5), 1.0, 3.0)})
+    result = cast("CampaignResult", SimpleNamespace(measure="error_mm", tolerance=2.0))
+    axes = draw_map(result, table, ("x", "y"), (), "map").figure.axes[0]
+    shares = np.asarray(axes.collections[0].get_array())
+    assert (shares[0, -1], shares[-1, 0], shares[0, 0], shares[-1, -1]) == (1.0, 0.0, 0.0, 0.0)

@@ -18,6 +18,7 @@ from labrig.errors import (
     DriveFaultError,
     DriveRestartedError,
     DriveSilentError,
+    Fault,
     LabrigError,
 )
 from tests.cli.conftest import RIG, SWEEP, Labrig, SweepRun
@@ -316,7 +317,11 @@ def test_what_a_library_raises_is_told_in_words(
         (BusOffError("off"), "bus-off", 0x81FD),
         (DriveRestartedError("restarted"), "boot-up", 0),
         (DriveSilentError("mute"), "no-answer", 0x05040000),
-        (DriveFaultError("hot", code=0x4210, register=8, text="over-temperature"), "emergency", 0x4210),
+        (
+            DriveFaultError("hot", fault=Fault("emergency", 0x4210, 8, "over-temperature")),
+            "emergency",
+            0x4210,
+        ),
     ],
 )
 def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(

@@ -37,6 +37,7 @@ from labrig.errors import (
     DriveRefusedError,
     DriveRestartedError,
     DriveSilentError,
+    Fault,
     InputError,
 )
 
@@ -335,9 +336,7 @@ class DriveNode:
         return DriveFaultError(
             f"{self.name} is in fault: {emergency} (error register 0x{register:02X})",
             emergency.remedy,
-            code=code,
-            register=register,
-            text=emergency.text,
+            fault=Fault("emergency", code, register, emergency.text),
         )
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:

@@ -12,7 +12,7 @@ from threading import Lock
 from labrig.devices.bus import CanLink
 from labrig.devices.drives.errors import describe_abort
 from labrig.devices.drives.objects import Place
-from labrig.errors import DriveRefusedError, DriveSilentError
+from labrig.errors import DriveRefusedError, DriveSilentError, Fault
 
 NO_OBJECT = 0x06020000
 """Abort code of a node that does not have an object."""
@@ -96,8 +96,7 @@ class SdoClient:
             raise DriveRefusedError(
                 f"{self._name} refused {what}: {text} (SDO abort 0x{code:08X})",
                 "check rig file and drive settings against each other",
-                code=code,
-                text=text,
+                fault=Fault("sdo-abort", code, 0, text),
             )
         return answer
 

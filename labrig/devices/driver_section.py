@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
@@ -38,6 +39,7 @@ def find_section(group: str, name: str, base: type[_Section]) -> type[_Section]:
     return found
 
 
+@dataclass(frozen=True)
 class DriverSection:
     """Annotates a field of the rig file whose model is that of the driver that the section names.
 
@@ -53,10 +55,9 @@ class DriverSection:
         Driver of a section without the key; None requires the key.
     """
 
-    def __init__(self, group: str, base: type[Model], default: str | None = None) -> None:
-        self._group = group
-        self._base = base
-        self._default = default
+    group: str
+    base: type[Model]
+    default: str | None = None
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema that validates and serializes a section."""
@@ -69,20 +70,20 @@ class DriverSection:
         return handler(core_schema.tagged_union_schema(dict(models), _KEY))
 
     def _list_usable(self) -> Iterator[tuple[str, type[Model]]]:
-        for name in find_plugins(self._group):
+        for name in find_plugins(self.group):
             with suppress(InputError):
-                yield name, find_section(self._group, name, self._base)
+                yield name, find_section(self.group, name, self.base)
 
     def _validate(self, value: object) -> Model:
-        if isinstance(value, self._base):
+        if isinstance(value, self.base):
             return value
         if not isinstance(value, dict):
             raise PydanticCustomError("model_type", "expected a section")
-        name = str(value.get(_KEY, self._default))
+        name = str(value.get(_KEY, self.default))
         try:
-            model = find_section(self._group, name, self._base)
+            model = find_section(self.group, name, self.base)
         except InputError as error:
-            if name not in find_plugins(self._group):
+            if name not in find_plugins(self.group):
                 raise PydanticCustomError("union_tag_invalid", "unknown driver") from error
             raise ConflictError((Conflict(_KEY, error.message, error.hint),)) from error
         made: Model = _make_validator(name, model).validate_json(json.dumps({**value, _KEY: name}))

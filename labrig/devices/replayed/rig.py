@@ -1,6 +1,7 @@
 """The rig of a record: it answers what the recorded rig answered, and nothing moves."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -53,23 +54,23 @@ def load_recorded_rig(run: Run) -> RigDescription:
     return placed
 
 
+@dataclass(frozen=True)
 class TapeClock:
     """Rig time of a replay: that of the line that was taken last."""
 
-    def __init__(self, tape: Tape, started: datetime) -> None:
-        self._tape = tape
-        self._started = started
+    tape: Tape
+    started: datetime
 
     def now_s(self) -> float:
         """Return the rig time [s]."""
-        return self._tape.t_s
+        return self.tape.t_s
 
     def sleep(self, duration_s: float) -> None:
         """Do nothing: time passes as the record does."""
 
     def utc(self) -> datetime:
         """Return the calendar time at which the session was started."""
-        return self._started
+        return self.started
 
 
 class ReplayedRig(RigWithoutDevices):

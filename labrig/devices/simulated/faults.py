@@ -1,6 +1,7 @@
 """Injects the faults that a rig file or a test scripts."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from labrig.clock import Clock
 from labrig.devices.fault_script import FaultDescription
@@ -8,6 +9,7 @@ from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.simulated_node import SimulatedNode
 
 
+@dataclass
 class FaultScript:
     """Injects each fault when it is due.
 
@@ -19,48 +21,42 @@ class FaultScript:
         The drives by their axes.
     clock : Clock
         Rig time; `tick` is to be called whenever it advances.
-    faults : iterable of FaultDescription
-        The faults.
+    waiting : tuple of FaultDescription
+        The faults that are still to come.
     """
 
-    def __init__(
-        self,
-        wire: InProcessWire,
-        drives: Mapping[str, SimulatedNode],
-        clock: Clock,
-        faults: Iterable[FaultDescription],
-    ) -> None:
-        self._wire = wire
-        self._drives = drives
-        self._clock = clock
-        self._waiting = list(faults)
-        self.happened: list[tuple[float, FaultDescription]] = []
-        """Faults injected so far, each with its rig time."""
+    wire: InProcessWire
+    drives: Mapping[str, SimulatedNode]
+    clock: Clock
+    waiting: tuple[FaultDescription, ...]
+    happened: list[tuple[float, FaultDescription]] = field(default_factory=list)
+    """Faults injected so far, each with its rig time."""
+
+    def __post_init__(self) -> None:
+        """Inject what is due at once."""
         self.tick()
 
     def tick(self) -> None:
         """Inject what is due."""
-        if not self._waiting:
-            return
-        due = [fault for fault in self._waiting if self._is_due(fault)]
-        self._waiting = [fault for fault in self._waiting if fault not in due]
+        due = tuple(filter(self._is_due, self.waiting))
+        self.waiting = tuple(fault for fault in self.waiting if fault not in due)
         for fault in due:
             self.inject(fault)
 
     def inject(self, fault: FaultDescription) -> None:
         """Inject a fault now."""
-        self.happened.append((self._clock.now_s(), fault))
+        self.happened.append((self.clock.now_s(), fault))
         if fault.axis is None:
-            {"bus-off": self._wire.enter_bus_off, "unplugged": self._wire.unplug}[fault.fault]()
+            {"bus-off": self.wire.enter_bus_off, "unplugged": self.wire.unplug}[fault.fault]()
         else:
-            _list_actions(fault, self._drives[fault.axis])[fault.fault]()
+            _list_actions(fault, self.drives[fault.axis])[fault.fault]()
 
     def _is_due(self, fault: FaultDescription) -> bool:
-        if self._clock.now_s() < fault.at_s:
+        if self.clock.now_s() < fault.at_s:
             return False
         if fault.axis is None or fault.once == "any":
             return True
-        drive = self._drives[fault.axis]
+        drive = self.drives[fault.axis]
         doing = "homing" if drive.is_homing else "moving" if drive.is_moving else "idle"
         return fault.once == doing
 

@@ -40,12 +40,3 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
     return make_page(
         record_sweep(tmp_path_factory.mktemp("page"), SyntheticSweep(without_needle=frozenset({3})))
     )
-
-
-@pytest.fixture(scope="session")
-def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
-    """A sweep whose people wrote HTML into every field that is theirs."""
-    sweep = SyntheticSweep(
-        radii_mm={HOSTILE: (28.0,)}, gelatin_percent=(10.0,), title=HOSTILE, operator=HOSTILE, notes=HOSTILE
-    )
-    return make_page(record_sweep(tmp_path_factory.mktemp("hostile"), sweep))

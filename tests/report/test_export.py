@@ -130,24 +130,18 @@ def test_what_people_say_is_exported(tmp_path: Path) -> None:
     assert b"'=gel 3,Yang" in (tmp_path / "notes.csv").read_bytes()
 
 
-@pytest.mark.parametrize("kind", ["csv", "parquet", "matlab"])
-def test_equal_runs_give_equal_files(kind: str, tables: dict[str, pd.DataFrame], tmp_path: Path) -> None:
-    """No export holds the time of day or where it was made; tables without rows are written like any other."""
-    given = {**tables, "states": tables["states"].iloc[:0]}
-    folders = [tmp_path / name for name in ("a", "b")]
-    for folder in folders:
-        folder.mkdir()
-        WRITERS[kind](folder, given)
-    first, second = ({file.name: file.read_bytes() for file in folder.iterdir()} for folder in folders)
-    assert first == second != {}
-
-
-def test_a_run_without_pictures_and_results_is_exported(tmp_path: Path) -> None:
-    """In every format."""
-    run = open_run(closed_run(tmp_path))
-    (tmp_path / "out").mkdir()
-    write_tables(run, WRITERS, tmp_path / "out")
-    assert {"run.csv", "states.parquet", "run.mat"} <= {file.name for file in (tmp_path / "out").iterdir()}
+@pytest.mark.parametrize("measured", [True, False])
+def test_equal_runs_give_equal_files(measured: bool, run: Run, tmp_path: Path) -> None:
+    """No export holds the time of day or where it was made; a run without pictures and results is exported too."""
+    source = run if measured else open_run(closed_run(tmp_path))
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_tables(source, WRITERS, tmp_path / name)
+    first, second = (
+        {file.name: file.read_bytes() for file in (tmp_path / name).iterdir()} for name in ("a", "b")
+    )
+    assert first == second
+    assert {"run.csv", "states.parquet", "run.mat", "manifest.json"} <= set(first)
 
 
 def test_an_error_budget_has_a_column_for_each_source() -> None:

@@ -98,25 +98,20 @@ def test_nothing_is_fetched_from_anywhere(page: WrittenPage) -> None:
     assert re.findall(r"https?://|url\((?!#)", page.html) == []
 
 
-def test_what_people_wrote_is_text(hostile_page: WrittenPage) -> None:
-    """HTML in title, operator, notes and specimen is shown as text and is no element of the page."""
-    elements = _read(hostile_page.html)
+def test_what_people_wrote_is_text(tmp_path: Path) -> None:
+    """HTML in title, operator, notes, specimen and annotations is shown as text; damaged annotations are named."""
+    sweep = SyntheticSweep(
+        radii_mm={HOSTILE: (28.0,)}, gelatin_percent=(10.0,), title=HOSTILE, operator=HOSTILE, notes=HOSTILE
+    )
+    run = record_sweep(tmp_path, sweep)
+    annotate_run(run.path, tags=["pilot"], note=HOSTILE, verdict="doubtful", by="Chen", at=NOW)
+    made = make_page(run)
+    elements = _read(made.html)
     assert elements.open == []
     assert "script" not in {tag for tag, _ in elements.elements}
-    assert elements.text.count(HOSTILE) >= 5
-    assert "<script" not in hostile_page.html
-
-
-def test_what_people_say_afterwards_is_on_the_page(tmp_path: Path) -> None:
-    """Verdict, tags and notes are shown, as text; damaged ones are named."""
-    run = record_sweep(tmp_path)
-    annotate_run(run.path, tags=["pilot"], note="gel 3", verdict="doubtful", by="Chen", at=NOW)
-    annotate_run(run.path, note=HOSTILE, by="Yang", at=NOW)
-    page = write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8")
-    words = _words(page)
-    assert "Verdict doubtful Tags pilot Note 1, Chen, " in words
-    assert HOSTILE in _read(page).text
-    assert "<script" not in page
+    assert elements.text.count(HOSTILE) >= 6
+    assert "<script" not in made.html
+    assert "Verdict doubtful Tags pilot Note 1, Chen, " in _words(made.html)
     (run.path / "notes.json").write_text("not a line\n")
     assert "notes.json" in _words(write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
 

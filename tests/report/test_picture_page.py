@@ -31,13 +31,10 @@ def page() -> Iterator[PicturePage]:
         yield served
 
 
-def _request(
-    page: PicturePage, name: str, *, path: str | None = None, **headers: str
-) -> tuple[HTTPResponse, bytes]:
+def _request(page: PicturePage, name: str, **headers: str) -> tuple[HTTPResponse, bytes]:
+    """Ask for a name below the page's address, or for a path that begins with a slash."""
     with closing(HTTPConnection("127.0.0.1", page.port, timeout=10)) as browser:
-        given = {key.replace("_", "-"): value for key, value in headers.items()}
-        place = urlsplit(page.url).path + name if path is None else path
-        browser.request("GET", place, headers=given)
+        browser.request("GET", name if name[:1] == "/" else urlsplit(page.url).path + name, headers=headers)
         reply = browser.getresponse()
         return reply, reply.read()
 
@@ -69,33 +66,22 @@ def test_text_reaches_the_page_as_json_alone(page: PicturePage) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "headers", "status"),
+    ("name", "headers", "status"),
     [
-        ("/", {}, 404),
-        ("/wrong-token/state.json", {}, 404),
-        (None, {"Host": "labrig.example:80"}, 421),
-        (None, {"Host": "127.0.0.1"}, 421),
-    ],
-)
-def test_nobody_without_the_address_is_answered(
-    path: str | None, headers: dict[str, str], status: int, page: PicturePage
-) -> None:
-    """Neither another account that guesses, nor a page whose name was bound to this computer."""
-    reply, content = _request(page, "state.json", path=path, **headers)
-    assert reply.status == status
-    assert b"heading" not in content
-
-
-@pytest.mark.parametrize(
-    ("query", "status"),
-    [
-        ("u=7&v=9", 200), ("u=8&v=9", 409), ("u=60&v=9", 400), ("u=-1&v=9", 400), ("u=7.5&v=9", 400), ("u=7", 400),
-        (f"u={'9' * 5000}&v=9", 400), ("u=٣&v=9", 400),
+        ("/", {}, 404), ("/wrong-token/state.json", {}, 404), ("no-such-file", {}, 404),
+        ("state.json", {"Host": "labrig.example:80"}, 421), ("state.json", {"Host": "127.0.0.1"}, 421),
+        ("answer?u=7&v=9", {}, 200), ("answer?u=8&v=9", {}, 409), ("answer?u=60&v=9", {}, 400),
+        ("answer?u=-1&v=9", {}, 400), ("answer?u=7.5&v=9", {}, 400), ("answer?u=7", {}, 400),
+        (f"answer?u={'9' * 5000}&v=9", {}, 400), ("answer?u=٣&v=9", {}, 400),
     ],
 )  # fmt: skip
-def test_a_confirmed_pixel_is_taken(query: str, status: int, page: PicturePage) -> None:
-    """One that is not the answer is told so; what is no pixel of the picture is refused."""
-    assert _request(page, quote(f"answer?{query}", "?=&"))[0].status == status
+def test_only_a_confirmed_pixel_under_the_address_is_taken(
+    name: str, headers: dict[str, str], status: int, page: PicturePage
+) -> None:
+    """Neither another account that guesses, nor a page whose name was bound to this computer, nor what is no pixel."""
+    reply, content = _request(page, quote(name, "?=&/"), **headers)
+    assert reply.status == status
+    assert b"heading" not in content
 
 
 def test_a_page_that_asks_nothing_takes_nothing() -> None:

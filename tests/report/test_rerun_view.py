@@ -1,6 +1,11 @@
-"""The view for the rerun viewer, made from the record: saved, and live."""
+"""The view for the rerun viewer, made from the record, saved and live; and the viewer as a process."""
 
 import shutil
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
@@ -8,20 +13,24 @@ import pytest
 from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.states import describe_statusword
-from labrig.errors import RecordError
+from labrig.errors import MachineError, RecordError
 from labrig.experiments.registry import follow_run
 from labrig.record.events import FrameLine
 from labrig.record.following import GrowingRun, LinedPicture
 from labrig.record.pictures import RecordedPicture
 from labrig.record.reader import open_run
+from labrig.report.local_server import LOCALHOST
 from labrig.report.rerun_view import choose_pictures, show_live, write_view
 from labrig.report.view import NO_VIEW
-from labrig.report.viewer import find_viewer, start_viewer
+from labrig.report.viewer import RunningViewer, find_free_port, find_viewer, start_viewer
 from tests.analysis.synthetic import record_sweep
 from tests.report.conftest import WrittenPage
 from tests.rerun_files import read_colours, read_view
 
 RECORDS = Path(__file__).parents[1] / "records"
+INSERTION = RECORDS / "insertion"
+_LISTEN = "0A"
+_LOCALHOST = "0100007F"
 
 
 def _lines(page: WrittenPage) -> CentreLines:
@@ -62,7 +71,7 @@ def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path
 
 def test_curves_of_a_plot_differ_in_colour(tmp_path: Path) -> None:
     """Every curve of an insertion has a colour, and no two of the same plot have the same."""
-    run = open_run(shutil.copytree(RECORDS / "insertion", tmp_path / "run"))
+    run = open_run(shutil.copytree(INSERTION, tmp_path / "run"))
     file = write_view(run, NO_LINES, follow_run(run), describe_statusword)
     colours = read_colours(file)
     curves = [
@@ -87,21 +96,65 @@ def test_the_newest_and_the_needed_pictures_are_drawn(waiting: int, drawn: list[
     assert [picture.line.frame for picture in chosen] == drawn
 
 
-def test_a_run_is_shown_to_its_end() -> None:
-    """A viewer that takes everything is told nothing, and neither is the person; the viewer stays."""
-    viewer = start_viewer("web", SystemClock(), find_viewer())
-    told: list[str] = []
-    try:
-        view = follow_run(open_run(RECORDS / "insertion"))
-        show_live(
-            GrowingRun(RECORDS / "insertion"),
-            view,
-            viewer,
-            describe_statusword,
-            clock=SystemClock(),
-            tell=told.append,
-        )
-        assert (told, viewer.has_ended()) == ([], False)
-    finally:
+@pytest.fixture
+def viewer() -> Iterator[RunningViewer]:
+    """A viewer without a window."""
+    running = start_viewer("web", SystemClock(), find_viewer())
+    yield running
+    running.process.kill()
+    running.process.wait()
+
+
+def test_a_run_is_shown_to_its_end(viewer: RunningViewer) -> None:
+    """Of a viewer that takes everything the person is told nothing, and it stays; one that was closed is told."""
+    view, told = follow_run(open_run(INSERTION)), list[str]()
+    for expected in ([], ["the viewer was closed; the run goes on without it"]):
+        run, clock = GrowingRun(INSERTION), SystemClock()
+        show_live(run, view, viewer, describe_statusword, clock=clock, tell=told.append)
+        assert (told, viewer.has_ended()) == (expected, bool(expected))
         viewer.process.kill()
         viewer.process.wait()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_a_viewer_listens_on_this_computer_alone_and_sends_no_usage_data(viewer: RunningViewer) -> None:
+    """Every socket on which it listens is bound to 127.0.0.1, and it is told to send nothing."""
+    process = Path("/proc") / str(viewer.process.pid)
+    sockets = {link.readlink().name for link in (process / "fd").iterdir()}
+    rows = [
+        line.split() for name in ("tcp", "tcp6") for line in (process / "net" / name).read_text().splitlines()
+    ]
+    listening = [row[1] for row in rows if row[3] == _LISTEN and f"socket:[{row[9]}]" in sockets]
+    assert listening != []
+    assert {address.split(":")[0] for address in listening} == {_LOCALHOST}
+    environment = (process / "environ").read_bytes().split(b"\0")
+    assert b"CI=1" in environment
+
+
+def test_the_page_for_a_browser_reaches_nothing_else(viewer: RunningViewer) -> None:
+    """Its policy lets the browser talk to this computer alone, so neither fonts nor usage data go out."""
+    with closing(HTTPConnection(LOCALHOST, viewer.web_port, timeout=10)) as browser:
+        browser.request("GET", "/")
+        page = browser.getresponse()
+        policy, content = page.getheader("Content-Security-Policy"), page.read()
+    assert b"<canvas" in content or b"re_viewer" in content
+    assert f"connect-src 'self' data: blob: http://{LOCALHOST}:{viewer.port}" in policy
+    assert "*" not in policy
+
+
+def test_a_port_in_use_is_left_to_its_user() -> None:
+    """Another free port takes its place."""
+    with socket.socket() as used:
+        used.bind((LOCALHOST, 0))
+        used.listen()
+        taken = used.getsockname()[1]
+        assert find_free_port(taken) != taken
+
+
+def test_a_viewer_that_ends_at_once_is_reported(tmp_path: Path) -> None:
+    """The message has its status and the command to try."""
+    broken = tmp_path / "rerun"
+    broken.write_text("#!/bin/sh\nexit 7\n")
+    broken.chmod(0o755)
+    with pytest.raises(MachineError, match="ended with status 7"):
+        start_viewer("web", SystemClock(), str(broken))

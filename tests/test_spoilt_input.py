@@ -157,7 +157,7 @@ def _redo_checksums(png: bytes) -> bytes:
         "resume RUN --rig RIG",
         "calibrate adopt RUN --rig RIG",
         "design --from-run RUN --grid-points 3",
-        "devices withdraw --run RUN --rig RIG --yes",
+        "devices withdraw --run RUN --rig RIG",
         "report RUN",
         "reanalyze RUN",
         "replay RUN",
@@ -208,7 +208,7 @@ def _make_checksums_fit(run: Path) -> None:
         "runs --runs-dir runs --where tag=x",
         "export run --format csv --out OUT/x",
         "reanalyze run --set analysis.x=1",
-        "devices jog --rig RIG --axis linear --distance 1 --speed 1 --current-ma 0 --yes",
+        "devices jog --rig RIG --axis linear --distance 1 --speed 1 --current-ma 0",
     ],
 )
 @settings(MANY, max_examples=8)

@@ -1,20 +1,25 @@
-"""The person at the terminal attends a run."""
+"""The person at the terminal attends a run: is told, is asked, pauses it and stops it."""
 
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 
 from labrig.cli.live import show_while_made
 from labrig.cli.options import LiveKind
-from labrig.cli.output import say
-from labrig.cli.pausing import RunRequests, take_requests
+from labrig.cli.output import SPEAKS_JSON, say
 from labrig.cli.progress import Reporter, progress
-from labrig.cli.rigs import open_rig_for_person
-from labrig.cli.signals import SignalNote
+from labrig.cli.signals import SignalNote, note_signals
+from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.opening import Opening
-from labrig.devices.rig import Rig
+from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription
+from labrig.posix import is_in_background
 from labrig.runner.attendant import Attendant
+from labrig.runner.pausing import PauseRequests
+from labrig.runner.run_control import RunControl
+
+_BY_KEY, _BY_COMMAND = "Ctrl+C", "labrig pause"
 
 
 class TerminalAttendant(Attendant):
@@ -22,14 +27,11 @@ class TerminalAttendant(Attendant):
 
     Parameters
     ----------
-    pauses : bool
-        Whether the person may pause the run, and is called by the bell.
     viewer : str or None
         How the run is shown while it is made.
     """
 
-    def __init__(self, viewer: LiveKind | None = None, *, pauses: bool = False) -> None:
-        self._pauses = pauses
+    def __init__(self, viewer: LiveKind | None = None) -> None:
         self._viewer = viewer
 
     def say(self, text: str) -> None:
@@ -41,24 +43,75 @@ class TerminalAttendant(Attendant):
         return progress(title, total)
 
     @contextmanager
-    def open_rig(  # the note of a signal is what pauses ask, too
-        self, rig: RigDescription, doing: str, seed: int, opening: Opening
+    def open_rig(
+        self, rig: RigDescription, doing: str, seed: int = 0, opening: Opening | None = None
     ) -> Iterator[tuple[Rig, SignalNote]]:
-        """Open a rig for the person, and give the note of a signal."""
-        with open_rig_for_person(rig, doing, seed=seed, opening=opening, pauses=self._pauses) as (
-            opened,
-            note,
+        """Open a rig for the person, and give it with the note of a signal, which stops the axes first."""
+        with (
+            note_signals() as note,
+            open_rig(
+                rig,
+                seed=seed,
+                person=TerminalOperator(note, sys.stdin),
+                interrupted=note,
+                doing=doing,
+                opening=opening or Opening(),
+                alert=say,
+            ) as opened,
         ):
             yield opened, note
-        # A request to pause that came too late stops.
-        note.insist()
+        note.insist()  # a request to pause that came too late stops
 
+    @contextmanager
     def take_requests(  # type: ignore[override]
         self, interrupted: SignalNote, run: Path
-    ) -> AbstractContextManager[RunRequests]:
-        """Take Ctrl+C, and the requests of other terminals."""
-        return take_requests(interrupted, run)
+    ) -> Iterator[PauseRequests]:
+        """Take Ctrl+C, if somebody can read what it does and continue the run, and requests of other terminals."""
+        at_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not is_in_background(sys.stdin)
+        with (
+            closing(RunControl(run)) as control,
+            interrupted.pausing(enabled=at_terminal and not SPEAKS_JSON.get()),
+        ):
+            yield _Requests(interrupted, control)
 
     def watch(self) -> AbstractContextManager[Callable[[Path], None]]:  # type: ignore[override]
         """Show the run in a viewer, if that is asked for."""
         return show_while_made(self._viewer)
+
+
+class _Requests(PauseRequests):
+    """Requests to pause one run: by Ctrl+C, and by `labrig pause` in another terminal."""
+
+    def __init__(self, note: SignalNote, control: RunControl) -> None:
+        self._note = note
+        self._control = control
+        self._announced = False
+
+    def find(self, point: str) -> str | None:  # noqa: ARG002 - a request is met at any safe point
+        """Return by what a pause is asked for."""
+        if self._note.asks_for_pause:
+            return _BY_KEY
+        return _BY_COMMAND if self._control.asks_for_pause else None
+
+    def announce(self, when: str) -> None:
+        """Say at the terminal, once for each request, when the pause will begin."""
+        by = self.find("")
+        if by is not None and not self._announced:
+            say(f"{by}: pausing {when}" + ("; Ctrl+C again stops now" if by == _BY_KEY else ""))
+        self._announced = by is not None
+
+    def begin(self) -> None:
+        """Note that the pause has begun: the next Ctrl+C is a new request."""
+        self._announced = self._note.asks_for_pause = False
+        self._control.note(paused=True)
+
+    def find_continuation(self) -> str | None:
+        """Return that `labrig continue` was called."""
+        if not self._control.asks_to_continue:
+            return None
+        say("labrig continue: the run goes on")
+        return "labrig continue"
+
+    def end(self) -> None:
+        """Note that the run continues."""
+        self._control.note(paused=False)

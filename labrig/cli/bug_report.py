@@ -15,15 +15,9 @@ def keep_traceback(error: Exception) -> tuple[str, str]:
     message = f"labrig itself failed: {type(error).__name__}: {error}"
     lines = [f"labrig {__version__}: {' '.join(sys.argv)}\n\n", *traceback.format_exception(error)]
     try:
-        with tempfile.NamedTemporaryFile(
-            "w",
-            encoding="utf-8",
-            errors="backslashreplace",
-            prefix="labrig-bug-",
-            suffix=".txt",
-            delete=False,
-        ) as file:
+        descriptor, path = tempfile.mkstemp(".txt", "labrig-bug-")
+        with open(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:  # noqa: PTH123
             file.writelines(lines)
     except OSError as unwritten:
         return message, f"its traceback could not be written: {unwritten.strerror}; please report it"
-    return message, f"please report it, with the traceback in {file.name}"
+    return message, f"please report it, with the traceback in {path}"

@@ -2,51 +2,48 @@
 
 import math
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from labrig.cli.calibration_files import (
     ForceOption,
     OutOption,
     collect_calibration_provenance,
-    report_output,
+    report_calibration,
     report_refusal,
     require_writable,
 )
 from labrig.cli.options import InsertionOption, IntrinsicsOption
-from labrig.cli.output import AsJson, print_line, show
+from labrig.cli.output import SPEAKS_JSON, print_line
 from labrig.cli.progress import show_working
 from labrig.errors import CalibrationRefusedError, InputError
 from labrig.library.names import find_named_rig_file
 from labrig.text import number
 
 if TYPE_CHECKING:
-    from labrig.cli.terminal_operator import TerminalOperator
+    from labrig.devices.operator import Answer, Operator, OperatorRequest
     from labrig.devices.rig_file import RigDescription
     from labrig.vision.intrinsics import Intrinsics
 
-_NO_PLANE: dict[str, object] = dict.fromkeys(
+_NO_PLANE: Mapping[str, object] = dict.fromkeys(
     ("rms_mm", "holdout_rms_mm", "mm_per_px", "picture_mm", "camera_distance_mm", "view")
 )
 
 
 def plane(
-    image: Annotated[
-        Path, typer.Argument(metavar="IMAGE", help="Picture of graph paper in the steering plane.")
-    ],
-    origin_px: Annotated[
-        tuple[float, float], typer.Option(metavar="U V", help="Pixel of the plane's origin.")
-    ],
+    image: Annotated[Path, Argument(metavar="IMAGE", help="Picture of graph paper in the steering plane.")],
+    origin_px: Annotated[tuple[float, float], Option(metavar="U V", help="Pixel of the plane's origin.")],
     insertion: InsertionOption,
-    pitch_mm: Annotated[float, typer.Option(help="Distance between the paper's nearest lines.")] = 1.0,
+    pitch_mm: Annotated[float, Option(help="Distance between the paper's nearest lines.")] = 1.0,
     px_per_mm: Annotated[
-        float | None, typer.Option(help="Scale of the picture, to 20 %. Default: by the distance.")
+        float | None, Option(help="Scale of the picture, to 20 %. Default: by the distance.")
     ] = None,
     distance_mm: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Distance from camera to paper by tape, to 20 %. Default: camera.distance_mm of the rig file, else "
             "the scale of the rig's last plane map, else you click two marks."
         ),
@@ -54,15 +51,11 @@ def plane(
     intrinsics: IntrinsicsOption = None,
     setup: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="YAML file with the keys gel and paper_sigma_mm of a calibration protocol's section plane.",
-        ),
+        Option(metavar="FILE", help="YAML file: gel, paper_sigma_mm as in a calibration protocol's plane."),
     ] = None,
-    rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Rig file. Default: $LABRIG_RIG.")] = None,
+    rig: Annotated[Path | None, Option(metavar="FILE", help="Rig file. Default: $LABRIG_RIG.")] = None,
     out: OutOption = None,
     force: ForceOption = False,
-    as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
     from labrig.devices.rig_file import load_rig
@@ -70,7 +63,7 @@ def plane(
     from labrig.protocol.yaml_file import load_yaml_model
     from labrig.vision.calibrate_plane import calibrate_plane
     from labrig.vision.calibration_file import load_intrinsics, save_plane
-    from labrig.vision.picture import read_picture, require_size
+    from labrig.vision.picture import read_picture
 
     require_writable(out, force)
     above = PaperSetup() if setup is None else load_yaml_model(setup, PaperSetup)
@@ -78,14 +71,9 @@ def plane(
     rig_file = find_named_rig_file(rig)
     described = None if rig_file is None else load_rig(rig_file)
     picture = read_picture(image)
-    if described is not None and rig is not None:
-        camera = described.camera
-        require_size(picture, (camera.width_px, camera.height_px), f"the camera of the rig {described.name}")
-    scale = _find_scale(px_per_mm, distance_mm, described, lens)
-    if scale is None:
-        scale = _ask_scale(image, asks=not as_json)
+    scale = _find_scale(px_per_mm, distance_mm, described, lens) or _ask_scale(image)
     try:
-        with show_working("finding the lines of the paper", shown=not as_json):
+        with show_working("finding the lines of the paper"):
             found = calibrate_plane(
                 picture,
                 lens,
@@ -97,12 +85,10 @@ def plane(
                 paper_sigma_mm=above.paper_sigma_mm,
             )
     except CalibrationRefusedError as refusal:
-        return report_refusal(refusal, _NO_PLANE, as_json)
+        return report_refusal(refusal, _NO_PLANE)
     if out is not None and (found.accepted or force):
         save_plane(out, found, collect_calibration_provenance([image]))
-    show(found.to_json(), as_json, _print_plane)
-    report_output(out, found.accepted, force)
-    return 0 if found.accepted else 1
+    return report_calibration(found.to_json(), _print_plane, out, force)
 
 
 def _find_scale(
@@ -128,20 +114,22 @@ def _find_scale(
             "a distance tells the scale by the lens, and --intrinsics is missing",
             "give --intrinsics FILE, or --px-per-mm in place of --distance-mm",
         )
+    if px_per_mm is not None or (rig is None and distance_mm is None):
+        return px_per_mm
     if distance_mm is None and rig is not None:
         distance_mm = rig.camera.distance_mm
-    if px_per_mm is None and distance_mm is not None and lens is not None:
+    if distance_mm is not None and lens is not None:
         return find_px_per_mm(lens, distance_mm)
     last = None if rig is None else rig.calibration_paths().get("plane.json")
-    return load_px_per_mm(last) if px_per_mm is None and last is not None and last.is_file() else px_per_mm
+    return None if last is None or not last.is_file() else load_px_per_mm(last)
 
 
-def _ask_scale(image: Path, *, asks: bool) -> float:
+def _ask_scale(image: Path) -> float:
     """Return the scale by two marks [px/mm]. Raises `InputError` if nobody is there to click them."""
     from labrig.cli.signals import SignalNote
     from labrig.cli.terminal_operator import TerminalOperator
 
-    if asks and sys.stdin.isatty():
+    if sys.stdin.isatty() and not SPEAKS_JSON.get():
         return read_scale_from(TerminalOperator(SignalNote(), sys.stdin), image)
     raise InputError(
         "nothing tells the scale of the picture, roughly",
@@ -150,7 +138,7 @@ def _ask_scale(image: Path, *, asks: bool) -> float:
     )
 
 
-def read_scale_from(person: "TerminalOperator", image: Path) -> float:
+def read_scale_from(person: "Operator", image: Path) -> float:
     """Ask for two marks on the picture and the millimetres between them, and return the scale [px/mm].
 
     Raises
@@ -158,9 +146,9 @@ def read_scale_from(person: "TerminalOperator", image: Path) -> float:
     InputError
         If the person says no, or the answers tell no scale.
     """
-    from labrig.devices.operator import Answer, OperatorRequest, PickMark, ReadLength
+    from labrig.devices.operator import PickMark, ReadLength
 
-    def ask(request: OperatorRequest) -> Answer:
+    def ask(request: "OperatorRequest") -> "Answer":
         answer = person.ask(request, lambda: None)
         if not answer.confirmed:
             raise InputError("the scale of the picture was not told", "give --px-per-mm, to 20 %")
@@ -173,10 +161,7 @@ def read_scale_from(person: "TerminalOperator", image: Path) -> float:
     return math.dist(first, second) / length_mm
 
 
-def _print_plane(document: dict[str, Any]) -> None:
-    print_line("accepted" if document["accepted"] else "refused")
-    for reason in document["reasons"]:
-        print_line(f"  {reason}")
+def _print_plane(document: Mapping[str, Any]) -> None:
     print_line(
         f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
         f"held out {number(document['holdout_rms_mm'], 4)} mm rms, flat within {document['flatness_mm']:.3f} mm"

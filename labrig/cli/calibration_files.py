@@ -1,27 +1,25 @@
-"""What commands that write calibration files share: their options, checks and provenance."""
+"""What commands that write calibration files share: their options, checks, provenance and report."""
 
 import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import typer
+from typer import Option
 
-from labrig.cli.output import failure_lines, print_json, say
+from labrig.cli.output import print_json, print_line, say, say_failure
 from labrig.errors import CalibrationRefusedError, InputError, OutputExistsError
 
-OutOption = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.")]
+OutOption = Annotated[Path | None, Option(metavar="FILE", help="Calibration file to write.")]
 ForceOption = Annotated[
     bool,
-    typer.Option(
-        "--force", help="Replace an existing file; also write a refused calibration, marked as refused."
-    ),
+    Option("--force", help="Replace existing files; also write a refused calibration, marked as refused."),
 ]
 
 
-_ANOTHER_NAME = "choose another name, or replace it with --force"
-
-
-def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -> None:
+def require_writable(
+    out: Path | None, force: bool, hint: str = "choose another name, or replace it with --force"
+) -> None:
     """Refuse a file that exists or cannot be written, before any work is done."""
     if out is None:
         return
@@ -33,7 +31,7 @@ def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -
         raise OutputExistsError(f"{out} exists", hint)
 
 
-def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
+def collect_calibration_provenance(images: Sequence[Path]) -> dict[str, object]:
     """Return how a calibration file was made: code, command, time, hashes of the pictures, their camera if known."""
     import hashlib
 
@@ -57,18 +55,27 @@ def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
     }
 
 
-def report_output(out: Path | None, accepted: bool, force: bool) -> None:
-    """Say whether a calibration was written."""
-    if out is not None and (accepted or force):
-        say(f"written: {out}" + ("" if accepted else " (a refused calibration, marked as refused)"))
-    elif out is not None:
-        say(f"not written: {out}")
+def report_calibration(
+    document: Mapping[str, Any],
+    print_numbers: Callable[[Mapping[str, Any]], None],
+    out: Path | None,
+    force: bool,
+) -> int:
+    """Print a calibration, and whether it was written; return the exit code."""
+    accepted = document["accepted"]
+    print_json(document)
+    print_line("accepted" if accepted else "refused")
+    for reason in document["reasons"]:
+        print_line(f"  {reason}")
+    print_numbers(document)
+    if out is not None:
+        remark = "" if accepted else " (a refused calibration, marked as refused)"
+        say(f"written: {out}{remark}" if accepted or force else f"not written: {out}")
+    return 0 if accepted else 1
 
 
-def report_refusal(refusal: CalibrationRefusedError, nothing: dict[str, object], as_json: bool) -> int:
+def report_refusal(refusal: CalibrationRefusedError, nothing: Mapping[str, object]) -> int:
     """Report a calibration without any numbers; unknown values are null."""
-    if as_json:
-        print_json({"accepted": False, "reasons": [refusal.message], **nothing})
-    for line in failure_lines(refusal):
-        say(line)
+    print_json({"accepted": False, "reasons": [refusal.message], **nothing})
+    say_failure(refusal)
     return refusal.exit_code

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Option
 
-from labrig.cli.options import CampaignArgument, ClusterOption, WorkersOption
-from labrig.cli.output import AsJson, print_json, print_line, print_table, say
+from labrig.cli.options import CampaignArgument, WorkersOption
+from labrig.cli.output import print_json, print_line, print_table, say
 from labrig.text import format_count, interval, number
 
 
@@ -14,22 +14,15 @@ def campaign(
     file: CampaignArgument,
     settings: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Override a key of the campaign file, such as repetitions=5; repeatable.",
-        ),
+        Option("--set", metavar="KEY=VALUE", help="Override a key, such as repetitions=5; repeatable."),
     ] = None,
     workers: WorkersOption = None,
-    cluster: ClusterOption = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder of the campaign; one that was begun is gone on with. Default: data/campaigns/NAME.",
-        ),
+    cluster: Annotated[
+        str | None, Option(metavar="ADDRESS", help="Workers of a dask scheduler (tcp://HOST:PORT).")
     ] = None,
-    as_json: AsJson = False,
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="Its folder, new or begun. Default: data/campaigns/NAME.")
+    ] = None,
 ) -> int:
     """Exit with 0 when the campaign is done. Started again, it goes on; Ctrl+C ends it with what is done."""
     from labrig.campaign.run import run_campaign
@@ -43,44 +36,37 @@ def campaign(
         cluster=cluster,
         attendant=TerminalAttendant(),
     )
-    if as_json:
-        print_json(_make_document(done))
-    else:
-        _print(done)
-    return 0 if done.result.failed < done.result.done else 1
-
-
-def _print(campaign: Any) -> None:
-    result, is_judged = campaign.result, campaign.result.tolerance is not None
-    rows = []
-    for arm in result.arms:
-        share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
-        percent = number(None if arm.share is None else 100 * arm.share, 1)
-        within = (arm.within_tolerance, percent, interval(share, 1)) if is_judged else ()
-        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
-        rows.append((arm.name, arm.tasks, arm.failed, *within, *mean))
-    print_line(
-        f"{result.campaign}: {result.measure}" + (f", within {result.tolerance:g}" if is_judged else "")
-    )
-    within_heads = ("within", "share %", "95 %") if is_judged else ()
-    print_table(("arm", "tasks", "failed", *within_heads, "mean", "95 %", "SD", "median"), rows)
-    for failure in result.failures[:3]:
-        count = format_count(failure.tasks, "task")
-        say(f"note: {count} failed, task {failure.first} first: {failure.error}")
-    print_line(f"table   {campaign.table}\nreport  {campaign.report}")
-
-
-def _make_document(campaign: Any) -> dict[str, Any]:
-    result = campaign.result
+    result = done.result
     mean, ci95 = ("mean_error_mm", "ci95_mm") if result.measure.endswith("error_mm") else ("mean", "ci95")
     arms = [
         {**arm.model_dump(mode="json", exclude={"mean", "ci95"}), mean: arm.mean, ci95: arm.ci95}
         for arm in result.arms
     ]
-    return {
-        "campaign": str(campaign.path),
+    print_json({
+        "campaign": str(done.path),
         "name": result.campaign,
-        "report": str(campaign.report),
+        "report": str(done.report),
         "arms": arms,
         **result.model_dump(mode="json", exclude={"arms", "campaign"}),
-    }
+    })  # fmt: skip
+    _print(done)
+    return 0 if result.failed < result.done else 1
+
+
+def _print(campaign: Any) -> None:
+    result = campaign.result
+    rows = []
+    for arm in result.arms:
+        share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
+        percent = number(None if arm.share is None else 100 * arm.share, 1)
+        within = (arm.within_tolerance, percent, interval(share, 1))
+        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
+        rows.append((arm.name, arm.tasks, arm.failed, *within, *mean))
+    tolerance = "" if result.tolerance is None else f", within {result.tolerance:g}"
+    print_line(f"{result.campaign}: {result.measure}{tolerance}")
+    heads = ("arm", "tasks", "failed", "within", "share %", "95 %", "mean", "95 %", "SD", "median")
+    print_table(heads, rows)
+    for failure in result.failures[:3]:
+        count = format_count(failure.tasks, "task")
+        say(f"note: {count} failed, task {failure.first} first: {failure.error}")
+    print_line(f"table   {campaign.table}\nreport  {campaign.report}")

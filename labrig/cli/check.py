@@ -4,18 +4,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from labrig.cli.options import ProtocolArgument, RigOption, SeedOption, SetOption, find_runs_dir
-from labrig.cli.output import AsJson, failure_document, failure_lines, print_json, print_line, say
-from labrig.errors import FileFormatError, InputError, Problem
+from labrig.cli.output import failure_document, print_json, print_line, print_problems, say, say_failure
+from labrig.errors import FileFormatError, InputError
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 from labrig.text import duration, format_count
 
 
 def check(
-    protocol: ProtocolArgument,
-    rig: RigOption = None,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    as_json: AsJson = False,
+    protocol: ProtocolArgument, rig: RigOption = None, seed: SeedOption = None, settings: SetOption = None
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
     from labrig.library.checking import check_sources
@@ -26,22 +22,16 @@ def check(
     try:
         found = check_sources(Sources(protocol, rig, tuple(settings or ()), seed), find_runs_dir())
     except FileFormatError as error:
-        if not as_json:
-            raise
-        for line in failure_lines(error):
-            say(line)
+        say_failure(error)
         problems = [asdict(problem) for problem in error.problems]
-        print_json(
-            {"ok": False, "problems": problems, "duration_s": None, "disk_bytes": None, "plugins": faults}
-        )
+        unknown = dict.fromkeys(("duration_s", "disk_bytes"))
+        print_json({"ok": False, "problems": problems, **unknown, "plugins": faults})
         return error.exit_code
     if found.rig_name is not None:
         faults += _report(find_plugin_faults(DRIVES, CAMERAS))
-    if as_json:
-        print_json({**found.document(), "plugins": faults})
-        return 0 if found.ok else 1
-    _print_problems(found.problems)
-    _print_problems(found.warnings, "warning: ")
+    print_json({**found.document(), "plugins": faults})
+    print_problems(found.problems)
+    print_problems(found.warnings, "warning: ")
     where = "without a rig" if found.rig_name is None else f"on rig {found.rig_name}"
     print_line(
         f"{protocol} {'can' if found.ok else 'cannot'} run {where}: {duration(found.plan.duration_s)} of motion, "
@@ -61,10 +51,3 @@ def _report(faults: Sequence[InputError]) -> list[dict[str, object]]:
     for fault in faults:
         say(f"note: {fault.message}")
     return [failure_document(fault) for fault in faults]
-
-
-def _print_problems(problems: Sequence[Problem], kind: str = "") -> None:
-    for problem in problems:
-        print_line(f"{kind}{problem.where}: {problem.message}")
-        if problem.hint:
-            print_line(f"  hint: {problem.hint}", 4)

@@ -2,18 +2,17 @@
 
 from typing import Annotated
 
-import typer
+from typer import Option
 
-from labrig.cli.output import AsJson, print_json
+from labrig.cli.output import print_json
 from labrig.cli.progress import progress
 
 _RADIUS_MM, _CLEARANCE_MM = 30.0, 0.025
 
 
 def design(
-    radius_mm: Annotated[float, typer.Option(help="Wanted steering radius.")] = _RADIUS_MM,
-    clearance_mm: Annotated[float, typer.Option(help="Width of the laser's cut.")] = _CLEARANCE_MM,
-    as_json: AsJson = False,
+    radius_mm: Annotated[float, Option(help="Wanted steering radius.")] = _RADIUS_MM,
+    clearance_mm: Annotated[float, Option(help="Width of the laser's cut.")] = _CLEARANCE_MM,
 ) -> int:
     """Answer by the paper's equation (3) and by our own search, which takes about half a minute on two cores.
 
@@ -31,8 +30,6 @@ def design(
     )
     with progress("searching rotations", 1.0) as reporter:
         study = study_design(order, progress=lambda done, of: reporter(done / of, f"{done} of {of} hinges"))
-    if as_json:
-        print_json(study.model_dump(mode="json"))
-    else:
-        print_summary(summarise(dict(study)))
+    print_json(study.model_dump(mode="json"))
+    print_summary(summarise(dict(study)))
     return 0 if study.accepted else 1

@@ -3,59 +3,57 @@
 import shlex
 
 from labrig.analysis.result import Summary, TextTable
-from labrig.cli.output import (
-    failure_document,
-    failure_lines,
-    print_json,
-    print_line,
-    print_table,
-    say,
-)
+from labrig.cli.output import failure_document, print_json, print_line, print_table, say, say_failure
+from labrig.devices.needle_location import NeedleLocation
 from labrig.record.manifest import read_checksum
 from labrig.runner.experiment import Experiment
-from labrig.runner.needle_report import NeedleReport
 from labrig.runner.whole_run import FinishedRun
 
 
-def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool) -> int:
-    """Print how a run ended, and return the exit code."""
-    outcome, error = finished.outcome, finished.outcome.error
+def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
+    """Print how a run ended, and return the exit code; a withdrawal has no experiment, and is not measured."""
+    error, result, needle = finished.outcome.error, finished.result, finished.needle
     checksum = read_checksum(finished.path)
-    document: dict[str, object] = {
-        "run": str(finished.path),
-        "exit_status": outcome.exit_status,
-        "reason": outcome.reason or None,
-        "report": None if finished.report is None else str(finished.report),
-        "result": finished.result,
-        "checksum": checksum,
-        "needle": None if finished.needle is None else finished.needle.document(),
-    }
-    place = shlex.quote(str(finished.path))
     if error is not None:
-        document["error"] = failure_document(error)
-        say_where_needle_is(finished.needle)
-        for line in failure_lines(error):
-            say(line)
-        say_way_out(finished.needle)
-        if finished.result is None:
-            say(f"the record is kept: {finished.path}\nmeasure what it holds: labrig reanalyze {place}")
-            if finished.report is not None:
-                say(f"what happened: {finished.report}")
-        if finished.result is None and outcome.exit_status != "success" and finished.can_resume:
-            say(f"continue it: labrig resume {place}")
-    if as_json:
-        print_json(document)
-    elif finished.result is not None:
-        print_summary(experiment.summarise(finished.result))
+        if needle is not None:
+            say_where_needle_is(needle.location)
+        say_failure(error)
+        if needle is not None and needle.way_out:
+            say(f"then: {needle.way_out}")
+        if result is None:
+            _say_what_is_left(finished, measurable=experiment is not None)
+    print_json({
+        "run": str(finished.path),
+        "exit_status": finished.outcome.exit_status,
+        "reason": finished.outcome.reason or None,
+        "report": None if finished.report is None else str(finished.report),
+        "result": result,
+        "checksum": checksum,
+        "needle": None if needle is None else needle.document(),
+        **({} if error is None else {"error": failure_document(error)}),
+    })  # fmt: skip
+    if result is not None and experiment is not None:
+        print_summary(experiment.summarise(result))
         print_line(f"record  {finished.path}\nreport  {finished.report}")
-    if checksum is not None and not as_json:
-        print_line(
-            f"checksum {checksum}\n         write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"
-        )
+    if checksum is not None:
+        what = "write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"
+        print_line(f"checksum {checksum}\n         {what}")
     if error is not None:
         return error.exit_code
-    result = {} if finished.result is None else finished.result
+    result = result or {}
     return 1 if result.get("accepted") is False or result.get("reached", True) is not True else 0
+
+
+def _say_what_is_left(finished: FinishedRun, *, measurable: bool) -> None:
+    """Say what can be done with a record that was not measured."""
+    place = shlex.quote(str(finished.path))
+    say(f"the record is kept: {finished.path}")
+    if measurable:
+        say(f"measure what it holds: labrig reanalyze {place}")
+    if finished.report is not None:
+        say(f"what happened: {finished.report}")
+    if finished.outcome.exit_status != "success" and finished.can_resume:
+        say(f"continue it: labrig resume {place}")
 
 
 def print_summary(summary: Summary) -> None:
@@ -67,14 +65,6 @@ def print_summary(summary: Summary) -> None:
             print_line(line)
 
 
-def say_where_needle_is(report: NeedleReport | None) -> None:
+def say_where_needle_is(location: NeedleLocation) -> None:
     """Say what the needle is doing, and where it is."""
-    if report is not None:
-        say(f"needle: {report.location.motion}")
-        say(f"positions: {report.location.where}")
-
-
-def say_way_out(report: NeedleReport | None) -> None:
-    """Say what to do about the needle, if there is anything to do."""
-    if report is not None and report.way_out:
-        say(f"then: {report.way_out}")
+    say(f"needle: {location.motion}\npositions: {location.where}")

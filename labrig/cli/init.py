@@ -2,24 +2,28 @@
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import typer
+from typer import Argument
 
-from labrig.cli.output import AsJson, print_line, say, show
+from labrig.cli.output import print_json, print_line, say
 
 
 def init(
     folder: Annotated[
-        Path, typer.Argument(metavar="[FOLDER]", help="The folder. Default: the working folder.")
+        Path, Argument(metavar="[FOLDER]", help="The folder. Default: the working folder.")
     ] = Path(),
-    as_json: AsJson = False,
 ) -> None:
     """In a lab folder that exists, add the examples that it lacks, and write the schemas anew; keep all other files."""
     from labrig.lab import make_lab_folder, read_examples
 
     written, kept = make_lab_folder(folder, {**read_examples(), **make_schemas()})
-    show({"folder": str(folder), "written": written, "kept": kept}, as_json, _print)
+    print_json({"folder": str(folder), "written": written, "kept": kept})
+    print_line(f"{folder.resolve()} is a lab folder: {len(written)} files written")
+    if kept:
+        say(f"kept as they are, and other than labrig's: {', '.join(kept)}")
+    go = "" if folder == Path() else f"cd {shlex.quote(str(folder))}\n"
+    say(f"next:\n{go}labrig check steerability\nlabrig run steerability")
 
 
 def make_schemas() -> dict[str, bytes]:
@@ -39,12 +43,3 @@ def make_schemas() -> dict[str, bytes]:
         SPECIMEN_SCHEMA: specimen_schema(),
     }
     return {place.as_posix(): schema_text(schema).encode("utf-8") for place, schema in schemas.items()}
-
-
-def _print(done: dict[str, Any]) -> None:
-    folder = Path(done["folder"])
-    print_line(f"{folder.resolve()} is a lab folder: {len(done['written'])} files written")
-    if done["kept"]:
-        say(f"kept as they are, and other than labrig's: {', '.join(done['kept'])}")
-    go = "" if folder == Path() else f"cd {shlex.quote(str(folder))}\n"
-    say(f"next:\n{go}labrig check steerability\nlabrig run steerability")

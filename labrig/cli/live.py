@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Thread
 
@@ -20,18 +20,17 @@ class Follower:
 
     Parameters
     ----------
-    command : tuple of str
-        Starts the process; it writes sentences on standard output.
-    title : str
-        Stands before each of them.
-    whole : str
-        Where the whole run can be read.
+    run : Path
+        Its folder.
+    kind : str
+        How it is shown.
+    program : str
+        Another viewer than rerun's.
     """
 
-    def __init__(self, command: tuple[str, ...], title: str, whole: str) -> None:
-        self._title, self._whole = title, whole
+    def __init__(self, run: Path, kind: LiveKind, *program: str) -> None:
         self._process = subprocess.Popen(  # noqa: S603 - this Python with a module of labrig, and a folder
-            command,
+            (sys.executable, "-m", "labrig.cli.live_follower", str(run.absolute()), kind, *program),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             # Warnings of the viewer's library, which nobody could act on.
@@ -47,44 +46,33 @@ class Follower:
         """Wait until the ended run is shown, but not for long, and report a process that failed."""
         try:
             status = self._process.wait(within_s)
+            problem = f"it ended with status {status}" if status else ""
         except (subprocess.TimeoutExpired, Interruption):
             # Whoever interrupts here is tired of waiting. How the run ended is still to be told.
             self._process.kill()
             self._process.wait()
-            say(f"{self._title}it was ended before all was shown; {self._whole} has the whole run")
-        else:
-            if status:
-                say(f"{self._title}it ended with status {status}; {self._whole} has the whole run")
+            problem = "it was ended before all was shown"
         self._listener.join()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        if problem:
+            say(f"live view: {problem}; view.rrd has the whole run")
 
     def _pass_on(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            say(f"{self._title}{line.rstrip()}")
+        with self._process.stdout as said:
+            for line in said:
+                say(f"live view: {line.rstrip()}")
 
 
 @contextmanager
-def show_while_made(viewer: LiveKind | None) -> Iterator[Callable[[Path], None]]:
-    """Give the call that shows a run from when its record is open; without a viewer it does nothing."""
-    followers: list[Follower] = []
+def show_while_made(kind: LiveKind | None) -> Iterator[Callable[[Path], None]]:
+    """Give the call that shows a run from when its record is open; without a kind it does nothing."""
+    with ExitStack() as at_the_end:
 
-    def watch(path: Path) -> None:
-        if viewer is not None:
-            try:
-                followers.append(follow_in_viewer(path, viewer))
-            except OSError as error:
-                say(f"live view: it cannot be shown: {error.strerror}")
+        def watch(run: Path) -> None:
+            if kind is not None:
+                try:
+                    at_the_end.callback(Follower(run, kind).finish)
+                except OSError as error:
+                    say(f"live view: it cannot be shown: {error.strerror}")
 
-    try:
         yield watch
-    finally:
-        for follower in followers:
-            follower.finish()
-
-
-def follow_in_viewer(path: Path, kind: LiveKind, *program: str) -> Follower:
-    """Show a run in the viewer; `program` starts another one than rerun's."""
-    command = (sys.executable, "-m", "labrig.cli.live_follower", str(path.absolute()), kind, *program)
-    return Follower(command, "live view: ", "view.rrd")

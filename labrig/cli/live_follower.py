@@ -8,7 +8,6 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from types import TracebackType
 
 from labrig.cli.bug_report import keep_traceback
 from labrig.devices.clocks import SystemClock
@@ -30,13 +29,13 @@ def main() -> None:
     """Show the run, and end without waiting for what the viewer has not taken."""
     end_with_parent()
     os.nice(_LESS_URGENT)
-    sys.excepthook = _tell_bug
     path, kind, *program = sys.argv[1:]
     try:
         _show(Path(path), "web" if kind == "web" else "window", program[0] if program else find_viewer())
     except LabrigError as error:
         _tell(f"nothing is shown live: {error.message}" + (f"; {error.hint}" if error.hint else ""))
-    sys.stdout.flush()
+    except Exception as error:  # noqa: BLE001 - a bug ends this process alone
+        _tell("it has ended: " + "; ".join(keep_traceback(error)))
     # At its exit, too, rerun would wait for a viewer that takes nothing.
     os._exit(0)
 
@@ -57,13 +56,6 @@ def _tell_where(viewer: RunningViewer) -> None:
         _tell(f"open {viewer.page}\nfrom another computer first: {forward}")
         if has_display(os.environ):
             webbrowser.open(viewer.page)
-
-
-def _tell_bug(_kind: type[BaseException], error: BaseException, _trace: TracebackType | None) -> None:
-    """Keep the traceback of a bug; it ends this process alone."""
-    if isinstance(error, Exception):
-        message, hint = keep_traceback(error)
-        _tell(f"it has ended: {message}; {hint}")
 
 
 def _tell(text: str) -> None:

@@ -1,21 +1,24 @@
 """The `labrig` command: its commands, and how every failure becomes an exit code."""
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import chain, takewhile
+from functools import wraps
+from itertools import takewhile
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from labrig.cli import (
     calibrate,
+    calibrate_plane,
     campaign,
     check,
     compare,
     design,
     devices,
     export,
+    import_pictures,
     init,
     manual,
     measure,
@@ -27,16 +30,17 @@ from labrig.cli import (
     run,
     runs,
     specimens,
+    template,
 )
 from labrig.cli.bug_report import keep_traceback
 from labrig.cli.options import complete_live
-from labrig.cli.output import print_failure, print_line
+from labrig.cli.output import SPEAKS_JSON, print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import BugError, DiskError, InputError, InterruptedRunError, LabrigError, MachineError
 
-_Command = Callable[..., object]
+_Command = Callable[..., int | None]
 
-COMMANDS: Mapping[str, tuple[_Command | typer.Typer, str]] = {
+COMMANDS: Mapping[str, tuple[_Command, str]] = {
     "init": (init.init, "Make a lab folder with example protocols and rig files."),
     "run": (run.run, "Run a protocol: move, record, measure, write the report."),
     "resume": (run.resume, "Continue a run after a crash or a stop."),
@@ -47,33 +51,68 @@ COMMANDS: Mapping[str, tuple[_Command | typer.Typer, str]] = {
     "plan": (plan.plan, "Plan a path to a target around obstacles."),
     "report": (record.report, "Write the report page of runs again."),
     "view": (record.view, "Show a run in the rerun viewer."),
-    "import": (record.import_, "Turn folders of pictures into runs."),
+    "import": (import_pictures.import_, "Turn folders of pictures into runs."),
     "reanalyze": (reanalyze.reanalyze, "Measure the pictures of runs again."),
     "compare": (compare.compare, "Compare runs, needles and gels."),
     "export": (export.export, "Write a run as tables, or copy its record."),
     "design": (design.design, "Compute what to cut for a steering radius."),
     "campaign": (campaign.campaign, "Repeat a protocol virtually, thousands of times."),
-    "runs": (runs.app, "List, search, show, check and annotate runs."),
     "specimens": (specimens.specimens, "List blocks of gel, or show the tracks in one."),
-    "calibrate": (calibrate.app, "Calibrate the camera: lens, plane map, tip template."),
-    "measure": (measure.app, "Measure pictures that belong to no run."),
-    "devices": (devices.app, "Check the rig, show its camera, move its axes, stop it."),
     "manual": (manual.manual, "Open the manual at a page, or list its pages."),
+    "runs show": (runs.show_run, "Say what a run is and how it ended, and tell its events in words."),
+    "runs check": (
+        runs.check,
+        "Read every file of runs, and name what is missing, was changed or was added.",
+    ),
+    "runs annotate": (runs.annotate, "Tag runs, add a note to them, or judge whether they can be trusted."),
+    "calibrate intrinsics": (calibrate.intrinsics, "Find the lens from photographs of a board."),
+    "calibrate plane": (
+        calibrate_plane.plane,
+        "Find the map from pixels to mm from a picture of graph paper.",
+    ),
+    "calibrate template": (template.template, "Cut a template of the needle's tip out of a picture."),
+    "calibrate adopt": (calibrate.adopt, "Copy the calibration of a calibration run to the rig's files."),
+    "measure curvature": (measure.curvature, "Measure shaft, tip and radius of curvature in each picture."),
+    "measure tip": (measure.tip, "Find the needle's tip in each picture by a template."),
+    "devices check": (devices.check, "Check bus, drives, camera, calibration and disk, and say what to do."),
+    "devices stop": (devices.stop, "Stop every axis of the rig now, also under another labrig."),
+    "devices camera": (devices.camera, "Show the camera's picture, how good it is, and what is in it."),
+    "devices home": (devices.home, "Home axes after confirmation; refused with a needle in tissue."),
+    "devices jog": (devices.jog, "Move one axis slowly after confirmation; verify direction, lead, limits."),
+    "devices withdraw": (
+        devices.withdraw,
+        "Withdraw a needle that a run has left in tissue, along its path.",
+    ),
+    "devices simulate": (devices.simulate, "Serve simulated EPOS2 drives to any CANopen client."),
 }
-"""Each command, or group of commands, with its help, in the order of `labrig --help`."""
+"""Each command with its help, in the order of the help."""
+
+GROUPS: Mapping[str, str] = {
+    "runs": "List, search, show, check and annotate runs.",
+    "calibrate": "Calibrate the camera: lens, plane map, tip template.",
+    "measure": "Measure pictures that belong to no run.",
+    "devices": "Check the rig, show its camera, move its axes, stop it.",
+}
 
 
-class FiniteCommand(TyperCommand):
-    """A command that refuses NaN and infinity for any of its numbers."""
+def _make_command(function: _Command) -> _Command:
+    """Return a command that takes `--json`, and refuses NaN and infinity for any of its numbers."""
 
-    def invoke(self, ctx: Any) -> Any:
-        """Call the command. Raises `InputError` that names the option as it is typed."""
-        for param in self.params:
-            value = ctx.params.get(param.name or "")
+    @wraps(function)
+    def command(*, as_json: bool, **values: Any) -> int | None:  # noqa: ARG001 - `run_command` has read it
+        for name, value in values.items():
             for number in value if isinstance(value, tuple | list) else (value,):
                 if isinstance(number, float) and not math.isfinite(number):
-                    raise InputError(f"{param.opts[0]} is {number}", "give a finite number")
-        return super().invoke(ctx)
+                    option = name.replace("_", "-")
+                    raise InputError(f"--{option} is {number}", "give a finite number")
+        return function(**values)
+
+    flag = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+    signature = inspect.signature(function, eval_str=True)
+    as_json = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=flag)
+    parameters = [*signature.parameters.values(), as_json]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return command
 
 
 def _print_version(wanted: bool) -> None:
@@ -104,13 +143,13 @@ def _make_app() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    for name, (command, text) in COMMANDS.items():
-        if isinstance(command, typer.Typer):
-            for info in command.registered_commands:
-                info.cls = FiniteCommand
-            app.add_typer(command, name=name, help=text)
-        else:
-            app.command(name, help=text, cls=FiniteCommand)(command)
+    groups = {name: typer.Typer(no_args_is_help=name != "runs") for name in GROUPS}
+    groups["runs"].callback(invoke_without_command=True)(_make_command(runs.list_))
+    for name, group in groups.items():
+        app.add_typer(group, name=name, help=GROUPS[name])
+    for name, (function, text) in COMMANDS.items():
+        *above, word = name.split()
+        (groups[above[0]] if above else app).command(word, help=text)(_make_command(function))
     return app
 
 
@@ -119,6 +158,7 @@ app = _make_app()
 
 def run_command(arguments: Sequence[str], app: typer.Typer = app) -> int:
     """Run a command line and return its exit code: 0 to 5 or 130, as the manual lists them."""
+    SPEAKS_JSON.set("--json" in arguments)
     try:
         with raise_on_signals():
             return _invoke(app, arguments)
@@ -133,13 +173,14 @@ def run_command(arguments: Sequence[str], app: typer.Typer = app) -> int:
             error.reword(error.message, keep_traceback(error)[1]) if hasattr(error, "__notes__") else error
         )
     except OSError as error:
-        failure = _make_disk_error(error)
+        what = f"{error.filename}: " if error.filename else ""
+        failure = DiskError(f"{what}{error.strerror or error}", "check free space and permissions")
     except MemoryError:
         failure = MachineError("this computer has too little memory for that", "give it less at once")
     except Exception as error:  # noqa: BLE001 - the one place where a bug ends, with a code of its own
-        failure = _report_bug(error)
+        failure = BugError(*keep_traceback(error))
     if failure.message:  # empty if no command was given: its help has been printed
-        print_failure(failure, "--json" in arguments)
+        print_failure(failure)
     return failure.exit_code
 
 
@@ -156,21 +197,7 @@ def _invoke(app: typer.Typer, arguments: Sequence[str]) -> int:
 
 def _hint_at_help(arguments: Sequence[str]) -> str:
     """Return the command that prints the help of the mistyped command."""
-    group: Any = typer.main.get_command(app)
-    known = []
-    for word in takewhile(lambda word: not word.startswith("-"), arguments):
-        group = getattr(group, "commands", {}).get(word)
-        if group is None:
-            break
-        known.append(word)
-    return " ".join(chain(["see: labrig"], known, ["--help"]))
-
-
-def _report_bug(error: Exception) -> BugError:
-    return BugError(*keep_traceback(error))
-
-
-def _make_disk_error(error: OSError) -> DiskError:
-    """Return an error of the operating system as a sentence that names the file, if there is one."""
-    what = f"{error.filename}: " if error.filename else ""
-    return DiskError(f"{what}{error.strerror or error}", "check free space and permissions")
+    words = list(takewhile(lambda word: not word.startswith("-"), arguments))
+    names = (" ".join(words[:2]), " ".join(words[:1]))
+    known = [name for name in names if name in COMMANDS or name in GROUPS]
+    return " ".join(["see: labrig", *known[:1], "--help"])

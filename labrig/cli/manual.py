@@ -5,9 +5,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument
 
-from labrig.cli.output import print_line, print_table
+from labrig.cli.output import print_json, print_line, print_table
 from labrig.errors import InputError
 
 SOURCE = Path(__file__).parents[1] / "manual"
@@ -17,17 +17,20 @@ SITE = SOURCE / "site"
 
 def manual(
     topic: Annotated[
-        list[str] | None, typer.Argument(metavar="[TOPIC]", help="Name of a page, or words of its title.")
+        list[str] | None, Argument(metavar="[TOPIC]", help="Name of a page, or words of its title.")
     ] = None,
 ) -> None:
     """Open the page in a browser if there is a display, and print where it is; without TOPIC, list the pages."""
     pages = find_pages()
     if not topic:
-        print_table(("topic", "title"), [(name, read_title(page)) for name, page in pages.items()])
+        titles = {name: read_title(page) for name, page in pages.items()}
+        print_json(titles)
+        print_table(("topic", "title"), list(titles.items()))
         return
     name = _choose(pages, " ".join(topic).lower())
     built = SITE / pages[name].relative_to(SOURCE).with_suffix(".html")
     page = built if built.exists() else pages[name]
+    print_json({"page": str(page)})
     print_line(str(page))
     if page == built and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         import webbrowser
@@ -50,14 +53,10 @@ def read_title(page: Path) -> str:
 
 def _choose(pages: dict[str, Path], asked: str) -> str:
     """Return the page of this name, else the one with all these words in its title. Raises `InputError`."""
-    found = [name for name in pages if name == asked] or [
-        name
-        for name, page in pages.items()
-        if all(word in f"{name} {read_title(page)}".lower() for word in asked.split())
-    ]
-    if len(found) == 1:
-        return found[0]
+    titles = {name: f"{name} {read_title(page)}".lower() for name, page in pages.items()}
+    found = [name for name, title in titles.items() if all(word in title for word in asked.split())]
+    if asked in pages or len(found) == 1:
+        return asked if asked in pages else found[0]
     near = found or get_close_matches(asked, pages, 3) or list(pages)
-    raise InputError(
-        f"{len(found) or 'no'} pages of the manual fit {asked!r}", f"name one: {', '.join(near)}"
-    )
+    many = f"{len(found) or 'no'} pages of the manual fit {asked!r}"
+    raise InputError(many, f"name one: {', '.join(near)}")

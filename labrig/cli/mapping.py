@@ -22,30 +22,20 @@ def load_plane_map(
     InputError
         When the options describe no map, two maps, or a refused calibration.
     """
-    if plane is not None and px_per_mm is not None:
-        raise InputError("--plane and --px-per-mm both turn pixels into mm", "give one of them")
-    if plane is not None and origin_px is not None:
-        raise InputError("--origin-px belongs to --px-per-mm; a plane map has its origin", "leave it out")
-    if plane is not None:
-        return _load_calibrated(intrinsics, plane, insertion)
-    if px_per_mm is None:
+    if plane is not None and (px_per_mm, origin_px, insertion) != (None, None, None):
         raise InputError(
-            "pixels cannot be turned into mm: neither --plane nor --px-per-mm is given",
-            "--intrinsics FILE --plane FILE for a calibrated camera; "
-            "--px-per-mm S --origin-px U V --insertion DIR for rectified pictures",
+            "--plane turns pixels into mm, and so do --px-per-mm, --origin-px and --insertion",
+            "give the one or the others",
         )
-    if origin_px is None:
-        raise InputError(
-            "--px-per-mm needs --origin-px U V", "name the pixel at which the needle enters the gel"
-        )
-    if insertion is None:
-        raise InputError(
-            "--px-per-mm needs --insertion", "say where the insertion points: right, left, up or down"
-        )
-    return PlaneMap.from_scale(px_per_mm, origin_px, insertion)
-
-
-def _load_calibrated(intrinsics: Path | None, plane: Path, insertion: Direction | None) -> PlaneMap:
+    if plane is None:
+        if px_per_mm is None or origin_px is None or insertion is None:
+            raise InputError(
+                "pixels cannot be turned into mm: neither --plane is given, nor all of --px-per-mm, --origin-px and "
+                "--insertion",
+                "--intrinsics FILE --plane FILE for a calibrated camera; --px-per-mm S --origin-px U V --insertion DIR "
+                "for rectified pictures: U V is where the needle enters the gel",
+            )
+        return PlaneMap.from_scale(px_per_mm, origin_px, insertion)
     lens = None if intrinsics is None else load_intrinsics(intrinsics)
     found = load_plane(plane, lens)
     for path, calibration in ((intrinsics, lens), (plane, found)):
@@ -54,9 +44,4 @@ def _load_calibrated(intrinsics: Path | None, plane: Path, insertion: Direction 
             raise InputError(
                 f"{path} was refused when it was made: {reasons}", "calibrate again as this says"
             )
-    if insertion is not None and insertion != found.insertion:
-        raise InputError(
-            f"--insertion is {insertion}, and {plane} was made for {found.insertion}",
-            "leave --insertion out, or calibrate the plane for that direction",
-        )
     return found

@@ -2,24 +2,23 @@
 
 import json
 import math
-import os
 import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from contextvars import ContextVar
 from dataclasses import asdict
 from types import NoneType
-from typing import IO, Annotated, Any, TypeVar
+from typing import IO, Any
 
 import typer
 
-from labrig.errors import FileFormatError, LabrigError, fault_of
+from labrig.errors import FileFormatError, LabrigError, Problem, fault_of
 
-_T = TypeVar("_T")
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+SPEAKS_JSON = ContextVar("SPEAKS_JSON", default=False)
+"""Whether the result of the command is a JSON document (--json); otherwise it is text for people."""
 
 
 # Characters that move the cursor, change colours, rename the window or turn the direction of writing, and the halves
@@ -34,23 +33,14 @@ def escape_controls(text: str) -> str:
 
     Titles, notes, tags and names of folders come from other people and could otherwise control the terminal.
     """
-    if text.isprintable():
-        return text
     return CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
-def show(document: _T, as_json: bool, print_text: Callable[[_T], None]) -> None:
-    """Print a result: as JSON, or as text for people."""
-    if as_json:
-        print_json(document)
-    else:
-        print_text(document)
-
-
 def print_json(document: object) -> None:
-    """Print one JSON document, in which unknown and infinite values are null."""
-    text = json.dumps(_make_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo(CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+    """Print the one JSON document of a result, unknown and infinite values as null; nothing without --json."""
+    if SPEAKS_JSON.get():
+        text = json.dumps(_make_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
+        typer.echo(CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def _make_finite(value: object) -> object:
@@ -81,10 +71,8 @@ class SafeStandardError:
     def __init__(self) -> None:
         self._stream = sys.stderr
 
-    @property
-    def encoding(self) -> str | None:
-        """The encoding, by which it is chosen what a bar is drawn with; None if it is not known."""
-        return self._stream.encoding
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
         """Write, and ignore errors."""
@@ -97,18 +85,14 @@ class SafeStandardError:
         with suppress(OSError):
             self._stream.flush()
 
-    def isatty(self) -> bool:
-        """Return whether it is a terminal."""
-        return self._stream.isatty()
-
-    def fileno(self) -> int:
-        """Return the descriptor, from which the width of a terminal is read."""
-        return self._stream.fileno()
-
 
 def print_line(text: str, indent: int = 2) -> None:
-    """Print text of a result on standard output; a terminal gets it wrapped between words, further lines indented."""
-    typer.echo(_wrap(escape_controls(text), sys.stdout, indent))
+    """Print text of a result on standard output, nothing with --json.
+
+    A terminal gets it wrapped between words, further lines indented.
+    """
+    if not SPEAKS_JSON.get():
+        typer.echo(_wrap(escape_controls(text), sys.stdout, indent))
 
 
 def say(text: str, indent: int = 2) -> None:
@@ -121,97 +105,80 @@ def say(text: str, indent: int = 2) -> None:
 def _wrap(text: str, stream: IO[str], indent: int) -> str:
     if not stream.isatty():
         return text
-    columns = max(_count_columns(stream), _LEAST_COLUMNS)
-    return "\n".join(
-        textwrap.fill(
-            line, columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
-        )
-        for line in text.split("\n")
+    wrapper = textwrap.TextWrapper(
+        max(shutil.get_terminal_size().columns, _LEAST_COLUMNS),
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
-
-
-def _count_columns(stream: IO[str]) -> int:
-    """Return the width of a terminal, `COLUMNS` first; standard error may be one where standard output is none."""
-    if os.environ.get("COLUMNS", "").isdecimal():
-        return int(os.environ["COLUMNS"])
-    try:
-        return os.get_terminal_size(stream.fileno()).columns
-    except (OSError, ValueError):
-        return shutil.get_terminal_size().columns
-
-
-def ring_bell() -> None:
-    """Ring the bell of the terminal of standard error, if it is one."""
-    stream = SafeStandardError()
-    if stream.isatty():
-        stream.write("\a")
-        stream.flush()
+    return "\n".join(map(wrapper.fill, text.split("\n")))
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
     """Return a failure as JSON: type, message and hint; for bus and drives also the fault."""
-    document: dict[str, object] = {
+    fault = fault_of(error)
+    return {
         "type": type(error).__name__,
         "message": error.message,
         "hint": error.hint or None,
+        **({} if fault is None else {"fault": asdict(fault)}),
     }
-    fault = fault_of(error)
-    return document if fault is None else {**document, "fault": asdict(fault)}
 
 
-def print_failure(error: LabrigError, as_json: bool) -> None:
+def print_failure(error: LabrigError) -> None:
     """Print a failure for people on standard error, and with --json also as a document on standard output."""
-    if as_json:
-        # If standard output itself failed, standard error alone has the message.
-        with suppress(OSError):
-            print_json({"error": failure_document(error)})
-    for line in failure_lines(error):
-        say(line)
+    with suppress(OSError):  # if standard output itself failed, standard error alone has the message
+        print_json({"error": failure_document(error)})
+    say_failure(error)
 
 
-def failure_lines(error: LabrigError) -> list[str]:
-    """Return the lines that report a failure: each problem, and under it what to do."""
-    if not isinstance(error, FileFormatError):
-        return [f"error: {error.message}", *([f"hint: {error.hint}"] if error.hint else [])]
-    lines = []
-    for problem in error.problems:
-        lines.append(f"error: {problem.where}: {problem.message}")
+def say_failure(error: LabrigError) -> None:
+    """Say each problem of a failure, and under it what to do."""
+    problems = (
+        error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
+    )
+    for problem in problems:
+        say("error: " + ": ".join(filter(None, (problem.where, problem.message))))
         if problem.hint:
-            lines.append(f"hint: {problem.hint}")
-    return lines
+            say(f"hint: {problem.hint}")
 
 
-def print_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
+def print_problems(problems: Sequence[Problem], kind: str = "") -> None:
+    """Print problems that are part of a result, and under each what to do."""
+    for problem in problems:
+        print_line(f"{kind}{problem.where}: {problem.message}")
+        if problem.hint:
+            print_line(f"  hint: {problem.hint}", 4)
+
+
+def print_checks(checks: Sequence[Mapping[str, Any]]) -> int:
     """Print checks (`status`, `check`, `value`, `solution`, perhaps `axis`), and return 1 if a check failed."""
-    show(checks, as_json, _print_checks)
-    return 1 if any(check["status"] == "FAIL" for check in checks) else 0
-
-
-def _print_checks(checks: Sequence[Mapping[str, Any]]) -> None:
     for check in checks:
         axis = f"{check['axis']} " if "axis" in check else ""
         print_line(f"{check['status']:4}  {axis}{check['check']}: {check['value']}", 6)
         if check["solution"]:
             print_line(f"      {check['solution']}", 6)
+    return 1 if any(check["status"] == "FAIL" for check in checks) else 0
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table; if the terminal is too narrow for it, a block of `head: value` for each row."""
+    """Print a table of text, nothing with --json.
+
+    If the terminal is too narrow for it, print a block of `head: value` for each row.
+    """
     cells = [[format_cell(value) for value in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
-    if sys.stdout.isatty() and sum(widths) + 2 * (len(widths) - 1) > _count_columns(sys.stdout):
+    if sys.stdout.isatty() and sum(widths) + 2 * (len(widths) - 1) > shutil.get_terminal_size().columns:
         for name, *others in cells:
             print_line(f"{heads[0]}: {name}" if heads[0] else name)
-            known = [
-                f"{head}: {cell}" for head, cell in zip(heads[1:], others, strict=True) if cell != _UNKNOWN
-            ]
-            print_line(f"  {', '.join(known)}")
+            known = [pair for pair in zip(heads[1:], others, strict=True) if pair[1] != _UNKNOWN]
+            print_line("  " + ", ".join(f"{head}: {cell}" for head, cell in known))
         return
     numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
     columns = (f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True))
     line = "  ".join(columns)
-    # One call: there may be thousands of rows.
-    typer.echo("\n".join(line.format(*row).rstrip() for row in (heads, *cells)))
+    if not SPEAKS_JSON.get():  # one call: there may be thousands of rows
+        typer.echo("\n".join(line.format(*row).rstrip() for row in (heads, *cells)))
 
 
 def format_cell(value: object) -> str:

@@ -4,25 +4,22 @@ from pathlib import Path
 from typing import Literal
 
 from labrig.cli.options import RunArgument
-from labrig.cli.output import AsJson, print_json, print_line
+from labrig.cli.output import print_json, print_line
 
 
-def pause(run_path: RunArgument, as_json: AsJson = False) -> int:
+def pause(run_path: RunArgument) -> None:
     """Exit with 0 when the run is going to pause, or is paused; its own terminal says at which safe point."""
-    return _ask(run_path, "pause", as_json=as_json)
+    _ask(run_path, "pause")
 
 
-def continue_(run_path: RunArgument, as_json: AsJson = False) -> int:
+def continue_(run_path: RunArgument) -> None:
     """Exit with 0 when the run continues; a question at its terminal is not answered by this."""
-    return _ask(run_path, "continue", as_json=as_json)
+    _ask(run_path, "continue")
 
 
-def _ask(run: Path, order: Literal["pause", "continue"], *, as_json: bool) -> int:
+def _ask(run: Path, order: Literal["pause", "continue"]) -> None:
     from labrig.runner.run_control import ask_run
 
     answer = ask_run(run, order)
-    if as_json:
-        print_json({"run": str(run), "answer": answer})
-    else:
-        print_line(answer)
-    return 0
+    print_json({"run": str(run), "answer": answer})
+    print_line(answer)

@@ -3,30 +3,31 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from labrig.cli.calibration_files import require_writable
-from labrig.cli.output import AsJson, print_line, print_table, show
+from labrig.cli.output import print_json, print_line, print_table
 from labrig.errors import InputError
 from labrig.text import format_count, number
 
 
 def plan(
     scenario: Annotated[
-        Path, typer.Argument(metavar="SCENARIO", help="Needle, target and obstacles (YAML or JSON).")
+        Path, Argument(metavar="SCENARIO", help="Needle, target and obstacles (YAML or JSON).")
     ],
-    figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.")
-    ] = None,
-    as_json: AsJson = False,
+    figure: Annotated[Path | None, Option(metavar="FILE", help="Draw the plan, .svg or .png.")] = None,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.devices.clocks import SystemClock
     from labrig.experiments.insertion.scenario import load_scenario, make_problem
     from labrig.steering.planner import plan_path
 
-    if figure is not None:
-        _check_figure(figure)
+    if figure is not None:  # refused before anything is planned
+        if figure.suffix.lower() not in {".svg", ".png"}:
+            raise InputError(
+                f"{figure.name} is neither .svg nor .png", "name the figure plan.svg, for example"
+            )
+        require_writable(figure, force=False, hint="name another file")
     asked = load_scenario(scenario)
     problem = make_problem(asked)
     clock = SystemClock()
@@ -37,15 +38,9 @@ def plan(
         from labrig.report.plan_figure import write_plan_figure
 
         write_plan_figure(figure, problem, found)
-    show(document, as_json, _print)
+    print_json(document)
+    _print(document)
     return 0 if found.found else 1
-
-
-def _check_figure(figure: Path) -> None:
-    """Refuse a figure that cannot be written, before anything is planned."""
-    if figure.suffix.lower() not in {".svg", ".png"}:
-        raise InputError(f"{figure.name} is neither .svg nor .png", "name the figure plan.svg, for example")
-    require_writable(figure, force=False, hint="name another file")
 
 
 def _print(document: dict[str, Any]) -> None:

@@ -25,14 +25,17 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.table import Column
 
-    doing_column = Column(no_wrap=True, overflow="ellipsis", ratio=1)
     columns = (
         TextColumn("{task.percentage:>3.0f} %"),
         BarColumn(12),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        TextColumn("{task.description}", markup=False, table_column=doing_column),
+        TextColumn(
+            "{task.description}",
+            markup=False,
+            table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1),
+        ),
     )
     with Progress(*columns, console=_make_console(), expand=True) as bar:
         task = bar.add_task(escape_controls(title), total=total)
@@ -44,9 +47,9 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
 
 
 @contextmanager
-def show_working(title: str, *, shown: bool = True) -> Iterator[None]:
+def show_working(title: str) -> Iterator[None]:
     """Show on a terminal that the block is at work, until its end; elsewhere nothing."""
-    if not (shown and sys.stderr.isatty()):
+    if not sys.stderr.isatty():
         yield
         return
     with _make_console().status(escape_controls(title)):
@@ -92,6 +95,5 @@ class _PlainLines:
         if int(10 * fraction) <= self._tenths or elapsed_s < self._printed_s + _LEAST_PAUSE_S:
             return
         self._tenths, self._printed_s = int(10 * fraction), elapsed_s
-        remaining_s = elapsed_s * (1 - fraction) / fraction
-        times = f"{duration(elapsed_s)} elapsed, about {duration(remaining_s)} left"
+        times = f"{duration(elapsed_s)} elapsed, about {duration(elapsed_s * (1 - fraction) / fraction)} left"
         say(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})")

@@ -1,34 +1,29 @@
 """`labrig reanalyze`: measures runs again and prints the new numbers beside the old ones."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Option
 
 from labrig.cli.agreement import print_agreement
-from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WorkersOption, find_runs_dir
-from labrig.cli.output import AsJson, print_line, print_table, say
-from labrig.cli.several_runs import add_damage, do_each, find_matching_runs, require_runs_or_condition
+from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WhereOption, WorkersOption
+from labrig.cli.output import print_line, print_table, say
+from labrig.cli.several_runs import Row, Work, add_damage, choose_runs, do_each, do_for_each_run
 from labrig.cli.signals import Interruption
 from labrig.errors import LabrigError, RecordError, WorkersError
-
-_Work = tuple[Path, Callable[[], Mapping[str, object]]]
 
 
 def reanalyze(
     run_paths: RunsOrNoneArgument = None,
-    where: Annotated[
-        str | None,
-        typer.Option(metavar="CONDITION", help="Measure the runs that fit, as for labrig runs --where."),
-    ] = None,
+    where: WhereOption = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--set",
             metavar="KEY=VALUE",
             help="Override analysis.*, or for an insertion estimator.*, planner.radius_mm; repeatable.",
@@ -36,27 +31,23 @@ def reanalyze(
     ] = None,
     workers: WorkersOption = None,
     runs_dir: RunsDirOption = None,
-    as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
     from labrig.cli.attendant import TerminalAttendant
     from labrig.cli.progress import hold_bar
     from labrig.library import door
 
-    require_runs_or_condition(run_paths or (), where, "reanalyze")
-    runs = list(dict.fromkeys(run_paths or find_matching_runs(find_runs_dir(runs_dir), where)))
+    runs = choose_runs(run_paths, where, runs_dir, "reanalyze")
     overrides, attendant = tuple(settings or ()), TerminalAttendant()
-    show = partial(_show, as_json=as_json)
     if len(runs) == 1 and workers is None:
-        (run,) = runs
-
-        def measure_and_show() -> Mapping[str, object]:
-            return show(run, door.reanalyze(run, settings=overrides, attendant=attendant))
-
-        return do_each([(run, measure_and_show)], as_json, key="analysis")
+        return do_for_each_run(
+            runs,
+            lambda run: _show(run, door.reanalyze(run, settings=overrides, attendant=attendant)),
+            key="analysis",
+        )
     measured = 0
 
-    def list_works() -> Iterator[_Work]:
+    def list_works() -> Iterator[Work]:
         nonlocal measured
         outcomes = door.reanalyze_runs(
             runs, settings=overrides, workers=workers, attendant=attendant, command_line=sys.argv
@@ -65,17 +56,17 @@ def reanalyze(
             for run, outcome in outcomes:
                 measured += 1
                 with hold_bar():
-                    yield run, partial(show, run, outcome)
+                    yield run, partial(_show, run, outcome)
 
     try:
-        return do_each(list_works(), as_json, key="analysis")
+        return do_each(list_works(), key="analysis")
     except (Interruption, WorkersError):
         if measured:
             say(f"{measured} of {len(runs)} runs are measured; their results are kept")
         raise
 
 
-def _show(path: Path, outcome: Any, *, as_json: bool) -> dict[str, object]:
+def _show(path: Path, outcome: Any) -> Row:
     """Print a new result beside the one that it is compared with, and return its row. Raises an error in its place."""
     from labrig.analysis.divergence import compare_results, find_frame
     from labrig.experiments.registry import find_run_experiment, load_run_result
@@ -91,25 +82,22 @@ def _show(path: Path, outcome: Any, *, as_json: bool) -> dict[str, object]:
             except RecordError as error:
                 say(f"note: {error.message}")
     old = None if new["parent"] is None else load_run_result(run, new["parent"])
-    if not as_json:
-        print_line(str(path))
-        for name, result in (("old", old), ("new", outcome)):
-            if result is not None:
-                changed = " ".join(result.content.overrides) or "the run's own settings"
-                print_line(f"{name}: analysis/{result.path.name}, {changed}")
-        summarise = find_run_experiment(run).summarise
-        before = {} if old is None else summarise(old.document).values
-        rows = [[name, before.get(name), value] for name, value in summarise(new).values.items()]
-        print_table(("", "old", "new"), rows)
+    print_line(str(path))
+    for name, result in (("old", old), ("new", outcome)):
+        if result is not None:
+            changed = " ".join(result.content.overrides) or "the run's own settings"
+            print_line(f"{name}: analysis/{result.path.name}, {changed}")
+    summarise = find_run_experiment(run).summarise
+    before = {} if old is None else summarise(old.document).values
+    rows = [[name, before.get(name), value] for name, value in summarise(new).values.items()]
+    print_table(("", "old", "new"), rows)
     row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}
     row |= {"parent": new["parent"], "verdict": None, "first_difference": None, "largest": {}}
     if old is not None:
         found = compare_results(old.document, new)
         first = found.first
         frame = None if first is None else find_frame(first.path, new) or find_frame(first.path, old.document)
-        if not as_json:
-            place = "of all" if frame is None else f"in frame {frame}"
-            print_agreement(found, place, ("before", "now"))
+        print_agreement(found, "of all" if frame is None else f"in frame {frame}", ("before", "now"))
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
     return add_damage(row, new["damage"])

@@ -6,52 +6,47 @@ from typing import Any
 
 from labrig.cli.agreement import print_agreement
 from labrig.cli.options import RunArgument
-from labrig.cli.output import AsJson, print_json, print_line
+from labrig.cli.output import print_json, print_line
 
 
-def replay(run_path: RunArgument, as_json: AsJson = False) -> int:
+def replay(run_path: RunArgument) -> int:
     """Exit with 0 if the procedure decides the same again and its numbers agree, and with 1 if it does not."""
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library import door
 
     run = door.open_run(run_path)
     found = door.replay(run, attendant=TerminalAttendant())
-    difference, place = found.first_difference, found.place
+    difference, place, beyond = found.first_difference, found.place, found.agreement.beyond
     explained_by = [] if found.verdict == "identical" else _explain(run.manifest.get("provenance"))
-    document = {
+    first: dict[str, object] | None = None
+    where = ""
+    if difference is not None and place is not None:
+        first = {**asdict(difference), **asdict(place), "went_on": not found.stopped}
+        trial = None if place.trial is None else place.trial + 1
+        where = f"at t = {place.t_s:.3f} s, after picture {_format(place.frame)}, in trial {_format(trial)}"
+    print_json({
         "run": str(run_path),
         "verdict": str(found.verdict),
         "identical": found.verdict == "identical",
-        "first_difference": None
-        if difference is None or place is None
-        else {**asdict(difference), **asdict(place), "went_on": not found.stopped},
-        "beyond": found.agreement.beyond,
+        "first_difference": first,
+        "beyond": beyond,
         "largest": found.agreement.largest,
         "ended_early": found.ended_early or None,
         "compared": found.counts,
         "explained_by": explained_by,
-    }
-    if as_json:
-        print_json(document)
-    else:
-        where = "" if place is None else _tell_place(asdict(place))
-        print_agreement(found.agreement, where, ("in the record", "in the replay"))
-        if place is not None and found.stopped:
-            print_line("  the replay ends there: the record has no answer to what is asked now")
-        elif found.agreement.beyond > 1:
-            print_line(f"  to the end {found.agreement.beyond} values differ by more than is allowed")
-        for sentence in explained_by:
-            print_line(f"  {sentence}")
-        if found.ended_early:
-            print_line(f"  {found.ended_early}; it is compared up to there")
-        same = ", ".join(f"{count} {what}" for what, count in found.counts.items())
-        print_line(f"  compared: {same or 'nothing'}")
+    })  # fmt: skip
+    print_agreement(found.agreement, where, ("in the record", "in the replay"))
+    if first is not None and found.stopped:
+        print_line("  the replay ends there: the record has no answer to what is asked now")
+    elif beyond > 1:
+        print_line(f"  to the end {beyond} values differ by more than is allowed")
+    for sentence in explained_by:
+        print_line(f"  {sentence}")
+    if found.ended_early:
+        print_line(f"  {found.ended_early}; it is compared up to there")
+    same = ", ".join(f"{count} {what}" for what, count in found.counts.items())
+    print_line(f"  compared: {same or 'nothing'}")
     return 1 if found.verdict == "different" else 0
-
-
-def _tell_place(place: Mapping[str, Any]) -> str:
-    trial = None if place["trial"] is None else place["trial"] + 1
-    return f"at t = {place['t_s']:.3f} s, after picture {_format(place['frame'])}, in trial {_format(trial)}"
 
 
 def _explain(provenance: object) -> list[str]:

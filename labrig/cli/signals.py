@@ -26,20 +26,14 @@ class Interruption(KeyboardInterrupt):
 class SignalNote:
     """Holds the name of the signal that arrived, if any.
 
-    Parameters
-    ----------
-    may_pause : callable
-        Whether INT, where nothing was asked for before, is now a request to pause.
-
     Attributes
     ----------
     asks_for_pause : bool
         Whether INT has asked for a pause that has not begun.
     """
 
-    def __init__(self, may_pause: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self) -> None:
         self._name: str | None = None
-        self._may_pause = may_pause
         self._is_pausing = False
         self.asks_for_pause = False
 
@@ -53,14 +47,10 @@ class SignalNote:
             self._name = self._name or signal.SIGINT.name
         return self._name
 
-    def meet_pause(self) -> None:
-        """Note that the pause has begun: the next INT is a new request."""
-        self.asks_for_pause = False
-
     def take(self, number: int, _frame: FrameType | None) -> None:
         """Note a signal, as a signal handler."""
-        asks = number == signal.SIGINT and self._name is None and not self.asks_for_pause
-        if asks and self._is_pausing and self._may_pause():
+        is_first = self._name is None and not self.asks_for_pause
+        if number == signal.SIGINT and is_first and self._is_pausing:
             self.asks_for_pause = True
         else:
             self._name = signal.Signals(number).name
@@ -95,9 +85,9 @@ def raise_on_signals() -> Iterator[None]:
 
 
 @contextmanager
-def note_signals(may_pause: Callable[[], bool] = lambda: False) -> Iterator[SignalNote]:
+def note_signals() -> Iterator[SignalNote]:
     """Note signals instead of raising while a rig is open; ask the note again after the block."""
-    note = SignalNote(may_pause)
+    note = SignalNote()
     with _install_handler(note.take):
         yield note
 

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from typing import TextIO
 
 INTERRUPTED = 130
 BUG = 5
@@ -12,13 +13,22 @@ def main() -> None:
     """Run `labrig` with the arguments of the process and exit with the documented code."""
     # Until labrig handles it, Ctrl+C ends the process without a traceback: nothing has begun.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    _replace_closed_streams()
+    # A program started with `>&-` has None for a stream.
+    sys.stdout = sys.stdout or _open_nothing()
+    sys.stderr = sys.stderr or _open_nothing()
     try:
         exit_code = _run_arguments()
     except Exception as error:  # noqa: BLE001 - an import that fails; `run_command` reports all that comes after
         exit_code = _report_failed_import(error)
-    _flush()
+    try:
+        sys.stdout.flush()
+    except OSError:  # its reader has gone: Python would print an error at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     sys.exit(exit_code)
+
+
+def _open_nothing() -> TextIO:
+    return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123 - open until the end
 
 
 def _run_arguments() -> int:
@@ -45,25 +55,10 @@ def _report_failed_import(error: Exception) -> int:
     from labrig.cli.bug_report import keep_traceback
 
     message, hint = keep_traceback(error)
-    if "--json" in sys.argv[1:]:
-        failure = {"type": "BugError", "message": message, "hint": hint}
-        with suppress(OSError):
+    with suppress(OSError):
+        if "--json" in sys.argv[1:]:
+            failure = {"type": "BugError", "message": message, "hint": hint}
             sys.stdout.write(json.dumps({"error": failure}, indent=2) + "\n")
     with suppress(OSError):
         sys.stderr.write(f"error: {message}\nhint: {hint}\n")
     return BUG
-
-
-def _replace_closed_streams() -> None:
-    """Give a program started with `>&-` somewhere to write; Python sets such streams to None."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123 - open until the end
-
-
-def _flush() -> None:
-    """Flush the output; if its reader has gone, Python would print an error at exit."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

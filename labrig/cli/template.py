@@ -4,47 +4,32 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from labrig.cli.calibration_files import ForceOption, collect_calibration_provenance, require_writable
-from labrig.cli.options import find_run_or_picture
-from labrig.cli.output import AsJson, print_line, show
+from labrig.cli.output import print_json, print_line
 from labrig.errors import InputError
+from labrig.lab import choose_runs_dir
+from labrig.library.names import find_run_folder
 
 # Needle widths that a template shows to each side of the tip, and its side where no shaft was measured.
 _WIDTHS, _SIDE_PX = 1.75, 41
 
 
 def template(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RUN|IMAGE",
-            help="Folder of a run, its name in data/runs, or a picture.",
-            callback=find_run_or_picture,
-        ),
-    ],
+    source: Annotated[Path, Argument(metavar="RUN|IMAGE", help="A run by folder or name, or a picture.")],
     out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="FILE.png", help="Template to write; a JSON file is written beside it."
-        ),
+        Path, Option(metavar="FILE.png", help="Template to write; a JSON file is written beside it.")
     ],
-    frame: Annotated[
-        int | None, typer.Option(help="Frame of the run. Default: its last picture of a needle.")
-    ] = None,
+    frame: Annotated[int | None, Option(help="Of the run. Default: its last picture of a needle.")] = None,
     tip_px: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="U V", help="Pixel of the tip. Default in a run: the end of the shaft."),
+        tuple[float, float] | None, Option(metavar="U V", help="Tip. Default in a run: the end of the shaft.")
     ] = None,
     heading_deg: Annotated[
         float | None,
-        typer.Option(
-            help="Heading of the needle, in a picture of no run from its right. Default in a run: that of the shaft."
-        ),
+        Option(help="Heading, in a picture of no run from its right. Default in a run: the shaft's."),
     ] = None,
     force: ForceOption = False,
-    as_json: AsJson = False,
 ) -> None:
     """Of a picture that belongs to no run, tip and heading have to be given."""
     from labrig.vision.picture import read_picture
@@ -53,8 +38,9 @@ def template(
     for written in template_files(out):
         require_writable(written, force)
     heading_rad = None if heading_deg is None else math.radians(heading_deg)
+    source = find_run_folder(source, choose_runs_dir().path)
     if source.is_dir():
-        file, cut = _cut_from_run(source, frame, tip_px, heading_rad)
+        source, cut = _cut_from_run(source, frame, tip_px, heading_rad)
     elif frame is not None:
         raise InputError(f"--frame is for runs, and {source} is not a run", "leave it out, or name the run")
     elif tip_px is None or heading_rad is None:
@@ -63,18 +49,20 @@ def template(
             "give --tip-px and --heading-deg, or name a run",
         )
     else:
-        file = source
-        cut = cut_template(read_picture(file), tip_px, heading_rad, side_px=_SIDE_PX, insertion="right")
-    save_template(out, cut, collect_calibration_provenance([file]))
-    document = {
+        cut = cut_template(read_picture(source), tip_px, heading_rad, side_px=_SIDE_PX, insertion="right")
+    save_template(out, cut, collect_calibration_provenance([source]))
+    side_px, (u, v) = cut.picture.shape[0], cut.tip_px
+    heading, roll = math.degrees(cut.heading_rad), math.degrees(cut.roll_rad)
+    print_json({
         "template": str(out),
-        "side_px": cut.picture.shape[0],
-        "tip_px": list(cut.tip_px),
-        "heading_deg": math.degrees(cut.heading_rad),
-        "roll_deg": math.degrees(cut.roll_rad),
+        "side_px": side_px,
+        "tip_px": [u, v],
+        "heading_deg": heading,
+        "roll_deg": roll,
         "insertion": cut.insertion,
-    }
-    show(document, as_json, _print)
+    })  # fmt: skip
+    print_line(f"template  {out}, {side_px} x {side_px} px\ntip       ({u:.2f}, {v:.2f}) px")
+    print_line(f"heading   {heading:.2f} degrees, bevel at {roll:.0f} degrees")
 
 
 def _cut_from_run(
@@ -118,12 +106,3 @@ def _cut_from_run(
         image, tip_px, heading_rad, side_px=side_px, insertion=plane.insertion, roll_rad=roll_rad
     )
     return folder / line.file, cut
-
-
-def _print(document: dict[str, Any]) -> None:
-    side_px, (u, v) = document["side_px"], document["tip_px"]
-    print_line(f"template  {document['template']}, {side_px} x {side_px} px")
-    print_line(f"tip       ({u:.2f}, {v:.2f}) px")
-    print_line(
-        f"heading   {document['heading_deg']:.2f} degrees, bevel at {document['roll_deg']:.0f} degrees"
-    )

@@ -1,7 +1,7 @@
 """Withdraws a needle that a run has left in tissue; the withdrawal is a run of its own, beside that one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,22 +17,13 @@ from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.attendant import Attendant
-from labrig.runner.conduct import Outcome, conduct_withdrawal
-from labrig.runner.needle_report import NeedleReport, add_closing_failure, report_needle
+from labrig.runner.conduct import conduct_withdrawal
+from labrig.runner.needle_report import add_closing_failure, report_needle
 from labrig.runner.supervised_record import begin_session
+from labrig.runner.whole_run import FinishedRun
 from labrig.runner.withdrawal import read_needle_path
 
 _DOING = "labrig devices withdraw"
-
-
-@dataclass(frozen=True)
-class Withdrawal:
-    """How a withdrawal ended: its record, the outcome, where the needle is, and the command that goes on with it."""
-
-    path: Path
-    outcome: Outcome
-    needle: NeedleReport
-    retry: str = ""
 
 
 def withdraw_needle(
@@ -43,7 +34,7 @@ def withdraw_needle(
     standing: Mapping[str, float],
     attendant: Attendant,
     command_line: Sequence[str],
-) -> Withdrawal:
+) -> FinishedRun:
     """Withdraw a needle along the path that is recorded.
 
     Parameters
@@ -66,7 +57,7 @@ def withdraw_needle(
             "look whether a needle is in tissue; the next labrig run asks to confirm that none is",
         )
     opening = Opening(camera=False, reset_faults=True, hold_inputs=False, power=False)
-    ended: Withdrawal | None = None
+    ended: FinishedRun | None = None
     try:
         with (
             attendant.open_rig(rig, _DOING, 0, opening) as (opened, _),
@@ -76,13 +67,12 @@ def withdraw_needle(
             session = begin_session(opened, begin, progress)
             outcome = conduct_withdrawal(session, left.path.name, path, replace(path[-1], **standing))
             recorded = session.recorder.path
-            ended = Withdrawal(recorded, outcome, report_needle(opened, recorded))
+            ended = FinishedRun(recorded, outcome, report_needle(opened, recorded))
     except MachineError as failure:
         if ended is None:
             raise
         ended = replace(ended, outcome=add_closing_failure(ended.outcome, failure))
-    since = ended.path.parent / str(NeedleState(rig.state_path).state.since_run)
-    return replace(ended, retry=f"{_DOING} {rig.option} --run {since}")
+    return ended
 
 
 def _open_run_with_needle(rig: RigDescription, given: Path | None, runs_dir: Path) -> Run:

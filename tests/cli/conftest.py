@@ -64,14 +64,9 @@ def sweep_command(rig: Path, runs_dir: Path) -> list[str]:
 
 
 SHORT_SWEEP = (
-    "--set",
-    "insertion.speed_mm_s=8",
-    "--set",
-    "insertion.frame_every_mm=10",
-    "--set",
-    "insertions_per_specimen=2",
-    "--set",
-    "specimens=[{name: gel-10, gelatin_percent: 10}, {name: gel-19, gelatin_percent: 19}]",
+    *("--set", "insertion.speed_mm_s=8", "--set", "insertion.frame_every_mm=10"),
+    *("--set", "insertions_per_specimen=2"),
+    *("--set", "specimens=[{name: gel-10, gelatin_percent: 10}, {name: gel-19, gelatin_percent: 19}]"),
 )
 
 

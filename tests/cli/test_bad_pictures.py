@@ -173,24 +173,6 @@ def test_a_calibration_lists_each_picture_that_it_could_not_use(
         assert words in reasons[bad[what].name]
 
 
-def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, tmp_path: Path) -> None:
-    """A single photograph gives numbers that are not accepted, and says what is missing."""
-    view = board(tmp_path / "only.png", 40)
-    out = tmp_path / "lens.json"
-    done = labrig(
-        "calibrate", "intrinsics", view, "--board", "7x5", "--square-mm", 25, "--out", out, "--json"
-    )
-    document = done.json()
-    assert done.exit_code == 1
-    assert not document["accepted"]
-    assert "the board's tilts differ by 0.0 degrees at most, 20 are needed" in document["reasons"][0]
-    assert all(": " in reason for reason in document["reasons"])
-    assert not out.exists()
-    printed = labrig("calibrate", "intrinsics", view, "--board", "7x5", "--square-mm", 25).out
-    assert "The views hardly tell the warp of the board" in document["board_warp"]["sentence"]
-    assert document["board_warp"]["sentence"] in printed
-
-
 def test_colour_is_measured_like_grey(good: Path, labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:
     """Three equal channels give the same numbers as a grey picture."""
     colour = tmp_path / "colour.png"

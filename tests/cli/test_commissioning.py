@@ -124,20 +124,8 @@ def test_an_axis_is_homed_and_its_lead_found_wrong(labrig: Labrig, at_bench: Ben
     assert at_bench.state()["referenced"] == ["linear"]
     at_bench.types("12.5", "yes", "13,5")
     before = at_bench.rig.read_bytes()
-    done = labrig(
-        "devices",
-        "jog",
-        "--axis",
-        "linear",
-        "--check",
-        "travel",
-        "--distance",
-        2,
-        "--speed",
-        5,
-        "--rig",
-        at_bench.rig,
-    )
+    words = "devices jog --axis linear --check travel --distance 2 --speed 5 --rig"
+    done = labrig(*words.split(), at_bench.rig)
     assert done.exit_code == 1
     assert "write axes.linear.lead_mm: 2.5 (it says 5)" in done.out
     assert at_bench.rig.read_bytes() == before
@@ -220,15 +208,8 @@ def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench:
     stood_mm = at_bench.shaft_mm(1, 2)
     assert stood_mm > 0.9
     at_bench.types("yes", "yes", "yes", "yes")
-    done = labrig(
-        "devices",
-        "withdraw",
-        "--run",
-        folder / str(at_bench.state()["since_run"]),
-        "--rig",
-        at_bench.rig,
-        "--json",
-    )
+    left = folder / str(at_bench.state()["since_run"])
+    done = labrig("devices", "withdraw", "--run", left, "--rig", at_bench.rig, "--json")
     assert done.exit_code == 0, done.err
     assert done.err.count("0x8130") == 3
     assert "have lost their positions" not in done.err
@@ -251,7 +232,7 @@ def test_an_interrupted_withdrawal_is_continued(
     at_bench.types("yes", "yes", "no")
     monkeypatch.setenv("LABRIG_RUNS_DIR", str(run.parent))
     first = labrig("devices", "withdraw", "--run", run.name, "--rig", at_bench.rig, "--json")
-    assert f"again: labrig devices withdraw --rig {at_bench.rig} --run " in first.err
+    assert f"labrig devices withdraw --rig {at_bench.rig} --run " in " ".join(first.err.split())
     assert (first.exit_code, first.json()["exit_status"]) == (3, "aborted")
     assert at_bench.state()["needle_in_tissue"] is True
     stood_mm = at_bench.shaft_mm(1, 2)
@@ -273,7 +254,7 @@ def test_stop_says_that_it_went_over_the_bus(labrig: Labrig, at_bench: BenchAt) 
 @pytest.mark.parametrize(
     ("arguments", "exit_code", "words"),
     [
-        (("jog", "--axis", "insert"), 2, "the axes are insertion, rotation, linear"),
+        (("jog", "--axis", "insert"), 2, "labrig devices jog --help"),
         (
             ("home", "--axis", "insertion", "--method", -4),
             3,
@@ -304,18 +285,6 @@ def test_a_missing_bus_is_named_with_the_command_for_it(labrig: Labrig, tmp_path
     done = labrig("devices", "home", "--rig", tmp_path / "bench.yaml")
     assert done.exit_code == 3
     assert "ip link set can0 up type can bitrate 1000000" in done.err
-
-
-def test_only_a_person_can_confirm(labrig: Labrig, at_bench: BenchAt) -> None:
-    """A pipe answers no prompt, and neither does --yes at a bench."""
-    stdin, sys.stdin = sys.stdin, open(os.devnull, encoding="utf-8")  # noqa: SIM115, PTH123 - closed below
-    try:
-        done = labrig("devices", "home", "--yes", "--rig", at_bench.rig)
-    finally:
-        sys.stdin.close()
-        sys.stdin = stdin
-    assert done.exit_code == 3
-    assert "nobody is there to answer" in done.err
 
 
 def test_a_run_of_another_process_is_stopped_by_a_signal(labrig: Labrig, tmp_path: Path) -> None:

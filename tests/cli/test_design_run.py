@@ -1,6 +1,5 @@
 """`labrig run protocols/design.yaml`: a design as a run, without a rig, and what other runs take from it."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,14 +44,6 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     return Ran(Path(document["run"]), document)
 
 
-def test_the_run_answers_as_labrig_design_does(ran: Ran) -> None:
-    """4.12 degrees by equation (3), table I's 4.13, the search, and the measured clearance."""
-    assert ran.document["exit_status"] == "success"
-    assert ran.result["beta_cut_deg"] == pytest.approx(4.12, abs=0.005)
-    assert ran.result["search"]["beta_cut_deg"] == pytest.approx(3.33, abs=0.02)
-    assert ran.result["measured"]["clearance_mm"] == pytest.approx(0.0283, abs=5e-5)
-
-
 def test_the_record_is_whole_and_has_no_rig(ran: Ran) -> None:
     """A closed run without rig.yaml, pictures or moves, with its protocol."""
     run = open_run(ran.run)
@@ -61,14 +52,6 @@ def test_the_record_is_whole_and_has_no_rig(ran: Ran) -> None:
     assert run.protocol["experiment"] == "design"
     assert list(run.events["kind"]) == ["run_start", "run_stop"]
     assert (len(run.pictures), run.devices) == (0, {})
-
-
-def test_the_grid_stands_beside_the_result(ran: Ran) -> None:
-    """The CSV has a line for each cell of the result, with both hinges' rotations."""
-    rows = list(csv.DictReader((ran.analysis / "grid.csv").read_text(encoding="utf-8").splitlines()))
-    assert [float(row["beta_a_deg"]) for row in rows] == [
-        pytest.approx(cell["beta_a_deg"], abs=1e-4) for cell in ran.result["cells"]
-    ]
 
 
 def test_the_design_file_holds_the_answer(ran: Ran) -> None:
@@ -87,11 +70,6 @@ def test_the_page_says_what_is_claimed(ran: Ran) -> None:
                  "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
         assert part in page
     assert "simulated rig" not in page
-
-
-def test_a_design_cannot_be_changed_by_reanalyze(ran: Ran, labrig: Labrig) -> None:
-    """`reanalyze --set` is refused; another radius is another run."""
-    assert labrig("reanalyze", ran.run, "--set", "radius_mm=40").exit_code == 2
 
 
 def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer(labrig: Labrig, tmp_path: Path) -> None:
@@ -120,20 +98,6 @@ def test_a_tube_that_nothing_can_be_cut_from_is_a_no(labrig: Labrig, tmp_path: P
     assert (done.exit_code, document["exit_status"], document["result"]["accepted"]) == (1, "success", False)
     assert "nothing to cut" in Path(document["report"]).read_text(encoding="utf-8")
     assert not (Path(document["run"]) / "analysis" / "001" / "design.json").exists()
-
-
-def test_report_and_runs_know_a_design(ran: Ran, labrig: Labrig) -> None:
-    """The page can be written again, and the list has the experiment's name."""
-    assert labrig("report", ran.run).exit_code == 0
-    assert labrig("runs", "--runs-dir", ran.run.parent, "--json").json()[0]["protocol"] == "design"
-
-
-def test_check_needs_no_rig(labrig: Labrig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing moves and no rig file is read."""
-    monkeypatch.setenv("LABRIG_RIG", "no-such-rig.yaml")
-    done = labrig("check", DESIGN, "--json")
-    assert (done.exit_code, done.json()["ok"], done.json()["duration_s"]) == (0, True, 0.0)
-    assert "without a rig" in labrig("check", DESIGN).out
 
 
 @pytest.mark.parametrize(

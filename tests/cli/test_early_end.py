@@ -48,12 +48,6 @@ def test_motion_place_remedy_and_record_are_said_in_this_order(
     assert ('class="pill failed"' in page, "The run failed: " in page) == (True, True)
 
 
-def test_a_run_that_succeeds_says_nothing_of_the_needle(labrig: Labrig, tmp_path: Path) -> None:
-    """The key is there, and empty."""
-    done = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *ONE_INSERTION)
-    assert (done.exit_code, done.json()["needle"], "positions:" in done.err) == (0, None, False)
-
-
 @pytest.mark.parametrize(
     ("command", "when"),
     [
@@ -71,7 +65,7 @@ def test_home_and_jog_say_where_the_needle_is(
     shutil.copytree(RIG.parent, tmp_path, dirs_exist_ok=True)
     script = f"faults: [{{fault: {fault}, axis: linear, at_s: 0, once: {when}}}]\n"
     rig.write_text(f"{RIG.read_text(encoding='utf-8')}\n{script}", encoding="utf-8")
-    done = labrig("devices", *command, "--rig", rig, "--yes")
+    done = labrig("devices", *command, "--rig", rig)
     assert (done.exit_code, done.out) == (3, "")
     motion = (
         "not every axis is known to stand still: press"
@@ -84,9 +78,3 @@ def test_home_and_jog_say_where_the_needle_is(
     assert places[0] >= 0, done.err
     told = done.err.find("the drive of axis linear does not answer: press the emergency stop")
     assert (0 <= told < places[0]) is (fault == "silent")
-
-
-def test_a_refused_jog_says_nothing_of_the_needle(labrig: Labrig) -> None:
-    """50 mm are too far without a reference; nothing has moved."""
-    done = labrig("devices", "jog", "--axis", "linear", "--distance", 50, "--rig", RIG, "--yes")
-    assert (done.exit_code, "needle:" in done.err) == (2, False)

@@ -96,13 +96,6 @@ def test_tables_in_the_folder_of_runs_are_no_run(labrig: Labrig, tmp_path: Path)
         assert sorted(Path(row["run"]).name for row in listed) == ["copy", "first"]
 
 
-def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:
-    """A folder that is no run is named, and nothing is written for it."""
-    done = labrig("export", tmp_path, "--format", "csv", "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_an_insertion_is_exported_as_a_film(labrig: Labrig, tmp_path: Path) -> None:
     """It has every picture of a step, in colour; a sweep has no film."""
     records = ROOT / "tests" / "records"

@@ -30,7 +30,7 @@ def test_only_a_result_that_says_yes_ends_with_zero(
 ) -> None:
     """A target that is not known to have been reached is no success, nor is one that was missed."""
     finished = FinishedRun(tmp_path, Outcome("success", "", None), result=result)
-    assert print_finished(finished, find_experiment("insertion"), as_json=True) == exit_code
+    assert print_finished(finished, None) == exit_code
 
 
 class Interrupting(Attendant):

@@ -81,10 +81,3 @@ def test_a_decision_that_was_altered_by_hand_is_different(tmp_path: Path, labrig
     replay = done.json()
     assert (done.exit_code, replay["verdict"]) == (1, "different")
     assert replay["first_difference"]["path"] == f"operator.details.{key}"
-
-
-def test_a_kept_record_is_reported(kept: Path, labrig: Labrig) -> None:
-    """The page can be made from the record and its kept result."""
-    (row,) = labrig("report", kept, "--json").json()
-    assert (row["ok"], row["reason"]) == (True, None)
-    assert "<html" in Path(row["report"]).read_text(encoding="utf-8")

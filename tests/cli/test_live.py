@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.live import follow_in_viewer
+from labrig.cli.live import Follower
 from labrig.cli.options import complete_live
 from labrig.record.check import check_run
 from tests.analysis.synthetic import SyntheticSweep, record_sweep
@@ -60,7 +60,7 @@ def test_a_viewer_that_fails_is_told_once(
         viewer.write_text("#!/bin/sh\nexit 1\n")
     viewer.chmod(0o755)
     run = record_sweep(tmp_path, SyntheticSweep(radii_mm={"gel": (28.0,)}, gelatin_percent=(13,)))
-    follower = follow_in_viewer(run.path, "viewer", str(viewer))
+    follower = Follower(run.path, "viewer", str(viewer))
     follower.finish()
     said = [line for line in capsys.readouterr().err.splitlines() if "live view: nothing" in line]
     assert len(said) == (0 if program == "stalled" else 1)

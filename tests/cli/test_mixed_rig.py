@@ -107,24 +107,15 @@ def test_the_rig_is_checked_with_both_kinds(labrig: Labrig, mixed: MixedRig) -> 
         assert words in warned
 
 
-def test_an_axis_of_each_kind_is_jogged(labrig: Labrig, mixed: MixedRig) -> None:
-    """Both drives apply the low current limit."""
-    for axis, distance in (("rotation", 0.5), ("linear", 2)):
-        done = labrig("devices", "jog", "--axis", axis, "--distance", distance, "--rig", mixed.path, "--yes")
-        assert done.exit_code == 0, done.err
-        assert "jog" in done.out
-
-
 def test_a_drive_without_a_current_limit_needs_current_0(labrig: Labrig, mixed: MixedRig) -> None:
-    """It jogs with --current-ma 0; a limit too low to move is refused."""
+    """It jogs with --current-ma 0."""
     mixed.change(', current_limit_ma: "0x3001:02"', "")
-    jog = ("devices", "jog", "--axis", "rotation", "--distance", "0.5", "--rig", mixed.path, "--yes")
+    jog = ("devices", "jog", "--axis", "rotation", "--distance", "0.5", "--rig", mixed.path)
     refused = labrig(*jog)
     assert refused.exit_code == 3
     assert "no current limit that labrig can set, asked for 1000 mA" in refused.err
     assert "--current-ma 0" in refused.err
     assert labrig(*jog, "--current-ma", "0").exit_code == 0
-    assert labrig(*jog, "--current-ma", "20").exit_code == 2
 
 
 BAD_EDS = {
@@ -199,11 +190,3 @@ def test_an_invalid_section_is_refused_with_its_line(
     assert done.exit_code == 2
     assert words in " ".join(done.err.split())
     assert re.search(r"rig\.yaml:\d+:\d+", done.err)
-
-
-def test_a_setting_out_of_range_of_the_drive_is_refused(labrig: Labrig, mixed: MixedRig) -> None:
-    """An EPOS4 accepts only following error timeout 0: `labrig check` names the object."""
-    mixed.change("    referenced_bit: 15\n", "    referenced_bit: 15\n    following_error_timeout_ms: 5\n")
-    done = labrig("check", SWEEP, "--rig", mixed.path)
-    assert done.exit_code == 1
-    assert "(0x6066:00) would be 5, the drive takes 0 to 0" in " ".join((done.out + done.err).split())

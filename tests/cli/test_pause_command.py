@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.pausing import take_requests
+from labrig.cli.attendant import TerminalAttendant
 from labrig.cli.signals import SignalNote
 from tests.cli.conftest import Labrig
 from tests.record.runs import ENDED, begin
@@ -15,7 +15,7 @@ def test_a_run_is_paused_and_continued_by_commands(
 ) -> None:
     """Its terminal says when the pause begins; a run that is not paused, or over, exits with 2."""
     recorder, note = begin(tmp_path), SignalNote()
-    with take_requests(note, recorder.path) as requests:
+    with TerminalAttendant().take_requests(note, recorder.path) as requests:
         done = labrig("pause", recorder.path, "--json")
         assert (done.exit_code, "next safe point" in done.json()["answer"]) == (0, True)
         assert requests.find("trial_end") == "labrig pause"
@@ -39,8 +39,11 @@ def test_ctrl_c_is_announced_once_and_met_by_a_pause(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The request stands until the pause begins; the next Ctrl+C is a new one."""
-    recorder, note = begin(tmp_path), SignalNote(lambda: True)
-    with take_requests(note, recorder.path) as requests:
+    recorder, note = begin(tmp_path), SignalNote()
+    with (
+        TerminalAttendant().take_requests(note, recorder.path) as requests,
+        note.pausing(enabled=True),  # as at a terminal
+    ):
         for _ in range(2):
             note.take(2, None)
             assert requests.find("trial_end") == "Ctrl+C"

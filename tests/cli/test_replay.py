@@ -15,17 +15,6 @@ from tests.cli.conftest import ROOT, Labrig, SweepRun
 from tests.cli.cut_runs import open_again
 
 
-def test_a_sweep_is_identical(sweep: SweepRun, labrig: Labrig) -> None:
-    """The replay of a simulated sweep is identical; what was compared is counted."""
-    done = labrig("replay", sweep.run, "--json")
-    assert done.exit_code == 0
-    document = done.json()
-    assert (document["verdict"], document["identical"]) == ("identical", True)
-    assert (document["first_difference"], document["largest"], document["explained_by"]) == (None, {}, [])
-    assert document["compared"]["pictures"] == 24
-    assert "identical: every decision and every number is the same" in labrig("replay", sweep.run).out
-
-
 def edit_events(run: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
     """Change the events of a run, each with its checksum."""
     lines = [decode_line(line) for line in (run / "events.jsonl").read_bytes().splitlines()]
@@ -128,15 +117,3 @@ def test_a_record_that_cannot_be_used_says_why(
     assert done.exit_code in {2, 4}, done.out
     assert reason in done.out
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
-def test_a_damaged_run_is_not_replayed(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
-    """A lost picture, changed CAN frames, and a folder that is no run exit with 4."""
-    run = Path(shutil.copytree(sweep.run, tmp_path / "damaged"))
-    log = (run / "can.log").read_bytes()
-    (run / "can.log").write_bytes(log.replace(b" T\n", b" R\n", 1))
-    assert labrig("replay", run).exit_code == 4
-    (run / "can.log").write_bytes(log)
-    (run / "frames" / "000003.png").unlink()
-    assert labrig("replay", run).exit_code == 4
-    assert labrig("replay", tmp_path / "none").exit_code == 4

@@ -1,7 +1,6 @@
 """`labrig resume`."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -104,14 +103,6 @@ def test_a_run_that_had_only_to_be_closed_is_closed(sweep: SweepRun, labrig: Lab
     assert done.exit_code == 0
     assert radii(done.json()) == radii(sweep.document)
     assert check_run(run).exit_status == "success"
-
-
-def test_a_finished_run_is_only_measured(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
-    """Resuming a completed run moves nothing and only measures it."""
-    run = Path(shutil.copytree(sweep.run, tmp_path / "run"))
-    done = labrig("resume", run, "--json")
-    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
-    assert (run / "events.jsonl").read_bytes() == (sweep.run / "events.jsonl").read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -99,9 +99,6 @@ def test_a_run_is_shown_with_its_events(labrig: Labrig, shelf: Path) -> None:
     assert "Chen: gel was cloudy" in told
     assert len(document["events"]) > len(told.splitlines()) > 10
     assert "trial 1" in told
-    followed = labrig("runs", "show", shelf / "one", "--follow").out.splitlines()
-    assert followed == told.splitlines()[-len(followed) :]
-    assert labrig("runs", "show", shelf / "one", "--follow", "--json").exit_code == 2
 
 
 def test_a_check_names_what_was_changed_lost_and_added(labrig: Labrig, shelf: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from labrig.cli.output import say
-from labrig.cli.signals import Interruption, note_signals, raise_on_signals
+from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.posix import hold_signals
 from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, SweepRun, sweep_command
 
@@ -159,14 +159,6 @@ def test_held_signals_come_after_the_block() -> None:
         with pytest.raises(Interruption, match="SIGINT"):
             signal.raise_signal(signal.SIGINT)
     assert reached == ["end of the block"]
-
-
-def test_a_signal_is_only_noted_while_a_rig_is_open() -> None:
-    """While a rig is open a signal raises nothing; it is noted by name until the rig is closed."""
-    with note_signals() as note:
-        assert note() is None
-        os.kill(os.getpid(), signal.SIGTERM)
-    assert note() == "SIGTERM"
 
 
 def test_a_damaged_result_can_be_made_again(sweep: SweepRun, tmp_path: Path) -> None:

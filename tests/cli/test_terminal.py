@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.output import escape_controls
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
 pytestmark = pytest.mark.slow
@@ -126,26 +125,6 @@ def test_what_cannot_run_is_folded_between_words(columns: int, tmp_path: Path) -
     assert lines[first + 1].startswith("  ")
 
 
-def test_the_sentences_of_a_result_are_folded_between_words() -> None:
-    """No word of a result is cut at the edge of the terminal."""
-    sentence = "Our contour is not the paper's: it shows trends, and is not for cutting."
-    code = (
-        "from labrig.analysis.result import Summary\n"
-        "from labrig.cli.finished_run import print_summary\n"
-        f"print_summary(Summary(({sentence!r},), {{}}))\n"
-    )
-    lines = _show(code, 40).splitlines()
-    assert max(map(len, lines)) <= 40
-    assert " ".join(" ".join(lines).split()) == sentence
-
-
-def test_the_rig_is_checked_on_a_narrow_terminal() -> None:
-    """`labrig devices check` prints no line wider than 40 columns."""
-    lines = _at_terminal(40, "devices", "check", "--rig", RIG)
-    assert _words_too_long(lines, 40) == []
-    assert any(line.startswith("PASS  bus") for line in lines)
-
-
 @pytest.fixture
 def shelf(tmp_path: Path, labrig: Labrig) -> Path:
     """Two runs, one of which has tags and a verdict."""
@@ -190,8 +169,3 @@ def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> No
     shutil.copytree(ROOT / "tests" / "records" / "steerability", tmp_path / name)
     assert "run-\\udcff" in labrig("runs", "--runs-dir", tmp_path).out
     assert labrig("runs", "--runs-dir", tmp_path, "--json").json()[0]["run"].endswith(name)
-
-
-def test_letters_of_any_language_and_line_ends_stay() -> None:
-    """Only control characters are escaped; letters of any language and line ends stay."""
-    assert escape_controls("Gel gr\u00fcn\t\u6c34\nzwei") == "Gel gr\u00fcn\t\u6c34\nzwei"

@@ -4,8 +4,6 @@ import json
 import math
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from tests.cli.conftest import RIG, Labrig, SweepRun
@@ -90,22 +88,6 @@ def test_what_cannot_be_cut_out_is_refused(
     assert done.exit_code in {2, 4}
     assert "Traceback" not in done.err
     assert not list(tmp_path.iterdir())
-
-
-def test_bad_pictures_are_refused_within_a_batch_that_goes_on(
-    labrig: Labrig, sweep: SweepRun, tmp_path: Path
-) -> None:
-    """Dark, 16-bit, small and missing pictures are refused by name; the valid one is measured."""
-    cv2.imwrite(str(tmp_path / "dark.png"), np.zeros((720, 1280), np.uint8))
-    cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((720, 1280), np.uint16))
-    cv2.imwrite(str(tmp_path / "small.png"), np.full((20, 20), 90, np.uint8))
-    bad = [tmp_path / name for name in ("dark.png", "deep.png", "small.png", "missing.png")]
-    done = labrig("measure", "tip", *bad, _finals(sweep)[0], "--template", TEMPLATE, *SCALE, "--json")
-    assert done.exit_code == 1
-    rows = done.json()
-    assert [row["accepted"] for row in rows] == [False, False, False, False, True]
-    assert all(row["reason"] for row in rows[:4])
-    assert labrig("measure", "tip", *bad[1:], "--template", TEMPLATE, *SCALE).exit_code == 2
 
 
 def test_a_template_that_cannot_be_used_is_wrong_input(

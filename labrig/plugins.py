@@ -4,7 +4,7 @@ labrig declares its own in the same way. Names come from the metadata of install
 when it is used, so a package that cannot be imported stops no other command.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -96,20 +96,16 @@ def find_plugins(group: str) -> Mapping[str, tuple[Plugin, ...]]:
         When labrig's own are missing, as the installation is older than the code.
     """
     found: dict[str, tuple[Plugin, ...]] = {}
-    for plugin in _read_entry_points(group):
-        found[plugin.name] = (*found.get(plugin.name, ()), plugin)
+    for entry_point in sorted(entry_points(group=group), key=lambda point: (point.name, point.value)):
+        name, (package, version) = entry_point.name, _read_package(entry_point.dist)
+        plugin = Plugin(group, name, package, version, entry_point)
+        found[name] = (*found.get(name, ()), plugin)
     if not any(plugin.package == "labrig" for plugins in found.values() for plugin in plugins):
         raise MachineError(
             f"labrig's own {_NOUNS[group]}s are not registered: the installation is older than the code",
             "install labrig again: pip install -e . in its folder",
         )
     return found
-
-
-def _read_entry_points(group: str) -> Iterator[Plugin]:
-    for entry_point in sorted(entry_points(group=group), key=lambda point: (point.name, point.value)):
-        package, version = _read_package(entry_point.dist)
-        yield Plugin(group, entry_point.name, package, version, entry_point)
 
 
 @cache  # a package with several plugins has its metadata parsed once

@@ -172,8 +172,8 @@ def load_campaign(
     FileFormatError
         With every problem of the file, or of an arm.
     InputError
-        When the arms are of several experiments, the rig is not simulated, the experiment cannot be computed without
-        pictures, or nothing says by what it is judged.
+        When the rig is not simulated, the experiment cannot be computed without pictures, or nothing says by what it
+        is judged.
     """
     file = load_campaign_file(path, settings)
     base = Path(os.path.normpath(path.parent / file.base))
@@ -189,13 +189,6 @@ def load_campaign(
             raise FileFormatError(tuple(told)) from error
         progress(len(arms) / file.arm_count)
     first = arms[0].protocol
-    for arm in arms:
-        if arm.protocol.experiment != first.experiment:
-            raise InputError(
-                f"{path}: the arm {arm.name} is of the experiment {arm.protocol.experiment}, and the arm "
-                f"{arms[0].name} of {first.experiment}",
-                "make a campaign for each",
-            )
     if file.depth == "world" and not find_experiment(first.experiment).can_simulate:
         raise InputError(
             f"{path}: the experiment {first.experiment} is not computed without pictures",

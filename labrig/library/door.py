@@ -28,7 +28,7 @@ from labrig.experiments.registry import (
 )
 from labrig.lab import choose_runs_dir
 from labrig.library.checking import Checked, check_sources
-from labrig.library.names import find_protocol_file, require_run_folder
+from labrig.library.names import require_run_folder
 from labrig.library.pools import open_pool
 from labrig.library.resumption import resume_run
 from labrig.library.sources import Sources
@@ -96,14 +96,8 @@ def run(
     LabrigError
         When it cannot begin; and as it ended, when it did not succeed: its record is kept.
     """
-    sources = Sources(
-        find_protocol_file(Path(protocol), is_campaign=False),
-        None if rig is None else Path(rig),
-        tuple(settings),
-        seed,
-    )
-    finished = make_run(sources, _find_runs_dir(runs_dir), name)
-    return _open_finished(finished)
+    sources = Sources.of(protocol, rig, settings, seed)
+    return _open_finished(make_run(sources, _find_runs_dir(runs_dir), name))
 
 
 def make_run(
@@ -166,9 +160,7 @@ def check(
     FileFormatError
         With every problem of protocol and rig file.
     """
-    file = find_protocol_file(Path(protocol), is_campaign=False)
-    sources = Sources(file, None if rig is None else Path(rig), tuple(settings), seed)
-    return check_sources(sources, _find_runs_dir(runs_dir))
+    return check_sources(Sources.of(protocol, rig, settings, seed), _find_runs_dir(runs_dir))
 
 
 def reanalyze(

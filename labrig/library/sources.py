@@ -4,14 +4,14 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import FileFormatError, InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
 from labrig.lab import find_lab_folder
-from labrig.library.names import find_rig_file
+from labrig.library.names import find_protocol_file, find_rig_file
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol, Needle
 
@@ -26,6 +26,14 @@ class Sources:
     rig: Path | None
     settings: tuple[str, ...]
     seed: int | None
+
+    @classmethod
+    def of(
+        cls, protocol: Path | str, rig: Path | str | None, settings: Sequence[str], seed: int | None
+    ) -> Self:
+        """Return the sources that are named: a protocol by its file, or its name in the lab folder."""
+        file = find_protocol_file(Path(protocol), is_campaign=False)
+        return cls(file, None if rig is None else Path(rig), tuple(settings), seed)
 
     def load(self) -> tuple[ExperimentProtocol, RigDescription | None]:
         """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""

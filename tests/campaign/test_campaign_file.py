@@ -112,13 +112,6 @@ def test_an_experiment_without_a_virtual_form_needs_whole_runs(tmp_path: Path) -
     assert "depth: rig" in caught.value.hint
 
 
-def test_arms_of_two_experiments_are_two_campaigns(tmp_path: Path) -> None:
-    """One table has the rows of one experiment."""
-    arms = {"a": {}, "b": {"experiment": "steerability"}}
-    with pytest.raises((InputError, FileFormatError)):
-        load(write_campaign(tmp_path, arms=arms))
-
-
 def test_the_measure_is_that_of_the_experiment_unless_the_campaign_names_another(tmp_path: Path) -> None:
     """With the tolerance of the protocol, which the campaign may replace; another measure has none by itself."""
     own = load(write_campaign(tmp_path)).by

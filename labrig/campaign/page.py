@@ -9,7 +9,6 @@ import pandas as pd
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import ArmResult, PairResult
 from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
@@ -24,16 +23,9 @@ from labrig.report.formatting import (
 )
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
-from labrig.text import format_count
 
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
-_MOST_NAMED = 3
-_ENDS = {
-    "complete": "All are done.",
-    "by_rule": "The rule of the campaign ended it.",
-    "incomplete": "{done} of {tasks} are done.",
-}
 
 
 def write_page(
@@ -59,11 +51,14 @@ def write_page(
         if figure is not None:
             write_figure(folder, figure)
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
+    bounded = {pair: pair.ci95 for pair in result.pairs if pair.ci95 is not None}
     shown = {
         "content": result,
         "file": loaded.file,
-        "verdict": _summarise(result),
         "measure": label_quantity(result.measure),
+        "quantity": split_quantity(result.measure),
+        "bounded": bounded,
+        "apart": [pair for pair, (low, high) in bounded.items() if not low <= 0.0 <= high],
         "arms_figure": arms,
         "points_figure": points,
         "maps": maps,
@@ -86,53 +81,6 @@ def _draw_maps(
         rows = table[(table["arm"] == arm.name) & table["error"].isna()]
         if len(keys) == 2 and result.tolerance is not None and len(rows):
             yield arm.name, draw_map(result, rows, (keys[0], keys[1]), circles, f"map-{index}")
-
-
-def _summarise(result: CampaignResult) -> Sequence[str]:
-    """Return the result in a sentence or two."""
-    arms, ended = format_count(len(result.arms), "arm"), _ENDS[result.ended]
-    whole = f"{format_count(result.done, 'task')} of {result.experiment} in {arms}."
-    failed = f" {format_count(result.failed, 'task')} failed with an error." if result.failed else ""
-    return _state_finding(result), f"{whole} {ended.format(done=result.done, tasks=result.tasks)}{failed}"
-
-
-def _state_finding(result: CampaignResult) -> str:
-    """Return in a sentence what the intervals allow to be said, and no more."""
-    name, unit = split_quantity(result.measure)
-    if not any(arm.n for arm in result.arms):
-        return f"No task has a value of the {name}."
-    if not result.pairs:
-        return _state_mean(result.arms[0], name, unit)
-    bounded = [pair for pair in result.pairs if pair.ci95 is not None]
-    first = name_settings(result.pairs[0].a)
-    if not bounded:
-        return f"No difference from {first} has an interval, which takes two pairs of values."
-    apart = [pair for pair in bounded if pair.ci95 and not pair.ci95[0] <= 0.0 <= pair.ci95[1]]
-    if not apart:
-        return f"No arm is known to differ from {first} in the mean {name}: the 95 % intervals hold 0."
-    told = "; ".join(_state_difference(pair, unit) for pair in apart[:_MOST_NAMED])
-    more = f"; and {len(apart) - _MOST_NAMED} more" if len(apart) > _MOST_NAMED else ""
-    differ = "differs" if len(apart) == 1 else "differ"
-    count = f"{len(apart)} of {format_count(len(bounded), 'arm')}"
-    return f"{count} {differ} from {first} in the mean {name}: {told}{more}."
-
-
-def _state_difference(pair: PairResult, unit: str | None) -> str:
-    """Return by how much an arm is above or below the first, with the 95 % interval."""
-    low, high = pair.ci95 or (0.0, 0.0)
-    mean = pair.mean or 0.0
-    ends = (low, high) if mean >= 0 else (-high, -low)
-    where = "above" if mean >= 0 else "below"
-    by = f"{number(abs(mean))}{f' {unit}' if unit else ''}"
-    return f"{name_settings(pair.b)} is {by} {where} ({number(ends[0])} to {number(ends[1])})"
-
-
-def _state_mean(arm: ArmResult, name: str, unit: str | None) -> str:
-    of = f" {unit}" if unit else ""
-    if arm.ci95 is None:
-        return f"One task has a value of the {name}: {number(arm.mean)}{of}. That tells no spread."
-    low, high = (number(limit) for limit in arm.ci95)
-    return f"The mean {name} is {number(arm.mean)}{of} (95 % interval {low} to {high}) over {arm.n} tasks with a value."
 
 
 def _make_filters(result: CampaignResult) -> Mapping[str, object]:

@@ -13,29 +13,16 @@ from tests.disks import full_disk
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
-    """The new content stands under the name, and no temporary file is left."""
-    path = tmp_path / "result.json"
-    write_atomically(path, b"old and long")
-    write_atomically(path, b"new")
-    assert path.read_bytes() == b"new"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
-
-
-def test_a_leftover_of_a_killed_writer_is_no_obstacle(tmp_path: Path) -> None:
-    """A file is written beside the temporary file of a writer that was killed."""
-    (tmp_path / ".result.json.0123456789abcdef.tmp").write_bytes(b"half of it")
-    write_atomically(tmp_path / "result.json", b"new")
-    assert (tmp_path / "result.json").read_bytes() == b"new"
-
-
-def test_a_planted_link_is_replaced_and_not_written_through(tmp_path: Path) -> None:
-    """A link under the name is replaced, and the file that it leads to is untouched."""
-    target = tmp_path / "precious"
+    """Also beside what a killed writer left; a link under the name is replaced, and what it leads to is untouched."""
+    path, target, left = (tmp_path / name for name in ("result.json", "precious", ".result.json.01.tmp"))
     target.write_text("kept")
-    (tmp_path / "result.json").symlink_to(target)
-    write_atomically(tmp_path / "result.json", b"new")
+    left.write_bytes(b"half of it")
+    path.symlink_to(target)
+    for content in (b"old and long", b"new"):
+        write_atomically(path, content)
+        assert path.read_bytes() == content
     assert target.read_text() == "kept"
-    assert (tmp_path / "result.json").read_bytes() == b"new"
+    assert {entry.name for entry in tmp_path.iterdir()} == {path.name, target.name, left.name}
 
 
 def test_a_temporary_file_belongs_to_its_writer(tmp_path: Path) -> None:

@@ -10,18 +10,6 @@ import pytest
 from labrig.input_file import MAX_DEPTH, open_file, parse_json, read_file
 
 
-def _pipe(path: Path) -> None:
-    os.mkfifo(path)
-
-
-def _dangling_link(path: Path) -> None:
-    path.symlink_to(path.with_name("nowhere"))
-
-
-def _device(path: Path) -> None:
-    path.symlink_to("/dev/zero")
-
-
 def _socket(path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as end:
         end.bind(os.path.relpath(path))
@@ -33,10 +21,10 @@ _NONE = "it is no regular file, but a pipe, a device or a socket"
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (_pipe, _NONE),
-        (_device, _NONE),
+        (os.mkfifo, _NONE),
+        (lambda path: path.symlink_to("/dev/zero"), _NONE),
         (_socket, _NONE),
-        (_dangling_link, "No such file or directory"),
+        (lambda path: path.symlink_to("nowhere"), "No such file or directory"),
         (Path.mkdir, "Is a directory"),
     ],
 )

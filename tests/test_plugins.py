@@ -50,21 +50,18 @@ def test_a_name_that_two_packages_claim_is_refused(site: Path) -> None:
     assert len(find_plugins(DRIVES)["lab-stepper"]) == 2
 
 
-def test_a_plugin_that_cannot_be_imported_is_named(site: Path) -> None:
-    """An import that fails names drive, package and version, and what went wrong."""
-    install_package(
-        site, "lab-drive", "[labrig.drives]\nbroken = lab_broken:DRIVE\n", "lab_broken", "1 / 0\n"
-    )
-    with pytest.raises(PluginError, match=r"drive broken of package lab-drive 1\.5 .*ZeroDivisionError"):
-        find_plugin(DRIVES, "broken").load()
-
-
-def test_a_plugin_for_another_interface_is_refused(site: Path) -> None:
-    """A plugin states the interface that it is written for; another number than labrig's is refused."""
-    code = "class DRIVE:\n    interface = 2\n"
-    install_package(site, "lab-drive", "[labrig.drives]\nnewer = lab_newer:DRIVE\n", "lab_newer", code)
-    with pytest.raises(PluginError, match="written for interface 2, this labrig has interface 1"):
-        find_plugin(DRIVES, "newer").load()
+@pytest.mark.parametrize(
+    ("module", "code", "message"),
+    [
+        ("lab_broken", "1 / 0\n", r"drive odd of package lab-drive 1\.5 .*ZeroDivisionError"),
+        ("lab_newer", "class DRIVE:\n    interface = 2\n", "for interface 2, this labrig has interface 1"),
+    ],
+)
+def test_a_plugin_that_cannot_be_used_is_named(site: Path, module: str, code: str, message: str) -> None:
+    """An import that fails, or another interface than labrig's: with drive, package and version."""
+    install_package(site, "lab-drive", f"[labrig.drives]\nodd = {module}:DRIVE\n", module, code)
+    with pytest.raises(PluginError, match=message):
+        find_plugin(DRIVES, "odd").load()
 
 
 def test_a_plugin_of_another_kind_is_refused(site: Path) -> None:

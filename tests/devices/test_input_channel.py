@@ -33,13 +33,6 @@ def test_a_value_beyond_its_limits_is_told_with_both() -> None:
     assert DOOR.find_excess("door", "linear", True) is None
 
 
-def test_a_channel_without_limits_is_only_recorded() -> None:
-    """No value of it is beyond anything."""
-    channel = InputChannel(source="general-B")
-    assert channel.find_excess("lamp", "linear", False) is None
-    assert channel.format_limits() == ""
-
-
 def with_input(text: str, axis: str = "insertion") -> RigDescription:
     """Return the simulated rig with one channel."""
     return simulated_rig(f"axes.{axis}.inputs={{{text}}}")

@@ -4,21 +4,8 @@ import math
 
 import pytest
 
-from labrig.devices.simulated.shaft import Motor, torque_of_force
+from labrig.devices.simulated.shaft import torque_of_force
 from tests.devices.rigs import opened_rig
-
-
-def test_a_motor_carries_its_friction_and_its_load_in_its_direction() -> None:
-    """(1.5 + 0.5) mNm over 25 mNm/A are 80 mA; at rest without lag there is no current."""
-    motor = Motor(load_mnm=lambda: 0.5)
-    assert [motor.current_ma(speed, 0.0, 1000) for speed in (3.0, -3.0, 0.0)] == [80.0, -80.0, 0.0]
-
-
-def test_a_lag_adds_current_up_to_the_limit() -> None:
-    """A tenth of a turn of lag adds 400 mA to 60 mA of friction; half a turn reaches the limit."""
-    motor = Motor()
-    assert motor.current_ma(0.0, 0.1, 1000) == pytest.approx(460.0)
-    assert motor.current_ma(0.0, -0.5, 1000) == -1000
 
 
 def test_a_force_makes_a_torque_by_lead_and_gear() -> None:

@@ -11,7 +11,7 @@ from labrig.simulation.description import (
     NeedleDescription,
     WorldDescription,
 )
-from labrig.simulation.gel import GelBlock, GelLook, draw_needle_scale, interpolate_radius_mm, make_hole
+from labrig.simulation.gel import GelBlock, GelLook, draw_needle_scale, make_hole
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench
 
@@ -23,11 +23,6 @@ def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float, mean: fl
     drawn = np.array([make_hole(QUIET, seed, block, (3, 65.0), "N1").radius_mm for seed in range(1000)])
     assert abs(drawn.mean() - mean) < 4 * sd / np.sqrt(1000)
     assert abs(drawn.std(ddof=1) - sd) < 4 * sd / np.sqrt(2 * 1000)
-
-
-def test_a_gel_between_two_known_ones_is_interpolated() -> None:
-    """At 14.5 % mean and SD are half-way between those of 13 and 16 %."""
-    assert interpolate_radius_mm(WorldDescription().gels, 14.5) == pytest.approx((27.535, 0.348))
 
 
 @pytest.mark.parametrize("gelatin_percent", [9.9, 19.1])

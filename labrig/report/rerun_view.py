@@ -312,7 +312,6 @@ def _make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blu
     window = _make_window(motion_s)
     overviews = [_make_plot(*plot, whole) for plot in view.overviews]
     curves = [_make_plot(*plot, window) for plot in (*view.curves, *_CURVES)]
-    documents = [rrb.TextDocumentView(origin=origin, name=name) for origin, name in view.documents]
     drives = rrb.StateTimelineView(origin=DRIVES, name="Drives", time_view=rrb.TimeAxis(view_range=window))
     log = rrb.TextLogView(
         origin=EVENTS,
@@ -325,7 +324,7 @@ def _make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blu
         rrb.Horizontal(
             rrb.Vertical(
                 camera,
-                rrb.Horizontal(log, rrb.Vertical(*documents, drives), column_shares=[3, 2]),
+                rrb.Horizontal(log, drives, column_shares=[3, 2]),
                 row_shares=[5, 3],
             ),
             rrb.Vertical(*overviews, *curves, row_shares=[*(5 for _ in overviews), *(3 for _ in curves)]),

@@ -33,9 +33,9 @@ class View:
 
     Attributes
     ----------
-    curves, overviews, documents : tuple of (str, str)
-        Plots of the last minute and of the whole run, and pages of text: each its path and its heading with the unit,
-        most important first.
+    curves, overviews : tuple of (str, str)
+        Plots of the last minute and of the whole run: each its path and its heading with the unit, most important
+        first.
     send : callable
         Sends at once all that a result adds.
     follow : callable
@@ -52,7 +52,6 @@ class View:
     send: Send = _send_nothing
     follow: Follow = _follow_nothing
     overviews: tuple[tuple[str, str], ...] = ()
-    documents: tuple[tuple[str, str], ...] = ()
     needs: Callable[[FrameLine], bool] = _is_never_needed
     words: Mapping[str, str] = field(default_factory=dict)
     added: tuple[str, ...] = ()

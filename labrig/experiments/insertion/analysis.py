@@ -10,7 +10,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +38,9 @@ from labrig.experiments.insertion.events import (
     MarkersSought,
     TipObserved,
     TrueInsertion,
+    describe_sighting,
 )
-from labrig.experiments.insertion.marker_history import MarkerHistory, seek_markers
+from labrig.experiments.insertion.marker_history import MarkerHistory, follow_recorded
 from labrig.experiments.insertion.marker_view import find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import (
@@ -59,6 +59,7 @@ from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INCOMPLETE, INTERRUPTED
 from labrig.record.reader import Run
 from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.problem import PlanProblem
 from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
@@ -72,7 +73,6 @@ FloatArray = NDArray[np.float64]
 TEMPLATE_FILE = "template.png"
 # Paths are only drawn, never computed with: this many points, rounded to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
-_NO_POINTS = np.empty((0, 2))
 # The first insertions of a run tell enough about the noise of its sightings.
 _MOST_NOISE_INSERTIONS = 3
 # The template shows so much of the tip. While the bend swings over inside it, the tip is read off its place.
@@ -88,6 +88,20 @@ class _Source:
     protocol: InsertionProtocol
     sentinel: Sentinel | None
 
+    @property
+    def drift(self) -> float:
+        """The relative change of scale between the grid pictures."""
+        return 0.0 if self.sentinel is None else (self.sentinel.drift or 0.0)
+
+    @property
+    def bumped(self) -> str | None:
+        """Why nothing is measured after the camera was bumped; None if it was not."""
+        return self.sentinel.reason if self.sentinel is not None and not self.sentinel.accepted else None
+
+    def explain(self, error: MeasurementRefusedError | PictureError | RecordError) -> str:
+        """Return why a picture was not measured, with its file relative to the run."""
+        return error.message.replace(f"{self.run.path}/", "")
+
 
 @dataclass(frozen=True)
 class _Events:
@@ -100,45 +114,24 @@ class _Events:
     true: TrueInsertion
     markers: tuple[MarkersSought, ...] = ()
 
-    @property
-    def turns(self) -> tuple[BevelTurn, ...]:
-        """The turns of the bevel."""
-        return tuple(event for event in self.way if isinstance(event, BevelTurn))
 
-    @property
-    def estimates_mm(self) -> list[Point]:
-        """The recorded estimates (y, z) at the pictures on the way."""
-        return [event.estimate.position_mm[1:] for event in self.way if isinstance(event, TipObserved)]
-
-
-@dataclass(frozen=True, eq=False)
 class _TruePath:
     """The needle's true path in the simulated world, (N, 2) as (y, z), with the arc length at each point."""
 
-    arc_mm: FloatArray
-    path_mm: FloatArray
+    def __init__(self, truth: TrueInsertion) -> None:
+        path = np.asarray(truth.path_mm, dtype=np.float64).reshape(-1, 3)
+        steps_mm = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        self.path_mm = path[:, 1:]
+        self._arc_mm = np.concatenate((np.zeros(min(len(path), 1)), np.cumsum(steps_mm)))
 
     def at(self, depth_mm: float) -> tuple[Point | None, float | None]:
         """Return position and heading at an insertion length; None for both without a path."""
         if len(self.path_mm) < 2:
             return None, None
-        y, z = (float(np.interp(depth_mm, self.arc_mm, along)) for along in self.path_mm.T)
-        index = int(np.clip(np.searchsorted(self.arc_mm, depth_mm), 1, len(self.arc_mm) - 1))
+        y, z = (float(np.interp(depth_mm, self._arc_mm, along)) for along in self.path_mm.T)
+        index = int(np.clip(np.searchsorted(self._arc_mm, depth_mm), 1, len(self._arc_mm) - 1))
         rise = self.path_mm[index] - self.path_mm[index - 1]
         return (y, z), math.atan2(rise[0], rise[1])
-
-
-_NO_PATH = _TruePath(np.empty(0), _NO_POINTS)
-
-
-@dataclass(frozen=True, eq=False)
-class _Places:
-    """The predicted and the observed tip (3,), the settings with their obstacles, and the true path."""
-
-    predicted: FloatArray
-    seen: FloatArray | None
-    settings: SteeringSettings
-    true: _TruePath
 
 
 def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> Findings:
@@ -214,50 +207,53 @@ def _stop_unrecorded(trial: int) -> InsertionStop:
 
 def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
-    settings = _restore_settings(events, source.protocol)
-    tolerance_mm = settings.problem.tolerance_mm
-    true = _read_true_path(truth)
-    markers = seek_markers(source.run, source.protocol, source.view.plane, events.start, events.markers)
+    settings, true = _restore_settings(events, source.protocol), _TruePath(truth)
+    markers = follow_recorded(source.protocol, source.view.plane, start, events.markers)
     steps = _retrace(events, settings, source, true, markers)
     settings = markers.place_at_end(settings)
-    target_mm = settings.problem.target_mm[1:]
+    tolerance_mm, target_mm = settings.problem.tolerance_mm, settings.problem.target_mm[1:]
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
     budget = None if end is None else _find_budget(end, target_mm, source)
-    error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
-    target_sd_mm = find_target_sd_mm(source.protocol, markers.last)
-    nis = _known(step.nis for step in steps if step.believed)
-    bounds = _judge_end(events, settings, source, end, steps, target_sd_mm=target_sd_mm)
+    bounds = _judge_end(events, settings, source, end, steps=steps, markers=markers)
     ending = _decide_ending(stop, bounds, _find_doubt(source, markers), tolerance_mm)
+    nis = _known(step.nis for step in steps if step.believed)
+    recorded = [event for event in events.way if isinstance(event, TipObserved)]
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
-        **_describe_ending(ending, bounds),
+        outcome=ending.outcome,
+        stop=ending.stop,
+        cause=ending.cause,
+        reached=ending.reached,
         target_mm=start.target_mm,
         tolerance_mm=tolerance_mm,
         obstacles=start.obstacles,
-        **_describe_stop(stop),
+        final_frame=stop.final_frame,
+        replans=stop.replans,
+        length_mm=None if stop.exit_status == INCOMPLETE else stop.depth_mm,
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
-        target_error_mm=error_mm,
+        target_error_mm=None if end is None else math.dist(end.tip_mm, target_mm),
         sigma_target_error_mm=None if budget is None else budget.total,
         target_error_budget_mm=budget,
         unmeasured=unmeasured,
+        target_error_interval_mm=None if bounds is None else bounds.interval_mm,
+        target_error_interval_by=None if bounds is None else bounds.by,
+        target_error_interval_tip_mm=None if bounds is None else bounds.tip_mm,
+        target_error_sources_mm=None if bounds is None else bounds.sources,
+        depth=None if bounds is None else bounds.depth,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
         **truth.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
         true_path_mm=_thin_path(true.path_mm),
         missed_sightings=sum(not step.believed for step in steps),
         mean_nis=sum(nis) / len(nis) if nis else None,
         steps=tuple(steps),
-        as_recorded=_agree(steps, events.estimates_mm),
-        **markers.describe(),
-    )
-
-
-def _agree(steps: Sequence[InsertionStep], recorded: Sequence[Point]) -> bool:
-    """Return whether every estimate is the recorded one, as closely as two processors agree."""
-    return len(steps) == len(recorded) and all(
-        math.dist(step.estimate_mm, before) <= SHARE_OF_SD * step.position_sd_mm
-        for step, before in zip(steps, recorded, strict=True)
+        as_recorded=all(
+            math.dist(step.estimate_mm, before.estimate_mm) <= SHARE_OF_SD * step.position_sd_mm
+            for step, before in zip(steps, recorded, strict=True)
+        ),
+        marker_ids=start.marker_ids,
+        marker_steps=markers.steps,
     )
 
 
@@ -269,57 +265,39 @@ def _restore_settings(events: _Events, protocol: InsertionProtocol) -> SteeringS
     return restore_settings(asked, events.sheath)
 
 
-def _describe_ending(ending: Ending, bounds: TargetErrorBounds | None) -> dict[str, Any]:
-    return {
-        "outcome": ending.outcome,
-        "stop": ending.stop,
-        "cause": ending.cause,
-        "reached": ending.reached,
-        "target_error_interval_mm": None if bounds is None else bounds.interval_mm,
-        "target_error_interval_by": None if bounds is None else bounds.by,
-        "target_error_interval_tip_mm": None if bounds is None else bounds.tip_mm,
-        "target_error_sources_mm": None if bounds is None else bounds.sources,
-        "depth": None if bounds is None else bounds.depth,
-    }
-
-
-def _describe_stop(stop: InsertionStop) -> dict[str, Any]:
-    length_mm = None if stop.exit_status == INCOMPLETE else stop.depth_mm
-    return {"final_frame": stop.final_frame, "replans": stop.replans, "length_mm": length_mm}
-
-
 def _judge_end(
     events: _Events,
     settings: SteeringSettings,
     source: _Source,
     shaft: ShaftTip | None,
-    steps: Sequence[InsertionStep],
     *,
-    target_sd_mm: float,
+    steps: Sequence[InsertionStep],
+    markers: MarkerHistory,
 ) -> TargetErrorBounds | None:
     """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
     start, stop = events.start, events.stop
-    if stop.exit_status == INCOMPLETE or (source.sentinel is not None and not source.sentinel.accepted):
+    if stop.exit_status == INCOMPLETE or source.bumped is not None:
         return None
+    turns = [event for event in events.way if isinstance(event, BevelTurn)]
     last = steps[-1] if steps else None
     return judge_end(
         TracedPath.of_turns(
-            events.turns, start.roll_zero_rad, stop.depth_mm, stop.centred, settings.policy.backlash_mm
+            turns, start.roll_zero_rad, stop.depth_mm, stop.centred, settings.policy.backlash_mm
         ),
         settings,
         make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion),
         source.view.plane,
-        target_sd_mm,
+        find_target_sd_mm(source.protocol, markers.last),
         shaft=shaft,
         estimate=None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm),
-        drift=_find_drift(source.sentinel),
+        drift=source.drift,
     )
 
 
 def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
     """Return the ending of an insertion after which camera or markers are not where they were, None otherwise."""
-    if source.sentinel is not None and not source.sentinel.accepted:
-        return Ending("unknown", "camera_bumped", source.sentinel.reason or "")
+    if source.bumped is not None:
+        return Ending("unknown", "camera_bumped", source.bumped)
     doubt = None if markers.last is None else markers.last.doubt
     return None if doubt is None else Ending("stopped", doubt.reason, doubt.detail)
 
@@ -347,11 +325,19 @@ def _retrace(
             state = turn_bevel(state, event.to_rad - event.from_rad, settings)
         elif isinstance(event, TipObserved):
             predicted = state.predict(event.depth_mm, settings)
-            fix, position_mm = _find_tip_again(event, predicted, state, source)
-            settings, _ = markers.place_at(event.frame, settings)
-            state = take_in_sighting(state, TipSighting(event.depth_mm, position_mm), settings)
+            fix, seen_mm = _find_tip_again(event, predicted, state, source)
+            settings = markers.place_at(event.frame, settings)
+            state = take_in_sighting(state, TipSighting(event.depth_mm, seen_mm), settings)
+            true_mm, true_heading_rad = true.at(state.insertion_mm)
             steps.append(
-                _describe_step(event, fix, state, _Places(predicted[:3, 3], position_mm, settings, true))
+                InsertionStep(
+                    frame=event.frame,
+                    t_s=event.t_s,
+                    **describe_sighting(fix, seen_mm, predicted[:3, 3], state),
+                    clearance_mm=_find_clearance_mm(state.tip.position_mm, settings.problem),
+                    true_mm=true_mm,
+                    true_heading_rad=true_heading_rad,
+                )
             )
     return steps
 
@@ -410,38 +396,12 @@ def _find_tip_again(
         image = picture.read()
         found = find_tip(source.view, image, predicted, state.tip, event.bevel_rad)
     except (PictureError, RecordError) as error:
-        return TipFix(accepted=False, reason=error.message.replace(f"{source.run.path}/", "")), None
+        return TipFix(accepted=False, reason=source.explain(error)), None
     return found.fix, found.position_mm
 
 
-def _describe_step(event: TipObserved, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
-    tip, seen = state.tip, place.seen
-    true_mm, true_heading_rad = place.true.at(state.insertion_mm)
-    return InsertionStep(
-        frame=event.frame,
-        t_s=event.t_s,
-        depth_mm=state.insertion_mm,
-        tip_mm=None if seen is None else _to_point(seen[1:]),
-        reason=fix.reason,
-        score=fix.score,
-        estimate_mm=_to_point(tip.position_mm[1:]),
-        position_sd_mm=tip.position_sd_mm,
-        heading_rad=tip.heading_rad,
-        heading_sd_rad=tip.heading_sd_rad,
-        radius_mm=1.0 / tip.curvature if tip.curvature > 0.0 else None,
-        slip=tip.slip,
-        believed=tip.accepted,
-        nis=tip.nis,
-        innovation_mm=None if seen is None else _to_point((seen - place.predicted)[1:]),
-        clearance_mm=_find_clearance_mm(tip.position_mm, place.settings),
-        true_mm=true_mm,
-        true_heading_rad=true_heading_rad,
-    )
-
-
-def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
+def _find_clearance_mm(position_mm: FloatArray, problem: PlanProblem) -> float | None:
     """Return the distance from the needle's surface at the tip to the surface of the nearest obstacle."""
-    problem = settings.problem
     apart = [
         math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
     ]
@@ -454,8 +414,8 @@ def _measure_end(
     """Measure the shaft in the final picture; without a measurement, return the reason."""
     if stop.final_frame is None:
         return None, "there is no final picture"
-    if source.sentinel is not None and not source.sentinel.accepted:
-        return None, source.sentinel.reason
+    if source.bumped is not None:
+        return None, source.bumped
     picture = source.run.pictures.places[stop.final_frame]
     try:
         image, mask, protocol = picture.read(), source.view.mask, source.protocol
@@ -468,7 +428,7 @@ def _measure_end(
             roll_sd_rad=roll_sd_rad,
         )
     except (MeasurementRefusedError, PictureError, RecordError) as error:
-        return None, error.message.replace(f"{source.run.path}/", "")
+        return None, source.explain(error)
     return shaft, None
 
 
@@ -481,20 +441,7 @@ def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source)
     towards = tip_mm - target_mm
     towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
     budget = budget_place(source.view.plane, end.tip_px, end.errors, towards)
-    return budget.with_drift(_find_drift(source.sentinel) * float(np.linalg.norm(tip_mm)))
-
-
-def _find_drift(sentinel: Sentinel | None) -> float:
-    """Return the relative change of scale between the grid pictures."""
-    return 0.0 if sentinel is None else (sentinel.drift or 0.0)
-
-
-def _read_true_path(truth: TrueInsertion) -> _TruePath:
-    if not truth.path_mm:
-        return _NO_PATH
-    path = np.asarray(truth.path_mm, dtype=np.float64)
-    arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
-    return _TruePath(arc, path[:, 1:])
+    return budget.with_drift(source.drift * float(np.linalg.norm(tip_mm)))
 
 
 def _thin_path(path: FloatArray) -> tuple[Point, ...]:

@@ -1,15 +1,19 @@
 """The events of an insertion to a target: its aim, its observations and estimates, and the paths that it plans."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
+from labrig.analysis.result import Point
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.sheath_event import SheathEvent
+from labrig.needle.kinematics import FloatArray
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
 from labrig.steering.planner import PlannedArc
 from labrig.steering.problem import Obstacle
+from labrig.steering.state import SteeringState
 from labrig.steering.torsion import TorsionalLag
+from labrig.vision.tip import TipFix
 
 _Pixel = tuple[float, float]
 _Point = tuple[float, float, float]
@@ -41,8 +45,6 @@ class InsertionStart(SpecimenTrialStart):
     target_mm: _Point
     tolerance_mm: float
     obstacles: tuple[Obstacle, ...]
-    start_mm: _Point
-    start_heading_rad: float
     roll_zero_rad: float
     roll_zero_sd_rad: float
     torsion: TorsionalLag | None = None
@@ -98,57 +100,94 @@ class NeedleHeld(InsertionEvent):
     detail: str
 
 
-class RecordedEstimate(_Part):
-    """The estimated tip; `radius_mm` is None for a straight needle."""
+class Sighted(_Part):
+    """A picture on the way: where the tip was found, and the estimate after it; places are (y, z).
 
-    position_mm: _Point
-    heading_rad: float
-    position_sd_mm: float | None
-    heading_sd_rad: float | None
-    radius_mm: float | None
-
-
-class TipObserved(InsertionEvent):
-    """A picture on the way: where the tip was searched and found, and the estimate after it."""
-
-    kind: ClassVar[str] = "observation"
+    `tip_mm` is where the template found the tip; if it is None, `reason` says why; `believed` says whether the
+    estimator took it; `innovation_mm` is how far it was from the prediction. `radius_mm` is None for a straight needle,
+    `slip` the share of the inserted length by which the tip stays behind.
+    """
 
     frame: int
     depth_mm: float
-    step_mm: float
+    tip_mm: Point | None
+    reason: str | None
+    score: float | None
+    estimate_mm: Point
+    position_sd_mm: float
+    heading_rad: float
+    heading_sd_rad: float
+    radius_mm: float | None
+    slip: float = 0.0
+    believed: bool
+    nis: float | None
+    innovation_mm: Point | None
+
+
+def describe_sighting(
+    fix: TipFix, seen_mm: FloatArray | None, predicted_mm: FloatArray, state: SteeringState
+) -> dict[str, Any]:
+    """Return the fields of `Sighted` behind its frame.
+
+    Parameters
+    ----------
+    seen_mm, predicted_mm : (3,) array
+        The tip as it was found (None: it was not), and as it was predicted.
+    state : SteeringState
+        After the sighting.
+    """
+    tip = state.tip
+    return {
+        "depth_mm": state.insertion_mm,
+        "tip_mm": None if seen_mm is None else tuple(seen_mm[1:].tolist()),
+        "reason": fix.reason,
+        "score": fix.score,
+        "estimate_mm": tuple(tip.position_mm[1:].tolist()),
+        "position_sd_mm": tip.position_sd_mm,
+        "heading_rad": tip.heading_rad,
+        "heading_sd_rad": tip.heading_sd_rad,
+        "radius_mm": 1.0 / tip.curvature if tip.curvature > 0.0 else None,
+        "slip": tip.slip,
+        "believed": tip.accepted,
+        "nis": tip.nis,
+        "innovation_mm": None if seen_mm is None else tuple((seen_mm - predicted_mm)[1:].tolist()),
+    }
+
+
+class TipObserved(InsertionEvent, Sighted):
+    """A picture on the way, and how the tip was searched for in it."""
+
+    kind: ClassVar[str] = "observation"
+
     bevel_rad: float
     accepted: bool
-    reason: str | None
     tip_px: _Pixel | None
-    heading_rad: float
-    score: float | None
     distinctness: float | None
-    seen_heading_rad: float | None
     near_px: _Pixel
     region_px: float
-    tip_mm: _Point | None
-    estimate: RecordedEstimate
-    innovation_mm: _Point | None
-    nis: float | None
-    believed: bool
     misses: int
 
 
-class RecordedMarker(_Part):
-    """A marker in a picture: its corners, its place and its displacement since the start, (y, z), by this picture.
+class SeenMarker(_Part):
+    """A marker in a picture: its place and its displacement since the start, (y, z).
 
     `reason` says why it was not found. `displacement_mm` is what was planned with, which is held while the marker is
     not seen or not believed; `unseen_mm` is how far the needle has moved since it was.
     """
 
     marker_id: int
-    corners_px: tuple[_Pixel, _Pixel, _Pixel, _Pixel] | None
     place_mm: _Pixel | None
     reason: str | None
     believed: bool
     displacement_mm: _Pixel
     sd_mm: float
     unseen_mm: float
+
+
+class RecordedMarker(SeenMarker):
+    """A marker in a picture with its corners."""
+
+    corners_px: tuple[_Pixel, _Pixel, _Pixel, _Pixel] | None
 
 
 class MarkersSought(InsertionEvent):

@@ -95,7 +95,7 @@ def _draw_heading(axes: Axes, trial: InsertionTrial) -> None:
 
 def _draw_markers(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("Markers: displacement since the start")
-    for place, marker in enumerate(trial.markers):
+    for place, (_, marker) in enumerate(trial.markers):
         steps = [step for step in trial.marker_steps if step.marker_id == marker.marker_id]
         for name, along, line in (("y", 0, "-"), ("z", 1, (0, (4, 2.5)))):
             moved = [(step.depth_mm, step.displacement_mm[along]) for step in steps]

@@ -41,14 +41,8 @@ def find_place_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterato
     astray = tuple(find_pixel_problems(protocol, plane))
     yield from astray
     yield from find_marker_problems(protocol, plane)
-    if not (astray or protocol.asked_places):
+    if not astray and not any(place.ask for place in protocol.places.values()):
         yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
-
-
-def find_warnings(protocol: InsertionProtocol, session: Session) -> Iterator[Problem]:
-    """Yield what may make the answer no, or wrong."""
-    yield from _warn_of_torsion(protocol, session.description, session.state.roll_zero)
-    yield from _warn_of_marker_depth(protocol)
 
 
 def foresee_doubt(
@@ -104,35 +98,6 @@ def _knows_torsion(protocol: InsertionProtocol, certified: RollZero | None) -> b
     if certified is not None and certified.needle_id == protocol.needle.needle_id:
         return certified.torsion is not None
     return protocol.roll_zero is not None and protocol.roll_zero.torsion is not None
-
-
-def _warn_of_torsion(
-    protocol: InsertionProtocol, rig: RigDescription, certified: RollZero | None
-) -> Iterator[Problem]:
-    """Yield a measured torsion of another needle, which says nothing of this one."""
-    needle_id, steps = protocol.needle.needle_id, protocol.roll_zero
-    if certified is None or certified.torsion is None or steps is None:
-        return
-    if certified.needle_id != needle_id and steps.torsion is None:
-        yield Problem(
-            "roll_zero.torsion",
-            f"the torsion that rig {rig.name} knows is of needle {certified.needle_id}; that of {needle_id} is not "
-            "compensated",
-            "measure it: torsion: {} under roll_zero:, or labrig run protocols/roll-zero.yaml",
-        )
-
-
-def _warn_of_marker_depth(protocol: InsertionProtocol) -> Iterator[Problem]:
-    """Yield markers beside the steering plane."""
-    markers = protocol.markers
-    if markers is not None and markers.x_mm != 0.0:
-        yield Problem(
-            "markers.x_mm",
-            f"the markers lie {abs(markers.x_mm):g} mm {'behind' if markers.x_mm > 0 else 'before'} the calibrated "
-            f"plane: what they move looks {'smaller' if markers.x_mm > 0 else 'larger'} there, and is scaled back by "
-            "this number alone",
-            "put them into the plane, or measure how far from it they are",
-        )
 
 
 def list_stretches(

@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self, TypeAlias
 
-import numpy as np
-
 from labrig.errors import InputError, Problem, TargetMissedError
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.events import MarkersSought, RecordedMarker
@@ -195,16 +193,7 @@ def find_start(search: SearchMarkers, view: MarkerView) -> MarkersFollowed:
     TargetMissedError
         When one is not seen, or is seen in another size than the protocol says.
     """
-    return _begin(view.search(search), view)
-
-
-def recall_start(event: MarkersSought, view: MarkerView) -> MarkersFollowed:
-    """Return where every marker was before the needle moved, by what was recorded of a picture that is damaged now."""
-    fixes = [MarkerFix(marker.marker_id, np.array(marker.corners_px)) for marker in event.markers]
-    return _begin({fix.marker_id: _Seen(fix, view.locate(fix)) for fix in fixes}, view)
-
-
-def _begin(seen: Mapping[int, "_Seen"], view: MarkerView) -> MarkersFollowed:
+    seen = view.search(search)
     tracked = tuple(
         TrackedMarker(marker_id, _require_marker(marker.fix, marker.place, view).centre_mm)
         for marker_id, marker in seen.items()
@@ -214,7 +203,13 @@ def _begin(seen: Mapping[int, "_Seen"], view: MarkerView) -> MarkersFollowed:
 
 def follow_markers(followed: MarkersFollowed, search: SearchMarkers, inserted_mm: float) -> MarkersFollowed:
     """Find the markers in another picture, at an insertion length, and return how far they have moved."""
-    return _take_in(followed, followed.view.search(search), inserted_mm)
+    seen, trust = followed.view.search(search), followed.view.markers
+    tracked = tuple(
+        follow_marker(marker, None if place is None else place.centre_mm, inserted_mm, trust)
+        for marker in followed.tracked
+        for place in (seen[marker.marker_id].place,)
+    )
+    return replace(followed, tracked=tracked, seen=seen)
 
 
 def place_settings(
@@ -232,25 +227,6 @@ def place_settings(
     return replace(settings, problem=problem), followed.halt
 
 
-def pass_unread_picture(followed: MarkersFollowed, reason: str, inserted_mm: float) -> MarkersFollowed:
-    """Return the markers after a picture that cannot be read."""
-    seen = {
-        marker.marker_id: _Seen(MarkerFix(marker.marker_id, None, reason), None)
-        for marker in followed.tracked
-    }
-    return _take_in(followed, seen, inserted_mm)
-
-
-def _take_in(followed: MarkersFollowed, seen: Mapping[int, _Seen], inserted_mm: float) -> MarkersFollowed:
-    trust = followed.view.markers
-    tracked = tuple(
-        follow_marker(marker, None if place is None else place.centre_mm, inserted_mm, trust)
-        for marker in followed.tracked
-        for place in (seen[marker.marker_id].place,)
-    )
-    return replace(followed, tracked=tracked, seen=seen)
-
-
 def _require_marker(fix: MarkerFix, place: MarkerPlace | None, view: MarkerView) -> MarkerPlace:
     """Return the place of a marker; refuse one that was not found, or has another size than the protocol says."""
     name = f"marker {fix.marker_id} of {view.markers.dictionary}"
@@ -263,19 +239,9 @@ def _require_marker(fix: MarkerFix, place: MarkerPlace | None, view: MarkerView)
     stated_mm = view.markers.side_mm
     if abs(place.side_mm - stated_mm) > _SIDE_SHARE * stated_mm:
         raise TargetMissedError(
-            f"{name} is seen with sides of {place.side_mm:.2f} mm, and markers.side_mm is {stated_mm:g}"
-            f"{_suspect_depth(place, view)}",
+            f"{name} is seen with sides of {place.side_mm:.2f} mm, and markers.side_mm is {stated_mm:g}",
             "measure the black square with a caliper, and state how far from the steering plane it lies "
             "(markers.x_mm, negative towards the camera)",
             reason="no_marker",
         )
     return place
-
-
-def _suspect_depth(place: MarkerPlace, view: MarkerView) -> str:
-    """Return where a marker would lie if it is as large as stated; empty where the map does not tell."""
-    perspective, stated_mm = Perspective.of(view.plane), view.markers.x_mm
-    if perspective is None:
-        return ""
-    x_mm = stated_mm + (perspective.height_mm + stated_mm) * (view.markers.side_mm / place.side_mm - 1.0)
-    return f": a marker of that size lies at about x {x_mm:.0f} mm, and markers.x_mm is {stated_mm:g}"

@@ -8,24 +8,24 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import AnalysisResult, Point
+from labrig.analysis.result import AnalysisResult
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.film import make_films
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.recorded_plan import read_plans, sample_plan
 from labrig.experiments.insertion.result import InsertionResult, InsertionTrial
-from labrig.experiments.insertion.summary import describe_places, describe_sighting_noise
+from labrig.experiments.insertion.scene import Scene, read_scenes
+from labrig.experiments.insertion.summary import describe_sighting_noise
+from labrig.record.events import Event
 from labrig.record.reader import Run
+from labrig.report.film_pictures import Stroke
 from labrig.report.formatting import Rows, number
 from labrig.report.page import Page
-from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
+from labrig.report.pictures import PLATE, Photograph, Pixel, photograph, polyline, scale_bar
 from labrig.text import format_count
-from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
@@ -43,22 +43,22 @@ _OCCASIONS = {
 
 
 @dataclass(frozen=True)
+class Line:
+    """A line of a panel: what it is, and the `points` of an SVG polyline in the recorded picture's pixels."""
+
+    name: str
+    points: str
+
+
+@dataclass(frozen=True)
 class Panel:
-    """One picture of figure 9; every line is the `points` of an SVG polyline in the recorded picture's pixels."""
+    """One picture of figure 9 with the lines over it."""
 
     title: str
     occasion: str
-    href: str
-    width: int
-    height: int
+    picture: Photograph
     text_px: float
-    plan: str
-    former: tuple[str, ...]
-    taken: str
-    truth: str
-    obstacles: tuple[str, ...]
-    tolerance: str
-    target: Pixel
+    lines: tuple[Line, ...]
     scale_mm: float
     scale: tuple[Pixel, Pixel]
 
@@ -70,17 +70,6 @@ class ShownInsertion:
     trial: InsertionTrial
     panels: tuple[Panel, ...]
     figure: Markup | None
-
-
-@dataclass(frozen=True)
-class _Moment:
-    """A picture to show: its frame, time, depth and occasion, and the plans up to then."""
-
-    frame: int
-    t_s: float
-    depth_mm: float
-    occasion: str
-    plans: Sequence[PathSought]
 
 
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult] | None) -> Page:
@@ -107,16 +96,15 @@ def _list_facts(protocol: InsertionProtocol) -> Rows:
 
 
 def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dict[str, Any]:
-    plans = read_plans(run)
+    events = read_scenes(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     return {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "sources": [trial for trial in content.insertions if trial.target_error_sources_mm is not None],
         "markers": [trial for trial in content.insertions if trial.markers],
-        "places": _describe_places(content.insertions),
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
-            _draw_insertion(run, trial, plans.get(trial.trial, ()), plane)
+            _draw_insertion(run, trial, events.get(trial.trial, ()), plane)
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
         "left_out": max(0, len(content.insertions) - _SHOWN),
@@ -125,12 +113,6 @@ def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dic
         ),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
-
-
-def _describe_places(trials: Sequence[InsertionTrial]) -> str | None:
-    return describe_places(
-        [(trial.trial, by) for trial in trials if (by := trial.target_error_interval_by) is not None]
-    )
 
 
 def _write_verdict(content: InsertionResult) -> list[str]:
@@ -154,15 +136,9 @@ def _write_verdict(content: InsertionResult) -> list[str]:
     if content.target_error_interval_mm is not None:
         which = "the least certain insertion" if several else "it"
         low, high = map(number, content.target_error_interval_mm)
-        widest = [
-            trial
-            for trial in content.insertions
-            if trial.target_error_interval_mm == content.target_error_interval_mm
-        ]
-        places = _describe_places(widest)
         sentences.append(
             f"That is the distance in the plane; in space, {which} ended between {low} and {high} mm from the target "
-            f"with a probability of 95 %{'' if places is None else f', {places}'}."
+            f"with a probability of 95 %."
         )
     if content.true_target_error_mm is not None:
         most, least = ("at most ", "at least ") if several else ("", "")
@@ -180,44 +156,48 @@ def _format_uncertainty(content: InsertionResult) -> str:
 
 
 def _draw_insertion(
-    run: Run, trial: InsertionTrial, plans: Sequence[PathSought], plane: PlaneMap
+    run: Run, trial: InsertionTrial, events: Sequence[Event], plane: PlaneMap
 ) -> ShownInsertion:
-    drawn = (_draw_panel(run, moment, trial, plane) for moment in _list_moments(run, trial, plans))
-    panels = tuple(panel for panel in drawn if panel is not None)
+    plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    return ShownInsertion(trial, panels, figure)
+    return ShownInsertion(trial, tuple(_list_panels(run, trial, events, _select_plans(plans), plane)), figure)
 
 
-def _list_moments(run: Run, trial: InsertionTrial, plans: Sequence[PathSought]) -> Iterator[_Moment]:
-    """Yield the pictures of figure 9: one at each replan, but only the first near the target, and one at the end."""
-    for index in _select_plans(plans):
-        plan = plans[index]
-        frame = _find_scene(run, trial.trial) if plan.frame is None else plan.frame
-        if frame is not None:
-            occasion = _OCCASIONS.get(plan.because, plan.because)
-            yield _Moment(frame, plan.t_s - trial.start_t_s, plan.depth_mm, occasion, plans[: index + 1])
+def _list_panels(
+    run: Run, trial: InsertionTrial, events: Sequence[Event], shown: Sequence[PathSought], plane: PlaneMap
+) -> Iterator[Panel]:
+    """Yield the pictures of figure 9: one at each of these plans, with those before it, and one at the end."""
+    scene, former = Scene(plane), list[Stroke]()
+    for event in events:
+        former += scene.draw_line("former", scene.plan_mm) if isinstance(event, PathSought) else ()
+        scene.take(event)
+        if isinstance(event, PathSought) and any(event is plan for plan in shown):
+            frame = _find_scene(run, trial.trial) if event.frame is None else event.frame
+            strokes = *scene.draw_places(), *former, *scene.draw_ways()
+            title = f"{event.depth_mm:.1f} mm, {event.t_s - trial.start_t_s:.0f} s"
+            occasion = _OCCASIONS.get(event.because, event.because)
+            yield from _draw_panel(run, frame, strokes, plane, title=title, occasion=occasion)
     if trial.final_frame is not None:
-        t_s = run.frame_line(trial.final_frame).t_s
-        yield _Moment(
-            trial.final_frame,
-            t_s - trial.start_t_s,
-            trial.length_mm or 0.0,
-            f"stopped, {trial.cause}",
-            plans,
+        seconds = run.frame_line(trial.final_frame).t_s - trial.start_t_s
+        strokes = (
+            *scene.draw_places(),
+            *former,
+            *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
+            *scene.draw_line("true", trial.true_path_mm),
         )
+        title = f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s"
+        occasion = f"stopped, {trial.cause}"
+        yield from _draw_panel(run, trial.final_frame, strokes, plane, title=title, occasion=occasion)
 
 
-def _select_plans(plans: Sequence[PathSought]) -> list[int]:
+def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:
+    """Return the plans that are shown: those that were found, of those near the target only the first."""
     anew = any(plan.because == "origin" for plan in plans)
-    found = [
-        index for index, plan in enumerate(plans) if plan.found and not (anew and plan.because == "start")
-    ]
-    near = [index for index in found if plans[index].because == "near"]
-    kept = [index for index in found if plans[index].because != "near"] + near[:1]
-    if len(kept) < _MOST_PANELS:
-        return sorted(kept)
-    chosen = np.linspace(0, len(kept) - 1, _MOST_PANELS - 1).round().astype(int)
-    return [sorted(kept)[place] for place in chosen]
+    found = [plan for plan in plans if plan.found and not (anew and plan.because == "start")]
+    near = next((plan for plan in found if plan.because == "near"), None)
+    kept = [plan for plan in found if plan.because != "near" or plan is near]
+    chosen = np.linspace(0, len(kept) - 1, min(len(kept), _MOST_PANELS - 1)).round().astype(int)
+    return [kept[place] for place in chosen]
 
 
 def _find_scene(run: Run, trial: int) -> int | None:
@@ -226,35 +206,16 @@ def _find_scene(run: Run, trial: int) -> int | None:
     return own[-1].frame if own else None
 
 
-def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) -> Panel | None:
-    """Return a picture with plan and path up to then; None if it cannot be read."""
+def _draw_panel(
+    run: Run, frame: int | None, strokes: Sequence[Stroke], plane: PlaneMap, *, title: str, occasion: str
+) -> Iterator[Panel]:
+    """Yield a picture with these lines over it; nothing if it cannot be read."""
+    if frame is None:
+        return
     try:
-        image = run.read_frame(moment.frame)
+        picture = photograph(run.read_frame(frame), PLATE)
     except RecordError:
-        return None
-    width, height = size_of(image)
-    taken = [step.estimate_mm for step in trial.steps if step.depth_mm <= moment.depth_mm + 1e-6]
-    (_, *target_mm), obstacles = trial.locate_places(moment.frame)
-    last = moment.frame == trial.final_frame
-    scale_mm, scale = scale_bar((width, height), plane)
-    return Panel(
-        title=f"{moment.depth_mm:.1f} mm, {moment.t_s:.0f} s",
-        occasion=moment.occasion,
-        href=data_uri(jpeg(image, PLATE), "image/jpeg"),
-        width=width,
-        height=height,
-        text_px=width / 40,
-        plan="" if last or not moment.plans else _draw_path(sample_plan(moment.plans[-1]), plane),
-        former=tuple(_draw_path(sample_plan(plan), plane) for plan in moment.plans[:-1] if plan.found),
-        taken=_draw_path(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
-        truth=_draw_path(trial.true_path_mm, plane) if last else "",
-        obstacles=tuple(polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in obstacles),
-        tolerance=polyline(circle(target_mm, trial.tolerance_mm, plane)),
-        target=pixel(plane.to_px([target_mm])[0]),
-        scale_mm=scale_mm,
-        scale=scale,
-    )
-
-
-def _draw_path(points_mm: Sequence[Point] | NDArray[np.float64], plane: PlaneMap) -> str:
-    return polyline(plane.to_px(np.array(points_mm))) if len(points_mm) > 1 else ""
+        return
+    lines = tuple(Line(stroke.name, polyline(stroke.px)) for stroke in strokes)
+    scale = scale_bar((picture.width, picture.height), plane)
+    yield Panel(title, occasion, picture, picture.width / 40, lines, *scale)

@@ -27,9 +27,9 @@ from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickObstacle, P
 from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
 from labrig.experiments.insertion.aim import (
     Aim,
-    PickedPlaces,
+    Pixel,
     find_aim_problems,
-    locate_stated_obstacles,
+    locate_place,
     make_aim,
 )
 from labrig.experiments.insertion.bevel import Bevel
@@ -49,14 +49,13 @@ from labrig.experiments.insertion.events import (
     InsertionStop,
     NeedleHeld,
     PathSought,
-    RecordedEstimate,
     RecordedPose,
     TipObserved,
+    describe_sighting,
 )
 from labrig.experiments.insertion.foresight import (
     find_place_problems,
     find_problems,
-    find_warnings,
     foresee_doubt,
     list_stretches,
 )
@@ -70,7 +69,7 @@ from labrig.experiments.insertion.marker_view import (
     list_marker_ids,
     place_settings,
 )
-from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.protocol import InsertionObstacle, InsertionProtocol
 from labrig.experiments.insertion.settings import (
     SAME_MM,
     make_insertion_settings,
@@ -108,8 +107,6 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
     CalibrationRefusedError
         When the grid pictures before and after show that the camera was bumped.
     """
-    for warning in find_warnings(protocol, session):
-        session.warn(warning)
     if problems := tuple(find_problems(protocol, session)):
         raise FileFormatError(problems)
     sight = session.open_sight(finds_tip=True)
@@ -218,21 +215,21 @@ def steer(
     return state, command
 
 
-def _pick_places(protocol: InsertionProtocol, session: Session, trial: int) -> PickedPlaces:
-    """Take a picture and have the places named in it that the protocol asks for."""
-    if not protocol.asked_places:
-        return PickedPlaces()
-    picture = session.take_picture(InsertionRole.TARGET, trial)
-    file = str(session.picture_path(picture.frame))
-    target_px = session.ask(PickTarget(file)).pixel if protocol.target.ask else None
-    asked = [number for number, obstacle in enumerate(protocol.obstacles) if obstacle.ask]
-    picks = [
-        PickObstacle(file, count, len(asked), protocol.obstacles[number].radius_mm)
-        for count, number in enumerate(asked)
-    ]
-    return PickedPlaces(
-        target_px, {number: session.ask(pick).pixel for number, pick in zip(asked, picks, strict=True)}
-    )
+def _pick_places(protocol: InsertionProtocol, session: Session, trial: int) -> dict[str, Pixel | None]:
+    """Take a picture and have the places named in it that the protocol asks for; return their pixels by their keys."""
+    asked = {key: place for key, place in protocol.places.items() if place.ask}
+    if not asked:
+        return {}
+    file = str(session.picture_path(session.take_picture(InsertionRole.TARGET, trial).frame))
+    obstacles = [key for key in asked if key != "target"]
+    return {
+        key: session.ask(
+            PickObstacle(file, obstacles.index(key), len(obstacles), place.radius_mm)
+            if isinstance(place, InsertionObstacle)
+            else PickTarget(file)
+        ).pixel
+        for key, place in asked.items()
+    }
 
 
 @lru_cache(maxsize=16)
@@ -269,8 +266,9 @@ class Insertion:
         """Have the block placed, ask for the places that the protocol asks for, and record target and obstacles."""
         protocol, plane, specimen = self.protocol, self.sight.plane, self.protocol.specimen
         obstacles = tuple(
-            (plane.to_pixel(obstacle.position_mm[1:]), obstacle.radius_mm)
-            for obstacle in locate_stated_obstacles(protocol, plane)
+            (plane.to_pixel(locate_place(key, place, plane)[1:]), place.radius_mm)
+            for key, place in protocol.places.items()
+            if isinstance(place, InsertionObstacle) and not place.ask
         )
         is_named = protocol.repetitions == 1 and self.trial == 0
         name = specimen.name if is_named else f"{specimen.name} {self.trial + 1}"
@@ -482,8 +480,6 @@ class Insertion:
                 target_mm=self.aim.target_mm,
                 tolerance_mm=self.protocol.target.tolerance_mm,
                 obstacles=self.aim.obstacles,
-                start_mm=(0.0, 0.0, 0.0),
-                start_heading_rad=0.0,
                 roll_zero_rad=self.roll_zero.zero_rad,
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
                 torsion=self.roll_zero.torsion,
@@ -496,39 +492,20 @@ class Insertion:
         self, picture: TakenPicture, seen: TipSearched, before: SteeringState, state: SteeringState
     ) -> None:
         """Record the observation and the estimate, and the plan if the planner ran."""
-        tip, fix, inserted_mm = state.tip, seen.fix, state.insertion_mm
-        innovation_mm = None
-        if seen.position_mm is not None:
-            expected_mm = before.predict(inserted_mm, self.settings)[:3, 3]
-            innovation_mm = (seen.position_mm - expected_mm).tolist()
+        fix, inserted_mm = seen.fix, state.insertion_mm
+        predicted_mm = before.predict(inserted_mm, self.settings)[:3, 3]
         self.session.record(
             TipObserved(
                 trial=self.trial,
                 frame=picture.frame,
-                depth_mm=inserted_mm,
-                step_mm=inserted_mm - before.insertion_mm,
+                **describe_sighting(fix, seen.position_mm, predicted_mm, state),
                 bevel_rad=self.bevel.base_rad,
                 accepted=fix.accepted,
-                reason=fix.reason,
                 tip_px=fix.tip_px,
-                heading_rad=seen.heading_rad,
-                score=fix.score,
                 distinctness=fix.distinctness,
-                seen_heading_rad=fix.heading_rad,
                 near_px=seen.near_px,
                 region_px=seen.region_px,
-                tip_mm=None if seen.position_mm is None else seen.position_mm.tolist(),
-                estimate=RecordedEstimate(
-                    position_mm=tip.position_mm.tolist(),
-                    heading_rad=tip.heading_rad,
-                    position_sd_mm=tip.position_sd_mm,
-                    heading_sd_rad=tip.heading_sd_rad,
-                    radius_mm=1.0 / tip.curvature if tip.curvature else None,
-                ),
-                innovation_mm=innovation_mm,
-                nis=tip.nis,
-                believed=tip.accepted,
-                misses=tip.misses,
+                misses=state.tip.misses,
             )
         )
         if state.why is not None:

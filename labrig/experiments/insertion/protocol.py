@@ -207,11 +207,6 @@ class InsertionProtocol(JudgedProtocol):
         return self.model_copy(update=sections)
 
     @property
-    def asked_places(self) -> int:
-        """How many places the operator names in each insertion."""
-        return self.target.ask + sum(obstacle.ask for obstacle in self.obstacles)
-
-    @property
     def places(self) -> Mapping[str, Target | InsertionObstacle]:
         """Dotted key -> target or obstacle, the target first."""
         return {"target": self.target} | {

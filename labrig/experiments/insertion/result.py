@@ -1,14 +1,13 @@
 """The result of insertions: how close to their targets they ended, and the estimated tip along the way."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
+from labrig.experiments.insertion.events import SeenMarker, Sighted
 from labrig.protocol.model import Model
-from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.problem import Obstacle
-from labrig.steering.problem import Point as Point3
 from labrig.steering.sighting_noise import NisVerdict
 from labrig.vision.error_budget import ErrorBudget
 
@@ -19,30 +18,14 @@ EndSource = Literal["shaft", "shaft_and_estimate", "estimate"]
 _TARGET_AXES = 3
 
 
-class InsertionStep(Model):
-    """One observation of the needle, estimated again from the recorded picture; points are (y, z).
+class InsertionStep(Sighted, Model):
+    """One observation of the needle, estimated again from the recorded picture.
 
-    `tip_mm` is where the template found the tip; if it is None, `reason` says why; `believed` says whether the
-    estimator took it; `innovation_mm` is how far it was from the prediction, along y and z. `clearance_mm` is from the
-    needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and `true_heading_rad` are known of
-    simulated worlds alone. `slip` is the share of the inserted length by which the tip stays behind.
+    `clearance_mm` is from the needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and
+    `true_heading_rad` are known of simulated worlds alone.
     """
 
-    frame: int
     t_s: float
-    depth_mm: float
-    tip_mm: Point | None
-    reason: str | None
-    score: float | None
-    estimate_mm: Point
-    position_sd_mm: float
-    heading_rad: float
-    heading_sd_rad: float
-    radius_mm: float | None
-    slip: float = 0.0
-    believed: bool
-    nis: float | None
-    innovation_mm: Point | None
     clearance_mm: float | None
     true_mm: Point | None
     true_heading_rad: float | None
@@ -75,38 +58,11 @@ class TargetErrorSources(Model):
         return max(sources, key=lambda source: sources[source])
 
 
-class MarkerStep(Model):
-    """A marker in a picture, measured again from the recorded picture; displacements are (y, z) since the start.
-
-    `seen_mm` is its displacement by this picture; if that is None, `reason` says why. `believed` says whether it was
-    taken. `displacement_mm` is what was planned with, `sd_mm` its standard deviation along each axis, `unseen_mm` how
-    far the needle has moved since the marker was last believed.
-    """
+class MarkerStep(SeenMarker, Model):
+    """A marker in a picture, by its recorded corners."""
 
     frame: int
     depth_mm: float
-    marker_id: int
-    seen_mm: Point | None
-    reason: str | None
-    believed: bool
-    displacement_mm: Point
-    sd_mm: float
-    unseen_mm: float
-
-
-class MarkerMotion(Model):
-    """How far a marker moved in an insertion: in the end, (y, z), and at most, and in how many pictures it was seen.
-
-    `moves` names what is bound to it. `sd_mm` is of the displacement in the end, along each axis.
-    """
-
-    marker_id: int
-    moves: str
-    displacement_mm: Point
-    sd_mm: float
-    farthest_mm: float
-    pictures: int
-    believed: int
 
 
 class EndDepth(Model):
@@ -164,8 +120,7 @@ class InsertionTrial(InsertionRow):
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
     the live run within a tenth of its standard deviation, as it is with its settings. `target_mm` and
     `obstacles` are where they were at the start. `marker_ids` are the markers that the target and each obstacle are
-    bound to, the target's first, `marker_steps` what these showed, and `markers` how far they moved. Errors and
-    clearances are from where they were then.
+    bound to, the target's first, `marker_steps` what these showed. Errors and clearances are from where they were then.
     """
 
     start_t_s: float
@@ -181,18 +136,19 @@ class InsertionTrial(InsertionRow):
     steps: tuple[InsertionStep, ...]
     as_recorded: bool | None = None
     marker_ids: tuple[int | None, ...] = ()
-    markers: tuple[MarkerMotion, ...] = ()
     marker_steps: tuple[MarkerStep, ...] = ()
 
-    def locate_places(self, frame: int) -> tuple[Point3, tuple[Obstacle, ...]]:
-        """Return where the target (x, y, z) and the obstacles were in a picture."""
-        moved = {
-            step.marker_id: Displacement(step.displacement_mm, step.sd_mm)
-            for step in self.marker_steps
-            if step.frame <= frame
-        }
-        displacements = Displacements.by_marker(self.marker_ids, moved)
-        return displacements.move_target(self.target_mm), displacements.move_obstacles(self.obstacles)
+    @property
+    def markers(self) -> Sequence[tuple[str, MarkerStep]]:
+        """What each marker moves, and how it was in the last picture."""
+        last = {step.marker_id: step for step in self.marker_steps}
+        return [(name_bound(self.marker_ids, marker_id), last[marker_id]) for marker_id in sorted(last)]
+
+
+def name_bound(marker_ids: Sequence[int | None], marker_id: int) -> str:
+    """Return what is bound to a marker: target, obstacle 1, obstacle 2."""
+    bound = (place for place, own in enumerate(marker_ids) if own == marker_id)
+    return ", ".join(f"obstacle {place}" if place else "target" for place in bound)
 
 
 class SightingNoise(Model):

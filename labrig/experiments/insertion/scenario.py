@@ -1,15 +1,15 @@
 """The scenario of `labrig plan`: a needle, a target and obstacles, without any rig."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
 from labrig.protocol.design_file import NeedleDesign
 from labrig.protocol.load import load_designed_model
-from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
+from labrig.protocol.model import Model, NonNegativeMm, PointMm, PositiveMm
 from labrig.steering.parameters import PlanMethod, PlanWeights
 from labrig.steering.problem import Obstacle, PlanProblem
 
@@ -23,31 +23,8 @@ class ScenarioNeedle(Model):
     """Radius of the arcs that the needle follows [mm]."""
     diameter_mm: float = Field(gt=0, le=10)
     """Outer diameter of the needle [mm]."""
-    radius_low_mm: PositiveMm | None = None
-    """Smallest radius that the needle may have, beside radius_high_mm [mm]."""
-    radius_high_mm: PositiveMm | None = None
-    """Largest radius that the needle may have, beside radius_low_mm [mm]."""
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield a tolerance with one end missing, or a radius outside its tolerance."""
-        low_mm, high_mm = self.radius_low_mm, self.radius_high_mm
-        if low_mm is None and high_mm is None:
-            return
-        if low_mm is None or high_mm is None:
-            missing = "radius_low_mm" if low_mm is None else "radius_high_mm"
-            yield Conflict(missing, f"{missing} is null, and the other end is a number", "give both or none")
-        elif not low_mm <= self.radius_mm <= high_mm:
-            message = (
-                f"radius_mm is {self.radius_mm:g}, must be within its tolerance, {low_mm:g} to {high_mm:g}"
-            )
-            yield Conflict("radius_mm", message)
-
-    @property
-    def radius_range_mm(self) -> tuple[float, float] | None:
-        """The tolerance of the radius, low to high; None if none is stated."""
-        if self.radius_low_mm is None or self.radius_high_mm is None:
-            return None
-        return self.radius_low_mm, self.radius_high_mm
+    radius_range_mm: tuple[PositiveMm, PositiveMm] | None = None
+    """Smallest and largest radius that the needle may have, as a design file states them; null: not stated [mm]."""
 
 
 class ScenarioStart(Model):
@@ -98,9 +75,13 @@ class Scenario(Model):
     weights: PlanWeights = PlanWeights()
 
 
-def _tell_needle(design: NeedleDesign, _name: str, _sha256: str) -> Mapping[str, float]:
+def _tell_needle(design: NeedleDesign, _name: str, _sha256: str) -> Mapping[str, Any]:
     """Return what the needle of a plan takes of its design."""
-    return {key: getattr(design, key) for key in ScenarioNeedle.model_fields}
+    return {
+        "radius_mm": design.radius_mm,
+        "diameter_mm": design.diameter_mm,
+        "radius_range_mm": [design.radius_low_mm, design.radius_high_mm],
+    }
 
 
 def load_scenario(path: Path | str) -> Scenario:

@@ -4,21 +4,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from labrig.analysis.result import Summary, TextTable
+from labrig.experiments.insertion.result import name_bound
 from labrig.text import interval, number
 
 _HEADS = (
-    "insertion", "outcome", "error mm", "in space mm", "true error mm", "true clearance mm", "length mm", "replans",
+    "insertion", "outcome", "error mm", "in space mm", "by", "true error mm", "true clearance mm", "length mm",
+    "replans",
 )  # fmt: skip
 _SOURCE_HEADS = (
     "sources of uncertainty", "roll zero mm", "bevel's lag mm", "wandering mm", "start mm", "in the plane mm",
     "target mm", "seen behind the plane mm",
 )  # fmt: skip
 _SOURCES = ("roll_zero", "torsion", "heading_noise", "start", "in_plane", "target")
-_PLACES = {
-    "shaft": "the shaft in the last picture alone",
-    "shaft_and_estimate": "the shaft in the last picture and the estimate on the way together",
-    "estimate": "the estimate on the way alone",
-}
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
@@ -30,6 +27,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
             trial["outcome"].replace("_", " "),
             number(trial["target_error_mm"]),
             interval(trial.get("target_error_interval_mm")),
+            (trial.get("target_error_interval_by") or "-").replace("_", " "),
             number(trial["true_target_error_mm"]),
             number(trial["true_min_clearance_mm"]),
             number(trial["length_mm"], 1),
@@ -47,10 +45,13 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     alarms: tuple[str, ...] = () if noise is None else (noise,)
     if not document["overrides"] and any(trial["as_recorded"] is False for trial in trials):
         alarms += ("this labrig estimates otherwise than the one that made the run, with the same settings",)
-    places = describe_places(
-        [(trial["trial"], source) for trial in trials if (source := trial.get("target_error_interval_by"))]
+    rests_on = (
+        (
+            "error mm: by the shaft in the last picture; in space: by that, by the estimate on the way, or by both",
+        )
+        if any(trial.get("target_error_interval_by") for trial in trials)
+        else ()
     )
-    rests_on = () if places is None else (f"error mm: by the shaft in the last picture; in space: {places}",)
     tables = (TextTable(_HEADS, rows), *_list_sources(trials))
     return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarms), values)
 
@@ -58,11 +59,12 @@ def summarise(document: Mapping[str, Any]) -> Summary:
 def _list_markers(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield what each marker moved in each insertion."""
     for trial in trials:
-        for marker in trial.get("markers", ()):
+        for marker in {step["marker_id"]: step for step in trial.get("marker_steps", ())}.values():
             y_mm, z_mm = marker["displacement_mm"]
             yield (
-                f"insertion {trial['trial'] + 1}: marker {marker['marker_id']} moved {marker['moves']} by "
-                f"{y_mm:+.2f} mm along y and {z_mm:+.2f} mm along z"
+                f"insertion {trial['trial'] + 1}: marker {marker['marker_id']} moved "
+                f"{name_bound(trial['marker_ids'], marker['marker_id'])} by {y_mm:+.2f} mm along y and {z_mm:+.2f} mm "
+                "along z"
             )
 
 
@@ -79,24 +81,6 @@ def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:
     )
     if rows:
         yield TextTable(_SOURCE_HEADS, rows)
-
-
-def describe_places(places: Sequence[tuple[int, str]]) -> str | None:
-    """Return by what the ends are known from which the intervals in space are; None without an interval.
-
-    Parameters
-    ----------
-    places : sequence of (int, str)
-        Each trial with an interval, and its `target_error_interval_by`.
-    """
-    found = dict.fromkeys(source for _, source in places)
-    if len(found) < 2:
-        return next((f"by {_PLACES[source]}" for source in found), None)
-    return "; ".join(
-        f"{'insertion' if len(numbers) == 1 else 'insertions'} {', '.join(numbers)} by {_PLACES[source]}"
-        for source in found
-        if (numbers := [str(trial + 1) for trial, by in places if by == source])
-    )
 
 
 def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:

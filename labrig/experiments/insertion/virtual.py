@@ -9,36 +9,16 @@ import numpy as np
 from labrig.experiments.insertion.events import BevelTurn, InsertionStart, InsertionStop
 from labrig.record.events import Event
 
-_NO_VALUES: Mapping[str, float | bool | None] = dict.fromkeys(
-    (
-        "true_target_error_mm",
-        "true_in_plane_error_mm",
-        "true_out_of_plane_mm",
-        "true_min_clearance_mm",
-        "target_error_mm",
-        "target_error_low_mm",
-        "target_error_high_mm",
-        "reached",
-        "replans",
-        "turns",
-        "length_mm",
-        "target_x_mm",
-        "target_y_mm",
-        "target_z_mm",
-    )
-)
-"""The values of an insertion that was not made.
-
-`true_` is the world's truth: the distance from the target in space, in the plane and across it, and the least clearance
-of an obstacle. `target_error_mm` and its interval are what the last picture tells. `target_` is where the target was
-told to be.
-"""
-
 
 def tell_values(
     events: Iterable[Event], truths: Sequence[Mapping[str, Any]]
 ) -> Mapping[str, float | int | bool | str | None]:
-    """Return the quantities of the first insertion of a run, from its events and truths."""
+    """Return the quantities of the first insertion of a run, from its events and truths; none if it was not made.
+
+    `true_` is the world's truth: the distance from the target in space, in the plane and across it, and the least
+    clearance of an obstacle. `target_error_mm` and its interval are what the last picture tells. `target_` is where the
+    target was told to be.
+    """
     start, stop, turns = None, None, 0
     for event in events:
         turns += isinstance(event, BevelTurn)
@@ -48,7 +28,7 @@ def tell_values(
             stop = event
             break
     if start is None or stop is None or not truths:
-        return _NO_VALUES
+        return {}
     truth = truths[0]
     off_mm = np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]
     low_mm, high_mm = stop.interval_mm or (None, None)

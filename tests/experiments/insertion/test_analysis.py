@@ -37,8 +37,8 @@ def test_estimated_again_everything_comes_out_as_it_was() -> None:
     live = observations(run)
     assert len(steps) == len(live) > 30
     for again, was in zip(steps, live, strict=True):
-        assert again.estimate_mm == pytest.approx(was["estimate"]["position_mm"][1:], abs=1e-9)
-        assert again.heading_rad == pytest.approx(was["estimate"]["heading_rad"], abs=1e-9)
+        assert again.estimate_mm == pytest.approx(was["estimate_mm"], abs=1e-9)
+        assert again.heading_rad == pytest.approx(was["heading_rad"], abs=1e-9)
         assert again.nis == pytest.approx(was["nis"], abs=1e-6)
 
 

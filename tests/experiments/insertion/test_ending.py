@@ -10,7 +10,7 @@ from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_out_of_plane
-from labrig.experiments.insertion.summary import describe_places, summarise
+from labrig.experiments.insertion.summary import summarise
 from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
 from tests.analysis.insertions import analyse, analyse_recorded, record_insertion
 from tests.experiments.insertion.test_procedure import events, insertion
@@ -52,7 +52,7 @@ def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     assert trial.target_error_interval_by == "shaft_and_estimate"
     assert math.dist(trial.target_error_interval_tip_mm, trial.tip_mm) < 0.3
     assert "error mm: by the shaft in the last picture; " in said
-    assert "in space: by the shaft in the last picture and the estimate on the way together" in said
+    assert "shaft and estimate" in said
 
 
 def test_other_standard_deviations_tell_what_would_have_been_certain() -> None:
@@ -105,15 +105,6 @@ def test_the_interval_holds_targets_that_are_elsewhere_as_often_as_it_says(sd_mm
         end = np.array((random.normal(0.0, 0.5), 0.0, 40.0))
         held += bool(low_mm <= np.linalg.norm(end - random.normal(target, sd_mm)) <= high_mm)
     assert 0.91 < held / 400 < 0.995
-
-
-def test_the_place_of_an_end_says_by_what_it_is_known() -> None:
-    """Insertions whose places are known by different means are told apart; one means is told once."""
-    assert describe_places([]) is None
-    assert describe_places([(0, "shaft"), (1, "shaft")]) == "by the shaft in the last picture alone"
-    assert describe_places([(0, "estimate"), (1, "shaft"), (2, "estimate")]) == (
-        "insertions 1, 3 by the estimate on the way alone; insertion 2 by the shaft in the last picture alone"
-    )
 
 
 @pytest.mark.parametrize(("target_sd_mm", "largest"), [(0.55, "in_plane"), (0.6, "target")])

@@ -32,7 +32,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
     assert len(plates) >= 3
     for plate in plates:
         assert plate.count('class="obstacle"') == 1
-        assert plate.count('class="target"') == 2
+        assert plate.count('class="target"') == 3
         assert 'class="bar"' in plate
         assert re.search(r"\d+\.\d mm, \d+ s</text>", plate)
     assert all('class="plan"' in plate for plate in plates[:-1])

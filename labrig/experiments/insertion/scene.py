@@ -1,0 +1,134 @@
+"""What stands in the pictures of an insertion, as lines over them, which page, film and viewer draw.
+
+It is folded from the recorded events, so it shows what the insertion was steered by.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.analysis.result import Point
+from labrig.experiments.insertion.events import InsertionStart, MarkersSought, PathSought, TipObserved
+from labrig.record.events import Event
+from labrig.record.reader import Run
+from labrig.report.film_pictures import Colour, Stroke
+from labrig.report.pictures import circle
+from labrig.steering.moving import Displacement, Displacements
+from labrig.steering.planner import Plan, sample_path
+from labrig.steering.problem import Obstacle, PlanProblem
+from labrig.steering.problem import Point as SpacePoint
+from labrig.vision.plane import PlaneMap
+
+FloatArray = NDArray[np.float64]
+
+KINDS = (InsertionStart, PathSought, MarkersSought, TipObserved)
+"""The events that a scene is folded from."""
+
+# Red, green and blue by Okabe and Ito, as in the figures.
+COLOURS: Mapping[str, Colour] = {
+    "obstacle": (213, 94, 0),
+    "target": (0, 158, 115),
+    "plan": (255, 166, 0),
+    "taken": (86, 180, 233),
+    "seen": (255, 255, 255),
+}
+_TIP_MM = 1.0
+
+
+def sample_plan(event: PathSought) -> FloatArray:
+    """Return the points (N, 2) of a recorded plan, (y, z) [mm]; none if there was no path."""
+    bent = [arc for arc in event.arcs if arc.angle_rad > 0.0]
+    if not event.found or not bent:
+        return np.empty((0, 2))
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = event.start.rotation, event.start.position_mm
+    radius_mm = bent[0].length_mm / bent[0].angle_rad
+    # Where the arcs lie depends on their start and radius alone.
+    problem = PlanProblem(target_mm=event.start.position_mm, start=start, radius_mm=radius_mm)
+    return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))[:, 1:]
+
+
+def read_scenes(run: Run) -> Mapping[int, Sequence[Event]]:
+    """Return the events of each trial that its scene is folded from, in the order of time."""
+    events: dict[int, list[Event]] = {}
+    for event in run.read_events(*KINDS):
+        assert isinstance(event, KINDS)
+        events.setdefault(event.trial, []).append(event)
+    return events
+
+
+@dataclass
+class Scene:
+    """Target and obstacles where they are, the last plan, and the path taken, (y, z) [mm]."""
+
+    plane: PlaneMap
+    start: InsertionStart | None = None
+    plan_mm: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    taken_mm: list[Point] = field(default_factory=list)
+    last: TipObserved | None = None
+    moved: Mapping[int, Displacement] = field(default_factory=dict)
+
+    def take(self, event: Event) -> None:
+        """Take in what an event adds; a new insertion begins anew."""
+        match event:
+            case InsertionStart():
+                self.__init__(self.plane, event)  # type: ignore[misc]
+            case PathSought() if event.found:
+                self.plan_mm = sample_plan(event)
+            case MarkersSought():
+                self.moved = {
+                    marker.marker_id: Displacement(marker.displacement_mm, marker.sd_mm)
+                    for marker in event.markers
+                }
+            case TipObserved():
+                self.last = event
+                self.taken_mm.append(event.estimate_mm)
+
+    def locate(self) -> tuple[SpacePoint, tuple[Obstacle, ...]]:
+        """Return where target (x, y, z) and obstacles are now [mm]."""
+        assert self.start is not None
+        moved = Displacements.by_marker(self.start.marker_ids, self.moved)
+        return moved.move_target(self.start.target_mm), moved.move_obstacles(self.start.obstacles)
+
+    def draw_places(self) -> Iterator[Stroke]:
+        """Yield the obstacles, and the target with its tolerance."""
+        assert self.start is not None
+        (_, *target_mm), obstacles = self.locate()
+        for ball in obstacles:
+            yield _make_stroke("obstacle", circle(ball.position_mm[1:], ball.radius_mm, self.plane))
+        yield _make_stroke("target", circle(target_mm, self.start.tolerance_mm, self.plane))
+        yield from self._draw_cross("target", target_mm)
+
+    def draw_ways(self) -> Iterator[Stroke]:
+        """Yield the plan and the path taken."""
+        yield from self.draw_line("plan", self.plan_mm)
+        yield from self.draw_line("taken", self.taken_mm)
+
+    def draw_tip(self) -> Iterator[Stroke]:
+        """Yield a ring around the estimated tip, and a cross where the tip was seen and believed."""
+        if self.last is not None:
+            yield _make_stroke("taken", circle(self.last.estimate_mm, _TIP_MM, self.plane))
+            if self.last.tip_mm is not None and self.last.believed:
+                yield from self._draw_cross("seen", self.last.tip_mm)
+
+    def draw_line(self, name: str, points_mm: Sequence[Point] | FloatArray) -> Iterator[Stroke]:
+        """Yield a line through points (N, 2) of the plane, if there is one."""
+        if len(points_mm) > 1:
+            yield _make_stroke(name, self.plane.to_px(np.array(points_mm)))
+
+    def _draw_cross(self, name: str, place_mm: Sequence[float]) -> Iterator[Stroke]:
+        for along in _TIP_MM * np.eye(2):
+            ends_mm = np.array((place_mm - along, place_mm + along))
+            yield _make_stroke(name, self.plane.to_px(ends_mm))
+
+    @property
+    def left_mm(self) -> float | None:
+        """The distance in the plane from the estimated tip to the target; None before the first sighting."""
+        return None if self.last is None else math.dist(self.last.estimate_mm, self.locate()[0][1:])
+
+
+def _make_stroke(name: str, px: FloatArray) -> Stroke:
+    return Stroke(px, COLOURS.get(name, (255, 255, 255)), 1 if name == "seen" else 2, name)

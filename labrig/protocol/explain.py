@@ -1,4 +1,4 @@
-"""Errors of pydantic -> faults with a position; what a key is stands in the model's JSON Schema."""
+"""Errors of pydantic -> faults with a position and, of the model's JSON Schema, what the key is."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -7,67 +7,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from labrig.protocol.formatting import (
-    Plain,
-    choice_hint,
-    find_closest,
-    show,
-    show_key,
-    show_number,
-)
+from labrig.protocol.formatting import KeyPath, choice_hint, find_closest, show, show_key
 from labrig.protocol.model import ConflictError
 from labrig.protocol.schema import SchemaView
-from labrig.protocol.tree import InputFault, KeyPath, Tree
+from labrig.protocol.tree import InputFault, Tree
 
-_EXPECTED = {
-    "greater_than": "a number above {gt}",
-    "greater_than_equal": "a number, at least {ge}",
-    "less_than": "a number below {lt}",
-    "less_than_equal": "a number, at most {le}",
-    "finite_number": "a finite number",
-    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
-    **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "a whole number"),
-    "bool_type": "true or false",
-    "string_type": "text",
-    "string_too_long": "text of at most {max_length} characters",
-    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
-    "too_long": "a list of at most {max_length} entries",
-    "too_short": "a list of more entries",
-    **dict.fromkeys(("model_type", "dict_type", "model_attributes_type"), "a section (keys and values)"),
-    "literal_error": "{expected}",
-}
-"""Type of a pydantic error -> what it expects; others are told by pydantic's own message."""
-
-
-@dataclass(frozen=True)
-class _Spot:
-    """The place of a pydantic error: the path in the file, and the schema of the place and of what is around it."""
-
-    tree: Tree
-    path: KeyPath
-    view: SchemaView | None
-    holder_view: SchemaView | None
-
-    @property
-    def value(self) -> Plain:
-        """The value, None if the file has none."""
-        return self.tree.value(self.path)
-
-    @property
-    def name(self) -> str:
-        """The key as a message names it; an entry of a list follows the key of the list."""
-        keys = [index for index, part in enumerate(self.path) if isinstance(part, str)]
-        return ".".join(show_key(part) for part in self.path[keys[-1] :]) if keys else "the file"
-
-    @property
-    def about(self) -> str:
-        """What the field is, with its unit."""
-        return self.view.description if self.view else ""
-
-    def fault(self, message: str, hint: str = "") -> InputFault:
-        """Return a fault at the value, or at the key of the section that lacks it."""
-        found = self.tree.at(self.path)
-        return InputFault(found.value if self.tree.holds(self.path) else found.key, self.path, message, hint)
+_MUST = "Input should be "
 
 
 def explain_errors(error: ValidationError, tree: Tree, view: SchemaView) -> tuple[InputFault, ...]:
@@ -76,108 +21,122 @@ def explain_errors(error: ValidationError, tree: Tree, view: SchemaView) -> tupl
     A missing key and an unknown key beside it that probably means it are one fault, at the unknown key. A value that
     fits none of several kinds is one fault.
     """
-    spots = [(detail, _locate(detail["loc"], tree, view)) for detail in error.errors(include_url=False)]
-    meant = {
-        (*spot.path[:-1], _guess_key(spot)) for detail, spot in spots if detail["type"] == "extra_forbidden"
-    }
-    faults: dict[KeyPath, list[InputFault]] = {}
-    for detail, spot in spots:
-        if detail["type"] != "missing" or spot.path not in meant:
-            for fault in _explain_error(detail, spot, view):
-                faults.setdefault(fault.path, []).append(fault)
-    return tuple(_join(same) for same in faults.values())
+    spots = [_Spot(detail, _locate(detail, tree), tree, view) for detail in error.errors(include_url=False)]
+    meant = {(*spot.path[:-1], spot.guess_key()) for spot in spots if spot.kind == "extra_forbidden"}
+    faults: dict[KeyPath, InputFault] = {}
+    for spot in spots:
+        if spot.kind != "missing" or spot.path not in meant:
+            for fault in _explain(spot):
+                first = faults.setdefault(fault.path, fault)
+                other = fault.message.partition(" must be ")[2]
+                if first is not fault and other:
+                    faults[fault.path] = replace(first, message=f"{first.message} or {other}")
+    return tuple(faults.values())
 
 
-def _join(faults: list[InputFault]) -> InputFault:
-    """Return one fault for those of one place."""
-    messages = dict.fromkeys(fault.message for fault in faults)
-    first = next(iter(messages))
-    others = (message.partition(", expected ")[2] for message in list(messages)[1:])
-    hint = next((fault.hint for fault in faults if fault.hint), "")
-    return replace(faults[0], message=" or ".join([first, *filter(None, others)]), hint=hint)
+@dataclass(frozen=True)
+class _Spot:
+    """An error of pydantic, its path in the file, and the schema of the file."""
+
+    detail: Mapping[str, Any]
+    path: KeyPath
+    tree: Tree
+    view: SchemaView
+
+    @property
+    def kind(self) -> str:
+        """The type of the error."""
+        return str(self.detail["type"])
+
+    @property
+    def context(self) -> Mapping[str, Any]:
+        """What pydantic tells of the error."""
+        found: Mapping[str, Any] = self.detail.get("ctx", {})
+        return found
+
+    def find(self, path: KeyPath) -> SchemaView | None:
+        """Return the schema of an entry; pydantic's path names the kinds of sections that the file leaves out."""
+        return self.view.find(path, self.tree.value, tuple(map(str, self.detail["loc"])))
+
+    def describe(self, path: KeyPath) -> str:
+        """Return what an entry is, with its unit."""
+        found = self.find(path)
+        return found.description if found else ""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of the section around it."""
+        section = self.find(self.path[:-1])
+        return section.keys if section else ()
+
+    def guess_key(self) -> str | None:
+        """Return the key that an unknown key probably means, if possible one that the file lacks."""
+        free = [key for key in self.keys if not self.tree.holds((*self.path[:-1], key))]
+        return find_closest(str(self.path[-1]), free) or find_closest(str(self.path[-1]), self.keys)
 
 
-def _locate(loc: KeyPath, tree: Tree, view: SchemaView) -> _Spot:
-    """Follow the location that pydantic gives; it also names the kinds of unions, which the file does not."""
-    spot = _Spot(tree, (), view, view)
-    for part in loc:
-        if spot.view and part in spot.view.tags:
-            spot = replace(spot, view=spot.view.kind(str(part)))
-            continue
-        path, inner = (*spot.path, part), spot.view.child(part) if spot.view else None
-        if inner or tree.holds(path):
-            spot = _Spot(tree, path, inner, spot.view)
-    return spot
+def _locate(detail: Mapping[str, Any], tree: Tree) -> KeyPath:
+    """Return the path in the file; pydantic's also names the kinds of unions, which the file does not."""
+    path: KeyPath = ()
+    for place, part in enumerate(detail["loc"], start=1):
+        is_missing = detail["type"] == "missing" and place == len(detail["loc"])
+        if is_missing or tree.holds((*path, part)):
+            path = (*path, part)
+    return path
 
 
-def _explain_error(detail: Mapping[str, Any], spot: _Spot, top: SchemaView) -> Iterator[InputFault]:
-    kind, raised = detail["type"], detail.get("ctx", {}).get("error")
+def _explain(spot: _Spot) -> Iterator[InputFault]:
+    path, tree, raised = spot.path, spot.tree, spot.context.get("error")
     if isinstance(raised, ConflictError):
-        yield from _explain_conflicts(raised, spot)
-    elif kind == "extra_forbidden":
-        yield _explain_unknown_key(spot, top)
-    elif kind in {"union_tag_invalid", "union_tag_not_found"}:
-        key, kinds = (spot.view.tag_key, tuple(spot.view.tags)) if spot.view else ("kind", ())
-        yield choice_fault(spot.tree, (*spot.path, key), kinds)
-    elif kind == "missing" and not isinstance(spot.path[-1], int):
-        yield spot.fault(f"{spot.name} is missing", spot.about)
-    elif raised is not None:
-        yield spot.fault(f"{spot.name} is {show(spot.value)}: {raised}", spot.about)
+        for conflict in raised.conflicts:
+            inner = (*path, *(int(part) if part.isdecimal() else part for part in conflict.key.split(".")))
+            yield InputFault(tree.at(inner).value, inner, conflict.message, conflict.hint)
+    elif spot.kind == "extra_forbidden":
+        yield _explain_unknown_key(spot)
+    elif spot.kind in {"union_tag_invalid", "union_tag_not_found"} and (section := spot.find(path)):
+        yield choice_fault(tree, (*path, section.tag_key), tuple(section.tags))
+    elif spot.kind == "missing" and not isinstance(path[-1], int):
+        yield InputFault(tree.at(path).key, path, f"{show_key(path[-1])} is missing", spot.describe(path))
     else:
-        yield _explain_wrong_value(detail, spot)
+        yield _explain_wrong_value(spot)
 
 
-def _explain_wrong_value(detail: Mapping[str, Any], spot: _Spot) -> InputFault:
-    kind, context = detail["type"], detail.get("ctx", {})
-    if kind == "json_invalid":  # half of a surrogate pair, from an escape or a terminal
-        return spot.fault(
-            "a text holds bytes that are not characters", "write the character itself, in UTF-8"
-        )
-    if kind == "missing":
-        spot, kind = replace(spot, path=spot.path[:-1], view=spot.holder_view), "too_short"
-    limits = {key: show_number(value) for key, value in context.items() if isinstance(value, int | float)}
-    expected = _EXPECTED[kind].format(**context | limits) if kind in _EXPECTED else detail["msg"]
-    choices = re.findall(r"'([^']*)'", context.get("expected", ""))
-    hint = choice_hint(spot.value, choices) if choices and isinstance(spot.value, str) else spot.about
-    return spot.fault(f"{spot.name} is {show(spot.value)}, expected {expected}", hint)
+def _explain_wrong_value(spot: _Spot) -> InputFault:
+    path, tree, message = spot.path, spot.tree, str(spot.context.get("error") or spot.detail["msg"])
+    if spot.kind == "json_invalid":  # half of a surrogate pair, from an escape or a terminal
+        hint = "write the character itself, in UTF-8"
+        return InputFault(tree.at(path).value, path, "a text holds bytes that are not characters", hint)
+    if spot.kind == "missing":
+        path, message = path[:-1], f"{_MUST}a list of more entries"
+    keys = [place for place, part in enumerate(path) if isinstance(part, str)]
+    name = ".".join(show_key(part) for part in path[keys[-1] :]) if keys else "the file"
+    value = tree.value(path)
+    must = f", must be {message.removeprefix(_MUST)}" if message.startswith(_MUST) else f": {message}"
+    choices = re.findall(r"'([^']*)'", spot.context.get("expected", ""))
+    hint = choice_hint(value, choices) if choices and isinstance(value, str) else spot.describe(path)
+    return InputFault(tree.at(path).value, path, f"{name} is {show(value)}{must}", hint)
 
 
-def _explain_conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFault]:
-    for conflict in raised.conflicts:
-        path = spot.path
-        for part in conflict.key.split("."):
-            path = (*path, int(part) if isinstance(spot.tree.value(path), list) else part)
-        yield InputFault(spot.tree.at(path).value, path, conflict.message, conflict.hint)
-
-
-def _guess_key(spot: _Spot) -> str | None:
-    """Return the key that an unknown key probably means, if possible one that the file lacks."""
-    keys = spot.holder_view.keys if spot.holder_view else ()
-    free = [key for key in keys if not spot.tree.holds((*spot.path[:-1], key))]
-    return find_closest(str(spot.path[-1]), free) or find_closest(str(spot.path[-1]), keys)
-
-
-def _explain_unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
+def _explain_unknown_key(spot: _Spot) -> InputFault:
     key = str(spot.path[-1])
-    elsewhere = next(_find_paths(key, top), None)
-    if meant := _guess_key(spot):
+    elsewhere = next(_find_paths(key, spot.view), None)
+    if meant := spot.guess_key():
         hint = f"did you mean {meant}?"
     elif elsewhere:
         hint = f"{key} belongs to {elsewhere}; check the indentation"
     else:
-        hint = "known here: " + ", ".join(spot.holder_view.keys if spot.holder_view else ())
+        hint = "known here: " + ", ".join(spot.keys)
     return InputFault(spot.tree.at(spot.path).key, spot.path, f"unknown key {show_key(key)}", hint)
 
 
 def _find_paths(key: str, view: SchemaView, path: tuple[str, ...] = ()) -> Iterator[str]:
-    if len(path) > 4:  # sections are not nested deeper; this bounds a recursive schema
-        return
-    for kind in [view.kind(tag) for tag in view.tags] or [view]:
-        for name in kind.keys:
-            if name == key:
-                yield ".".join((*path, name))
-            if child := kind.child(name):
-                yield from _find_paths(key, child, (*path, name))
+    for name in (
+        view.keys if len(path) < 4 else ()
+    ):  # sections are not nested deeper; this bounds a recursive schema
+        if name == key:
+            yield ".".join((*path, name))
+        if child := view.child(name):
+            yield from _find_paths(key, child, (*path, name))
 
 
 def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFault:
@@ -185,7 +144,7 @@ def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFa
     key, listed = path[-1], ", ".join(map(show_key, choices))
     if not tree.holds(path):
         hint = f"add a line such as `{key}: {choices[0]}`"
-        return InputFault(tree.at(path[:-1]).key, path, f"{key} is missing, expected one of {listed}", hint)
+        return InputFault(tree.at(path[:-1]).key, path, f"{key} is missing, must be one of {listed}", hint)
     chosen = tree.value(path)
-    hint = choice_hint(chosen if isinstance(chosen, str) else str(chosen), choices)
-    return InputFault(tree.at(path).value, path, f"{key} is {show(chosen)}, expected one of {listed}", hint)
+    hint = choice_hint(str(chosen), choices)
+    return InputFault(tree.at(path).value, path, f"{key} is {show(chosen)}, must be one of {listed}", hint)

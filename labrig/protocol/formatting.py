@@ -4,10 +4,10 @@ import difflib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from math import isfinite
 from typing import TypeAlias
 
 Scalar: TypeAlias = str | int | float | bool | None
+KeyPath: TypeAlias = tuple[str | int, ...]
 Plain: TypeAlias = Scalar | list["Plain"] | dict[str, "Plain"]
 
 MAX_SHOWN = 60
@@ -22,30 +22,9 @@ def children(value: Plain) -> Mapping[str | int, Plain]:
 
 
 def show(value: Plain) -> str:
-    """Return a value in a few words: a scalar as YAML, shortened, with control characters escaped."""
-    if isinstance(value, str):
-        shown = value if value.isprintable() and '"' not in value else json.dumps(value)[1:-1]
-        return (
-            f'"{shown}"' if len(shown) <= MAX_SHOWN else f'"{shown[:MAX_SHOWN]}…" ({len(value)} characters)'
-        )
-    if isinstance(value, list):
-        return f"a list of {len(value)}" if _size(value) > 6 else f"[{', '.join(map(show, value))}]"
-    if isinstance(value, float):
-        return show_number(value) + ".0" * value.is_integer()
-    if isinstance(value, dict):
-        return "a section (keys and values)"
-    return "empty (null)" if value is None else str(value).lower()  # a boolean or a whole number
-
-
-def _size(value: Plain) -> int:
-    return 1 + sum(map(_size, children(value).values()))
-
-
-def show_number(value: float) -> str:
-    """Return a number as text: a whole number in full, any other with six digits."""
-    if not isfinite(value):
-        return f"{value}".replace("inf", ".inf").replace("nan", ".nan")
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else f"{value:.6g}"
+    """Return a value as JSON, shortened, with control characters escaped."""
+    text = json.dumps(value, ensure_ascii=not str(value).isprintable())
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}… ({len(text)} characters)"
 
 
 def show_key(key: str | int) -> str:

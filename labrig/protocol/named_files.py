@@ -13,11 +13,11 @@ from typing import Any, TypeAlias, get_args
 from labrig.errors import InputError
 from labrig.input_file import read_file
 from labrig.protocol.design_file import NeedleDesign, load_design
-from labrig.protocol.formatting import Plain, show
+from labrig.protocol.formatting import KeyPath, Plain, show
 from labrig.protocol.model import Model
 from labrig.protocol.sections import NeedleDesignSection, TrackedSpecimen
 from labrig.protocol.specimen_file import list_specimen_folders, load_specimen
-from labrig.protocol.tree import InputFault, KeyPath, Tree, file_format_error, locate_problems
+from labrig.protocol.tree import InputFault, Tree, file_format_error, locate_problems
 from labrig.protocol.yaml_tree import MAX_BYTES
 
 TellDesign: TypeAlias = Callable[[NeedleDesign, str, str], Mapping[str, Any]]

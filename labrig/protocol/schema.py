@@ -3,7 +3,7 @@
 import ast
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core.core_schema import ModelSchema
 
-from labrig.protocol.formatting import Plain
+from labrig.protocol.formatting import KeyPath, Plain
 
 JsonSchema: TypeAlias = dict[str, Plain]
 
@@ -123,9 +123,22 @@ class SchemaView:
         """For a section of several kinds: the key that names the kind."""
         return str(_as_section(self.node.get("discriminator")).get("propertyName", ""))
 
-    def kind(self, tag: str) -> "SchemaView":
-        """Return the schema of one of `tags`."""
-        return self.follow({"$ref": self.tags[tag]})
+    def find(
+        self, path: KeyPath, value_at: Callable[[KeyPath], Plain], named: Sequence[str] = ()
+    ) -> "SchemaView | None":
+        """Return the schema of the entry at a path; None without one.
+
+        The kind of a section on the way is the one that its values name, or one of those that are `named` otherwise.
+        """
+        view: SchemaView | None = self
+        for end in range(len(path) + 1):
+            if view is not None and view.tags:
+                told = (str(value_at((*path[:end], view.tag_key))), *named)
+                kind = next((view.tags[tag] for tag in told if tag in view.tags), None)
+                view = view if kind is None else view.follow({"$ref": kind})
+            if view is not None and end < len(path):
+                view = view.child(path[end])
+        return view
 
     def child(self, key: str | int) -> "SchemaView | None":
         """Return the schema of an entry, or None if the schema describes none."""

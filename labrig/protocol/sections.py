@@ -1,6 +1,6 @@
 """The keys of every protocol, and the sections that several experiments share."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -159,33 +159,39 @@ class NeedleDesignSection(Model):
     """Model by which the inclination was computed."""
 
 
-_NUMBERS_OR_FILE: dict[str, Any] = {
-    "properties": {
-        "design_file": {
-            "description": "Design file that gives diameter_mm and design_radius_mm with its tolerance, relative to "
-            "this file; written by a run of protocols/design.yaml.",
-            "type": "string",
-            "minLength": 1,
-            "maxLength": 1000,
+def _allow_file(
+    key: str, description: str, instead_of: Sequence[str], filled: str
+) -> Callable[[dict[str, Any]], None]:
+    """Return what lets editors accept a file, named under a key, instead of other keys of a section.
+
+    The reader fills in those, and `filled`, before validation.
+    """
+
+    def allow(schema: dict[str, Any]) -> None:
+        named = {"description": description, "type": "string", "minLength": 1, "maxLength": 1000}
+        schema["properties"] |= {key: named}
+        schema["required"] = [name for name in schema["required"] if name not in instead_of]
+        schema |= {
+            "if": {"required": [key]},
+            "then": {"properties": {filled: False}},
+            "else": {"required": list(instead_of)},
         }
-    },
-    "required": ["needle_id"],
-    "if": {"required": ["design_file"]},
-    "then": {"properties": {"design": False}},
-    "else": {"required": ["diameter_mm", "design_radius_mm"]},
-}
 
-
-def _allow_design_file(schema: dict[str, Any]) -> None:
-    """Let editors accept a design file instead of the numbers; the reader fills them in before validation."""
-    schema["properties"] |= _NUMBERS_OR_FILE["properties"]
-    schema |= {key: value for key, value in _NUMBERS_OR_FILE.items() if key != "properties"}
+    return allow
 
 
 class Needle(Model):
     """The needle of the run: its numbers, or `design_file` instead of them."""
 
-    model_config = ConfigDict(json_schema_extra=_allow_design_file)
+    model_config = ConfigDict(
+        json_schema_extra=_allow_file(
+            "design_file",
+            "Design file that gives diameter_mm and design_radius_mm with its tolerance, relative to this file; "
+            "written by a run of protocols/design.yaml.",
+            ("diameter_mm", "design_radius_mm"),
+            "design",
+        )
+    )
 
     needle_id: Name
     """Name of the needle; results are grouped by needle and gel."""
@@ -210,33 +216,18 @@ class Specimen(Model):
     """Mass of gelatin powder per mass of water [percent]; 10 for 10 %."""
 
 
-_BLOCK_OR_FILE: dict[str, Any] = {
-    "properties": {
-        "specimen_file": {
-            "description": "Name of the specimen, whose file in data/specimens gives name, gelatin_percent, age and "
-            "what else is known.",
-            "type": "string",
-            "minLength": 1,
-            "maxLength": 64,
-        }
-    },
-    "if": {"required": ["specimen_file"]},
-    "then": {"properties": {"block": False}},
-    "else": {"required": ["name", "gelatin_percent"]},
-}
-
-
-def _allow_specimen_file(schema: dict[str, Any]) -> None:
-    """Let editors accept a specimen file instead of name and gelatin; the reader fills them in before validation."""
-    schema["properties"] |= _BLOCK_OR_FILE["properties"]
-    schema["required"] = [key for key in schema["required"] if key not in {"name", "gelatin_percent"}]
-    schema |= {key: value for key, value in _BLOCK_OR_FILE.items() if key != "properties"}
-
-
 class TrackedSpecimen(Specimen):
     """One block of gel; one with a specimen file keeps its tracks from run to run."""
 
-    model_config = ConfigDict(json_schema_extra=_allow_specimen_file)
+    model_config = ConfigDict(
+        json_schema_extra=_allow_file(
+            "specimen_file",
+            "Name of the specimen, whose file in data/specimens gives name, gelatin_percent, age and what else is "
+            "known.",
+            ("name", "gelatin_percent"),
+            "block",
+        )
+    )
 
     block: SpecimenSection | None = None
     """What the specimen file says; labrig writes it into records."""

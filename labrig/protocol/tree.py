@@ -2,12 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from labrig.errors import FileFormatError, InputError, Problem
-from labrig.protocol.formatting import Plain, children, show, show_key
-
-KeyPath: TypeAlias = tuple[str | int, ...]
+from labrig.protocol.formatting import KeyPath, Plain, children, show, show_key
 
 MAX_FAULTS = 50  # nobody reads more
 

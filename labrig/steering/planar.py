@@ -37,7 +37,6 @@ class Field:
     disc_radii_mm: FloatArray
     obstacles: NDArray[np.intp]
     max_length_mm: float
-    max_heading_rad: float
 
     @classmethod
     def from_surroundings(cls, around: Surroundings) -> "Field":
@@ -46,7 +45,7 @@ class Field:
         left = around.keep_off_mm**2 - centres[:, 0] ** 2
         cut = np.flatnonzero(left > 0)
         discs, radii_mm = centres[cut, 2] + 1j * centres[cut, 1], np.sqrt(left[cut])
-        return cls(problem.radius_mm, discs, radii_mm, cut, problem.max_length_mm, problem.max_heading_rad)
+        return cls(problem.radius_mm, discs, radii_mm, cut, problem.max_length_mm)
 
     def with_smaller_discs(self, by_mm: float) -> "Field":
         """Return the same plane with discs smaller by this length; those that vanish stay as points."""
@@ -131,7 +130,7 @@ def free_angles(tips: Tips, field: Field) -> FloatArray:
     acos((r^2 + d^2 - R^2) / (2 r d)).
     """
     radius_mm = field.radius_mm
-    to_cap = field.max_heading_rad - tips.signs * tips.headings_rad
+    to_cap = np.pi / 2 - tips.signs * tips.headings_rad
     left = (field.max_length_mm / radius_mm) - tips.angles_rad.sum(axis=1)
     free = np.minimum(to_cap, left)
     outwards = -1j * tips.signs * np.exp(1j * tips.headings_rad)
@@ -210,10 +209,11 @@ def close_paths(tips: Tips, field: Field, target: complex) -> Closures:
     joint = 1j * sign * e
     second = first[parent] + 2 * r * e
     end = -1j * sign * (target - second) / r
-    least = np.cos(field.max_heading_rad) - 1e-12
     turn_1 = joint * start[parent].conj()
     turn_2 = end * joint.conj()
-    fits = (joint.real >= least) & (end.real >= least) & (turn_1.imag * sign >= 0) & (turn_2.imag * sign <= 0)
+    fits = (
+        (joint.real >= -1e-12) & (end.real >= -1e-12) & (turn_1.imag * sign >= 0) & (turn_2.imag * sign <= 0)
+    )
     fits = np.flatnonzero(fits)
     sign = sign[fits]
     angles = np.stack((sign * np.angle(turn_1[fits]), -sign * np.angle(turn_2[fits])), axis=1)

@@ -1,7 +1,6 @@
 """The planning problem, checked when it is made, and its view from the needle's tip."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,12 +9,14 @@ import numpy as np
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.parameters import PlanWeights
+from labrig.steering.tip import require_pose
 
 Point = tuple[float, float, float]
 
 HIGHEST_MAX_ARCS = 12
-# Of the lengths of a rotation's rows, squared, and of their products.
-_LENGTH_TOLERANCE, _PRODUCT_TOLERANCE = 1.1e-5, 1e-6
+_MARGIN_SIGMAS, _MARGIN_REACH_MM = 2.0, 10.0
+"""The required clearance grows by so many standard deviations of the tip's position this far ahead, and of the place of
+an obstacle."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class PlanProblem:
-    """Where the needle is, where it has to go, and the obstacles between.
+    """Where the needle is, where it has to go, and the obstacles between; a path turns by 90 degrees at most.
 
     Parameters
     ----------
@@ -49,8 +50,6 @@ class PlanProblem:
         Required distance from the needle's surface to an obstacle's.
     max_arcs : int
     max_length_mm : float
-    max_heading_rad : float
-        Largest angle between the path and its start, at most 90 degrees: the path never turns back.
     axis, max_off_axis_rad : (x, y, z) or None, float
         Largest angle between a direction and the path at the ends of its arcs; None: no limit. It keeps a path that
         is replanned many times near the direction of its first plan.
@@ -60,9 +59,6 @@ class PlanProblem:
         Of the start's position [mm] and rotation vector [rad] in the tip's frame, in the first six places.
     obstacle_sds_mm : tuple of float
         Standard deviation of each obstacle's place along each axis; empty: they are where they are said to be.
-    margin_sigmas, margin_reach_mm : float
-        The required clearance grows by margin_sigmas standard deviations of the tip's position this far ahead, and of
-        the obstacle's place.
     weights : PlanWeights
 
     Raises
@@ -82,14 +78,11 @@ class PlanProblem:
     clearance_mm: float = 0.6
     max_arcs: int = 6
     max_length_mm: float = 150.0
-    max_heading_rad: float = math.pi / 2
     axis: Point | None = None
     max_off_axis_rad: float = math.pi / 2
     planar: bool = False
     covariance: FloatArray | None = None
     obstacle_sds_mm: tuple[float, ...] = ()
-    margin_sigmas: float = 2.0
-    margin_reach_mm: float = 10.0
     weights: PlanWeights = field(default_factory=PlanWeights)
 
     def __post_init__(self) -> None:
@@ -98,15 +91,12 @@ class PlanProblem:
         _require(all(map(math.isfinite, (*self.target_mm, *sizes))), "target or a size", "not a number")
         _require(min(sizes) >= 0 and self.radius_mm > 0 and self.tolerance_mm > 0, "a size", "not positive")
         _require(1 <= self.max_arcs <= HIGHEST_MAX_ARCS, "max_arcs", f"not 1 to {HIGHEST_MAX_ARCS}")
-        _require(self.max_heading_rad <= math.pi / 2 + 1e-12, "max_heading_rad", "above pi / 2")
         _require(self.diameter_mm < 2 * self.radius_mm, "diameter_mm", "not below twice the radius")
         if self.radius_range_mm is not None:
             low_mm, high_mm = self.radius_range_mm
             about = self.diameter_mm / 2 < low_mm <= self.radius_mm <= high_mm
             _require(about, "radius_range_mm", f"not about radius_mm, {self.radius_mm:g}")
-        rows = np.asarray(self.start).tolist()
-        is_pose = len(rows) == 4 and all(len(row) == 4 for row in rows)
-        _require(is_pose and _is_rotation(*(row[:3] for row in rows[:3])), "start", "no pose")
+        require_pose("start", self.start)
         for number, obstacle in enumerate(self.obstacles, start=1):
             _require(obstacle.radius_mm > 0, f"obstacle {number} radius_mm", "not positive")
             self._check_obstacle(number, obstacle)
@@ -130,7 +120,7 @@ class PlanProblem:
             return 0.0
         position = float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])
         turning = float(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1])
-        return self.margin_sigmas * math.sqrt(max(position + turning * self.margin_reach_mm**2, 0.0))
+        return _MARGIN_SIGMAS * math.sqrt(max(position + turning * _MARGIN_REACH_MM**2, 0.0))
 
     @property
     def margins_mm(self) -> FloatArray:
@@ -138,7 +128,7 @@ class PlanProblem:
         margins_mm = np.full(len(self.obstacles), self.margin_mm)
         if not self.obstacle_sds_mm:
             return margins_mm
-        return np.asarray(np.hypot(margins_mm, self.margin_sigmas * np.array(self.obstacle_sds_mm)))
+        return np.asarray(np.hypot(margins_mm, _MARGIN_SIGMAS * np.array(self.obstacle_sds_mm)))
 
 
 @dataclass(frozen=True)
@@ -175,18 +165,6 @@ class Surroundings:
     def _to_start_frame(self, points: FloatArray) -> FloatArray:
         start = np.asarray(self.problem.start, dtype=float)
         return np.asarray((points - start[:3, 3]) @ start[:3, :3])
-
-
-def _is_rotation(x: Sequence[float], y: Sequence[float], z: Sequence[float]) -> bool:
-    """Return whether these rows are those of a rotation matrix: of length 1, at right angles, and right-handed."""
-    lengths = (abs(_multiply(row, row) - 1.0) <= _LENGTH_TOLERANCE for row in (x, y, z))
-    products = (abs(_multiply(*rows)) <= _PRODUCT_TOLERANCE for rows in ((x, y), (y, z), (z, x)))
-    across = y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]
-    return all(lengths) and all(products) and _multiply(x, across) > 0.0
-
-
-def _multiply(first: Sequence[float], second: Sequence[float]) -> float:
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
 
 
 def _require(holds: bool, name: str, fault: str) -> None:

@@ -65,9 +65,9 @@ def cost_path(psi: FloatArray, around: Surroundings) -> float:
 def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) -> NDArray[np.intp]:
     problem = around.problem
     errors = np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)
-    # With a limit of 90 degrees or less, an arc whose ends point forwards points forwards everywhere.
+    # An arc whose ends point forwards points forwards everywhere.
     headings = frames.rotations[:, :, 2, 2].min(axis=-1)
-    good = (errors <= problem.tolerance_mm) & (headings >= np.cos(problem.max_heading_rad) - ROUNDING)
+    good = (errors <= problem.tolerance_mm) & (headings >= -ROUNDING)
     if problem.axis is not None:
         axis = np.asarray(problem.axis) @ np.asarray(problem.start)[:3, :3]
         off = frames.rotations[:, 1:, :, 2] @ axis

@@ -19,7 +19,7 @@ POSITION, ORIENTATION, CURVATURE, SLIP = slice(0, 3), slice(3, 6), 6, 7
 _GATE_PROBABILITY, _DOUBTFUL_PROBABILITY = 0.9999, 0.95
 # In the plane the tip moves along its y and z axes and turns about its x axis.
 _PLANAR_ERRORS, _SPATIAL_ERRORS = (1, 2, 3), (0, 1, 2, 3, 4, 5)
-_ROTATION_TOLERANCE = 1e-6
+_ROTATION_TOLERANCE = 1.1e-5  # of rows that are written with five digits
 _HALF_TURN_TOLERANCE = 1e-6
 
 

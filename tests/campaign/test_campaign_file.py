@@ -70,7 +70,7 @@ def test_the_largest_grid_is_taken(tmp_path: Path) -> None:
         (
             {"sample": {"method": "sobol", "n": 8, "keys": {"planner.max_arcs": [2, 8]}}},
             "planner.max_arcs",
-            "expected a whole number",
+            "must be a valid integer",
         ),
         ({"set": {"repetitions": 3}}, "arm base: repetitions", "makes 3 insertions"),
     ],

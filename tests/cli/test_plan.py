@@ -90,9 +90,9 @@ BAD = {
     "an unknown method": {"method": "magic"},
     "an unknown key": {"clearence_mm": 1},
     "a point of two numbers": {"target": {"position_mm": [0, 100]}},
-    "half a tolerance": {"needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_low_mm": 28}},
+    "half a tolerance": {"needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_range_mm": [28]}},
     "a radius outside of its tolerance": {
-        "needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_low_mm": 31, "radius_high_mm": 33}
+        "needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_range_mm": [31, 33]}
     },
     "numbers beside a design file": {"needle": {"radius_mm": 30, "design_file": "needle.json"}},
     "a design file that is not there": {"needle": {"design_file": "needle.json"}},

@@ -63,7 +63,7 @@ def test_an_unknown_driver_is_named_with_those_that_are_installed(tmp_path: Path
     (problem,) = refusal.value.problems
     assert problem.where.startswith(f"{path}:")
     assert problem.where.endswith("axes.rotation.driver")
-    assert problem.message.startswith('driver is "epos3", expected one of ')
+    assert problem.message.startswith('driver is "epos3", must be one of ')
     assert problem.hint == "did you mean epos2?"
     assert refusal.value.exit_code == 2
 

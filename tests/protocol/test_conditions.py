@@ -26,7 +26,7 @@ def test_a_condition_means_what_it_says(low: float, high: float, value: float) -
         ("{value: radius_mm}", "judged by no limit"),
         ("{value: radius_mm, above: .nan}", "finite number"),
         ("{value: radius_mm, below: 30, above: 26}", "below is 30, must be at most above, 26"),
-        ("{value: radius_mm, above: 3, do: wait}", "expected 'ask' or 'stop'"),
+        ("{value: radius_mm, above: 3, do: wait}", "must be 'ask' or 'stop'"),
         ("{value: raduis_mm, above: 3}", "did you mean radius_mm? values of this experiment"),
         ("{value: max_current_ma, above: 300}", "limits of axes stand in the rig file"),
     ],

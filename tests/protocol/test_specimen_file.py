@@ -42,7 +42,7 @@ def test_a_gel_has_what_its_specimen_file_says(tmp_path: Path) -> None:
     [
         ("{specimen_file: A1, gelatin_percent: 13}", "gelatin_percent is 13, and specimen_file A1 says 10"),
         ("{specimen_file: A1, name: A2}", 'name is "A2", and specimen_file A1 says "A1"'),
-        ("{specimen_file: A1, block: null}", "block is empty (null), and specimen_file A1 says a section"),
+        ("{specimen_file: A1, block: null}", "block is null, and specimen_file A1 says {"),
         ("specimen_file: A11", "did you mean A1?"),
         ("specimen_file: ../A1", "a specimen's name is also that of its file"),
         ("specimen_file: 7", "specimen_file is 7, expected the name of a specimen"),
@@ -65,7 +65,7 @@ def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(
         ("mixed_on: 2026-11-21T09:30+01:00\n", "cast_on is 2026-11-20T09:30+01:00, before mixed_on"),
         ("usable_until: 2026-11-19T09:30+01:00\n", "before cast_on"),
         ("mixed_on: 2026-11-20\n", "expected date, time and distance from UTC"),
-        ("mixed_on: 20261120\n", "mixed_on is 20261120, expected text"),
+        ("mixed_on: 20261120\n", "mixed_on is 20261120, must be a valid string"),
         ("refractive_index_sd: 0.01\n", "refractive_index is missing"),
         ("cured: 24\n", "unknown key cured"),
         ("experiment: steerability\n", "this is a protocol, expected a specimen file"),

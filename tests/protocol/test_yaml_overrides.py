@@ -90,7 +90,7 @@ def test_a_wrong_override_is_told_like_a_wrong_file(override: str, where: str, m
 
 def test_a_seed_out_of_range_is_told_at_its_option():
     """--seed is checked like the seed of the file."""
-    with pytest.raises(FileFormatError, match="--seed seed: seed is -1, expected a number, at least 0"):
+    with pytest.raises(FileFormatError, match="--seed seed: seed is -1, must be greater than or equal to 0"):
         load_protocol(STEERABILITY, PROTOCOL_MODELS, seed=-1)
 
 

@@ -63,4 +63,4 @@ def test_an_uncertain_obstacle_is_kept_off_further() -> None:
     assert displaced.target_mm == (0.0, 1.0, 92.0)
     assert [ball.position_mm for ball in displaced.obstacles] == [(0.0, 12.0, 40.0), (0.0, -11.5, 40.0)]
     grown = Surroundings(displaced).keep_off_mm - Surroundings(problem).keep_off_mm
-    assert grown == pytest.approx([0.0, problem.margin_sigmas * 0.2])
+    assert grown == pytest.approx([0.0, 2.0 * 0.2])

@@ -30,7 +30,6 @@ from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.session import Progress, Session
-from labrig.runner.supervised_record import begin_session
 from labrig.runner.whole_run import FinishedRun, RigJob, finish, record_on_rig
 from labrig.runner.withdrawal import read_needle_path
 from labrig.text import format_count
@@ -90,7 +89,7 @@ def resume_run(
     def begin(rig: Rig, progress: Progress) -> Session:
         require_valid_calibration(plan, rig)
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
-        return begin_session(rig, reopen, progress)
+        return Session(rig, rig.do_aside(reopen), progress)
 
     job = RigJob(recorded, description, plan.work, command_line)
     ended = record_on_rig(job, attendant, begin, partial(conduct_remainder, experiment, recorded, past))

@@ -19,7 +19,7 @@ from labrig.record.writer import Recorder, RunFiles, create_under_free_name
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import conduct_withdrawal
 from labrig.runner.needle_report import add_closing_failure, report_needle
-from labrig.runner.supervised_record import begin_session
+from labrig.runner.session import Session
 from labrig.runner.whole_run import FinishedRun
 from labrig.runner.withdrawal import read_needle_path
 
@@ -64,7 +64,7 @@ def withdraw_needle(
             attendant.progress("withdrawal", 1.0) as progress,
         ):
             begin = partial(_begin_record, opened, left, opened.describe(), command_line)
-            session = begin_session(opened, begin, progress)
+            session = Session(opened, opened.do_aside(begin), progress)
             outcome = conduct_withdrawal(session, left.path.name, path, replace(path[-1], **standing))
             recorded = session.recorder.path
             ended = FinishedRun(recorded, outcome, report_needle(opened, recorded))

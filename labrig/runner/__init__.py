@@ -23,7 +23,7 @@ Conditions of the protocol are judged on values that a procedure hands to `Sessi
 They act at the next safe point, in the place of a person's request.
 
 The record is written by a worker, and long computations are made by one (`Session.compute`), while the thread of the
-procedure supervises the rig (`supervised_record`).
+procedure supervises the rig.
 
 `replay_run` runs the same procedures with the answers of a record, and compares what they ask and say: a procedure
 therefore decides from nothing but the protocol, the rig file, the calibration and what its session returns. It calls

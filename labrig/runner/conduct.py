@@ -98,13 +98,18 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     except MachineError as error:
         outcome = _add_failed_stop(outcome, error)
     after = session.rig.snapshot()
-    try:
-        session.recorder.can_frames(session.rig.take_can_frames())
-    except DiskError as error:
-        outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
-    return _close(
-        session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome, devices_after=after
-    )
+    frames = session.rig.take_can_frames()
+    clock, recorder, ended_s = session.rig.clock, session.recorder, session.rig.clock.now_s()
+
+    def close() -> Outcome:
+        ended = outcome
+        try:
+            recorder.can_frames(frames)
+        except DiskError as error:
+            ended = Outcome("failed", outcome.reason or error.message, outcome.error or error)
+        return _close(recorder, clock, ended_s, ended, devices_after=after)
+
+    return session.rig.do_aside(close)
 
 
 def _add_failed_stop(outcome: Outcome, error: MachineError) -> Outcome:

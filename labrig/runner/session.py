@@ -146,12 +146,21 @@ class Session:
 
     def record(self, event: Event) -> None:
         """Append an event, stamped with the rig time. The end of a trial is a safe point."""
-        self.recorder.can_frames(self.rig.take_can_frames())
-        self.recorder.record_event(event, self.rig.clock.now_s())
+        self._write(partial(self.recorder.record_event, event, self.rig.clock.now_s()))
         ends_trial = isinstance(event, TrialStop) and event.trial == self.dialogue.trial
         self.dialogue.note_event(event)
         if ends_trial:
             self.reach_safe_point(TRIAL_END)
+
+    def _write(self, write: Callable[[], _T]) -> _T:
+        """Write into the record, the CAN frames so far first; the axes are supervised while the disk is waited for."""
+        frames = self.rig.take_can_frames()
+
+        def write_all() -> _T:
+            self.recorder.can_frames(frames)
+            return write()
+
+        return self.rig.do_aside(write_all)
 
     def judge(self, trial: int, values: Mapping[str, float | None], reason: str = "") -> None:
         """Record values of a trial that conditions of the protocol are on, and each condition that they meet.
@@ -266,7 +275,7 @@ class Session:
     def record_truth(self, trial: int) -> None:
         """Record what is true of the present insertion in a simulated world; nothing on a bench."""
         for line in self.rig.truth():
-            self.recorder.truth(trial=trial, **line)
+            self._write(partial(self.recorder.truth, trial=trial, **line))
 
     @property
     def past(self) -> Past:
@@ -474,10 +483,11 @@ class Session:
         trial = self.dialogue.trial if trial is None else trial
         taken = self.rig.take_picture()
         self.dialogue.calls += 1
-        self.recorder.can_frames(self.rig.take_can_frames())
         times = {"t_bound_s": taken.t_bound_s, "fraction": taken.fraction}
         known = {name: value for name, value in times.items() if value is not None} | asdict(taken.positions)
-        number = self.recorder.frame(taken.image, taken.t_s, trial=trial, role=role, **known)
+        number = self._write(
+            partial(self.recorder.frame, taken.image, taken.t_s, trial=trial, role=role, **known)
+        )
         return TakenPicture(number, taken)
 
     def compute(self, call: Callable[[], _T]) -> _T:
@@ -499,7 +509,8 @@ class Session:
     ) -> Path:
         """Record a picture with a drawing on it, and return its file."""
         image = self.compute(partial(taken.photograph.paint, paint))
-        number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
+        now_s = self.rig.clock.now_s()
+        number = self._write(partial(self.recorder.frame, image, now_s, trial=trial, role=role, drawn=True))
         return self.picture_path(number)
 
     def picture_path(self, frame: int) -> Path:
@@ -604,8 +615,8 @@ class Session:
     def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis now, record it, and return it. Raises as `record_next_states`."""
         states = self.rig.read_states()
-        self.recorder.can_frames(self.rig.take_can_frames())
-        self.recorder.state(self.rig.clock.now_s(), **write_state_line(self.description, states))
+        line = write_state_line(self.description, states)
+        self._write(partial(self.recorder.state, self.rig.clock.now_s(), **line))
         return states
 
     def read_positions(self) -> AxisPositions:

@@ -40,7 +40,6 @@ from labrig.runner.needle_report import NeedleReport, add_closing_failure, repor
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.run_record import RunOrder, open_record
 from labrig.runner.session import Progress, Session
-from labrig.runner.supervised_record import begin_session
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
     def begin(rig: Rig, progress: Progress) -> Session:
         require_valid_calibration(plan, rig)
         opening = partial(open_record, order, plan.trials, rig.clock, rig.describe())
-        return begin_session(rig, opening, progress)
+        return Session(rig, rig.do_aside(opening), progress)
 
     job = RigJob(protocol, order.rig, plan.work, order.command_line)
     return record_on_rig(job, attendant, begin, partial(conduct, experiment, protocol))

@@ -11,7 +11,7 @@ from labrig.record.json_lines import LineFile
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder, RunFiles
 from labrig.runner.conduct import Outcome, conduct
-from labrig.runner.supervised_record import begin_session
+from labrig.runner.session import Session
 from tests.devices.beats import listening, require_no_fault
 from tests.devices.blocking import Blockade, threaded_rig
 from tests.devices.rigs import simulated_rig
@@ -58,7 +58,7 @@ def record(folder: Path, rig: Rig) -> Recorder:
 def conduct_sweep(rig: Rig, recorder: Recorder, told: Told) -> Outcome:
     """Conduct a sweep of one insertion."""
     protocol = sweep(*SHORT)
-    return conduct(find_experiment(protocol.experiment), protocol, begin_session(rig, lambda: recorder, told))
+    return conduct(find_experiment(protocol.experiment), protocol, Session(rig, recorder, told))
 
 
 def slow_down(recorder: Recorder, blockade: Blockade) -> None:

@@ -90,11 +90,10 @@ def test_a_result_that_cannot_be_written_leaves_no_folder(folder: Path) -> None:
 
 def test_the_comparison_with_the_truth_is_kept_apart(measured: MeasuredRun) -> None:
     """Drawn means count every drawn radius, and the worst error is that of an accepted picture."""
-    truth = measured.content.truth
-    assert truth is not None
-    assert [specimen.drawn_mean_radius_mm for specimen in truth.specimens] == pytest.approx([28.3, 27.2])
-    assert truth.pictures == 3
-    assert truth.worst_error_mm == pytest.approx(0.0, abs=0.05)
+    specimens = measured.content.specimens
+    assert [specimen.true_mean_radius_mm for specimen in specimens] == pytest.approx([28.3, 27.2])
+    errors_mm = [specimen.worst_error_mm for specimen in specimens if specimen.worst_error_mm is not None]
+    assert errors_mm == pytest.approx([0.0] * len(errors_mm), abs=0.05)
 
 
 def test_damage_is_named_and_the_batch_goes_on(folder: Path) -> None:
@@ -378,7 +377,7 @@ def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> N
     """Loose pictures are measured with the scale that was stated, and named by their own files."""
     run = record_import(folder, (28.0, None))
     content = measure(run).content
-    assert (content.specimens, content.mean_radius_mm, content.truth) == ((), None, None)
+    assert (content.specimens, content.mean_radius_mm) == ((), None)
     assert [(measurement.image, measurement.accepted) for measurement in content.measurements] == [
         ("photo0.jpg", True),
         ("photo1.jpg", False),

@@ -13,13 +13,11 @@ from labrig.experiments.hinge_design.summary import (
     list_planes,
     list_warnings,
 )
-from labrig.needle.design_search import GridPoint
 from labrig.needle.hinge import Hinge
 from labrig.record.reader import Run
 from labrig.report.figures import DrawnFigure
 from labrig.report.formatting import Rows
 from labrig.report.page import Page
-from labrig.report.pictures import data_uri
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
@@ -45,16 +43,14 @@ def _list_facts(protocol: DesignProtocol) -> Rows:
 
 
 def _collect_content(content: DesignResult, protocol: DesignProtocol) -> dict[str, Any]:
-    search, cells = content.search, content.cells
+    search = content.search
     return {
         "section": _draw_section(content),
         "tolerances": protocol.tolerances,
-        "figure": data_uri(draw_hinge_figure(cells, search.fit, "svg"), "image/svg+xml"),
+        "figure": draw_hinge_figure(content.cells, search.fit, "rotations"),
         "answers": list(list_answers(content)),
         "planes": list(list_planes(content)),
         "warnings": list(list_warnings(content))[:-1],
-        "clearances_mm": sorted({cell.clearance_mm for cell in cells}),
-        "rows": _group_cells(cells),
         "b_percent": 100 * (search.fit.b / content.equation_3.b - 1),
         "cut_deg": None if search.beta_cut_deg is None else search.beta_cut_deg - content.beta_cut_deg,
     }
@@ -68,10 +64,3 @@ def _draw_section(content: DesignResult) -> DrawnFigure | None:
         if cut_deg is None
         else draw_section(Hinge(content.tube, content.clearance_mm, cut_deg), "section")
     )
-
-
-def _group_cells(cells: tuple[GridPoint, ...]) -> list[tuple[float, list[GridPoint]]]:
-    """Return a row for each inclination, with its cells in order of clearance."""
-    cuts_deg = sorted({cell.beta_cut_deg for cell in cells})
-    by_clearance = sorted(cells, key=lambda cell: cell.clearance_mm)
-    return [(cut, [cell for cell in by_clearance if cell.beta_cut_deg == cut]) for cut in cuts_deg]

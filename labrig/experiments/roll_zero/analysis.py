@@ -1,8 +1,9 @@
 """Fit the roll zero of a needle again to the pictures of the run that certified it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from typing import TypeVar
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins, lateral_offset_mm
@@ -13,14 +14,17 @@ from labrig.errors import InputError, MeasurementRefusedError, PictureError, Rec
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, TorsionHoleResult, TorsionResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole
+from labrig.experiments.shared.roll_zero_order import explain_doubt
 from labrig.experiments.shared.torsion_bends import find_lengths, measure_bend
 from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
-from labrig.steering.torsion_fit import TorsionBend, TorsionFit, fit_torsion
+from labrig.steering.torsion_fit import TorsionBend, fit_torsion
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
+
+_Fit = TypeVar("_Fit")
 
 
 def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Findings:
@@ -50,14 +54,15 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
         and (roll_rad := line.rotation_rad) is not None
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
-    steps = protocol.roll_zero
-    fit, reasons = _fit_roll_zero(rolls_rad, strays_mm, protocol)
+    steps, radius_mm, reasons = protocol.roll_zero, protocol.needle.design_radius_mm, list[str]()
+    fit = _try(lambda: fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, radius_mm), reasons)
+    if fit is not None and (doubt := explain_doubt("the roll zero", fit.sd_rad, steps.max_sd_deg)):
+        reasons.append(doubt)
     if sentinel is not None and not sentinel.accepted:
         reasons.append(sentinel.reason or "the grid pictures differ")
-    torsion, torsion_reasons = _analyze_torsion(run, protocol, plane, request)
-    reasons += torsion_reasons
     result = RollZeroResult(
         **request.stamp.list_members({"rolls": steps.rolls, "length_mm": steps.length_mm}),
+        torsion=_analyze_torsion(run, protocol, plane, request, reasons),
         accepted=not reasons,
         reasons=tuple(reasons),
         needle_id=protocol.needle.needle_id,
@@ -67,59 +72,45 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
         offset_mm=None if fit is None else _find_offset_mm(fit, rolls_rad, strays_mm),
         origins=origins,
         sentinel=sentinel,
-        torsion=torsion,
     )
     return Findings(result)
 
 
-def _fit_roll_zero(
-    rolls_rad: Sequence[float], strays_mm: Sequence[float], protocol: RollZeroProtocol
-) -> tuple[RollZeroFit | None, list[str]]:
-    """Return the fit and why it is refused."""
-    steps = protocol.roll_zero
+def _try(fit: Callable[[], _Fit], reasons: list[str]) -> _Fit | None:
+    """Return a fit; None if it is refused, which is added to the reasons."""
     try:
-        fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.needle.design_radius_mm)
-    except MeasurementRefusedError as error:
-        return None, [error.message]
-    sd_deg = math.degrees(fit.sd_rad)
-    uncertain = f"uncertain by {sd_deg:.1f} degrees, {steps.max_sd_deg:g} at most"
-    return fit, [uncertain] if sd_deg > steps.max_sd_deg else []
+        return fit()
+    except (InputError, MeasurementRefusedError) as error:
+        reasons.append(error.message)
+        return None
 
 
 def _analyze_torsion(
-    run: Run, protocol: RollZeroProtocol, plane: PlaneMap, request: AnalysisRequest
-) -> tuple[TorsionResult | None, list[str]]:
-    """Return the torsion of the recorded holes and why it is refused; None and nothing if it was not measured."""
+    run: Run, protocol: RollZeroProtocol, plane: PlaneMap, request: AnalysisRequest, reasons: list[str]
+) -> TorsionResult | None:
+    """Return the torsion of the recorded holes, None if it is not asked for; add to the reasons why it is refused."""
     steps = protocol.roll_zero.torsion
     if steps is None:
-        return None, []
-    made = run.read_events(TorsionHole)
-    holes, bends = list[TorsionHoleResult](), list[TorsionBend]()
-    for hole in made:
-        bend, reason = _measure_hole(run, hole, protocol, plane, request)
-        holes.append(
-            TorsionHoleResult(
-                hole=hole.hole,
-                depth_mm=hole.depth_mm,
-                direction=hole.direction,
-                bent_mm=None if bend is None else bend.bent_mm,
-                turned_mm=None if bend is None else bend.turned_mm,
-                reason=reason,
-            )
+        return None
+    measured = [
+        (hole, *_measure_hole(run, hole, protocol, plane, request)) for hole in run.read_events(TorsionHole)
+    ]
+    bends = [bend for _, bend, _ in measured if bend is not None]
+    fit = _try(lambda: fit_torsion(bends, find_lengths(steps), protocol.needle.design_radius_mm), reasons)
+    if fit is not None and (doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg)):
+        reasons.append(doubt)
+    holes = (
+        TorsionHoleResult(
+            hole=hole.hole,
+            depth_mm=hole.depth_mm,
+            direction=hole.direction,
+            bent_mm=None if bend is None else bend.bent_mm,
+            turned_mm=None if bend is None else bend.turned_mm,
+            reason=reason,
         )
-        bends += [] if bend is None else [bend]
-    reasons: list[str] = []
-    fit: TorsionFit | None = None
-    try:
-        fit = fit_torsion(bends, find_lengths(steps), protocol.needle.design_radius_mm)
-    except (InputError, MeasurementRefusedError) as error:
-        reasons.append(error.message)
-    if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
-        sd_deg = math.degrees(fit.sd_rad)
-        reasons.append(
-            f"the torsional lag is uncertain by {sd_deg:.1f} degrees, {steps.max_sd_deg:g} at most"
-        )
-    return TorsionResult(holes=tuple(holes), fit=fit), reasons
+        for hole, bend, reason in measured
+    )
+    return TorsionResult(holes=tuple(holes), fit=fit)
 
 
 def _measure_hole(

@@ -1,9 +1,10 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from types import MappingProxyType
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import ReadFrame, find_origins
@@ -20,7 +21,6 @@ from labrig.experiments.shared.curvature_result import CurvatureResult, PictureR
 from labrig.experiments.shared.grouping import average_means, find_final_pictures, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
 from labrig.experiments.shared.picture_results import complete_picture
-from labrig.experiments.shared.truth import compare_with_truth
 from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
 from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
 from labrig.record.reader import Pictures, Run
@@ -77,7 +77,7 @@ class CurvatureOrder:
 
 
 def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Findings:
-    """Measure the pictures, group them, and compare them with the truth if it is recorded.
+    """Measure the pictures, and group them, with the truth beside them if it is recorded.
 
     The intervals of the groups and of single pictures include the uncertainty of the bevel's roll.
 
@@ -99,17 +99,17 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     measured, (origins, sentinel) = measure_pictures(
         places, plane, settings, mask, workers=request.workers, progress=request.progress, meanwhile=others
     )
-    by_trial = {origin.trial: origin for origin in origins}
+    by_trial, drawn_mm = {origin.trial: origin for origin in origins}, _read_drawn_radii(run)
     results = tuple(
         complete_picture(
-            describe_picture(picture.line, picture.trial, measurement),
+            describe_picture(picture.line, picture.trial, measurement, drawn_mm),
             None if picture.trial is None else by_trial.get(picture.trial.trial),
             sentinel,
         )
         for picture, measurement in zip(pictures, measured, strict=True)
     )
     finals = find_final_pictures(results)
-    specimens = summarise_specimens(trials, finals, roll_sd_deg)
+    specimens = summarise_specimens(trials, finals, roll_sd_deg, drawn_mm)
     content = CurvatureResult(
         **request.stamp.list_members({**_describe_settings(settings), "roll_sd_deg": roll_sd_deg}),
         specimens=specimens,
@@ -118,7 +118,6 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
         origins=origins,
         sentinel=sentinel,
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
-        truth=compare_with_truth(trials, finals, specimens, _read_drawn_radii(run)),
     )
     return Findings(content, partial(save_centre_lines, _collect_centre_lines(results, measured)))
 
@@ -159,8 +158,13 @@ def _read_drawn_radii(run: Run) -> dict[int, float]:
     return {trial: line.radius_mm for trial, line in drawn.items() if line.radius_mm is not None}
 
 
-def describe_picture(line: FrameLine, trial: SpecimenTrialStart | None, measured: Measured) -> PictureResult:
-    """Return the result of a measured picture of a trial, if it belongs to one."""
+def describe_picture(
+    line: FrameLine,
+    trial: SpecimenTrialStart | None,
+    measured: Measured,
+    drawn_mm: Mapping[int, float] = MappingProxyType({}),
+) -> PictureResult:
+    """Return the result of a measured picture of a trial, if it belongs to one; `drawn_mm` has the true radii."""
     place = {
         "frame": line.frame,
         "image": line.source or line.file,
@@ -168,6 +172,7 @@ def describe_picture(line: FrameLine, trial: SpecimenTrialStart | None, measured
         **dict.fromkeys(_OF_THE_TRIAL),
         **({} if trial is None else trial.model_dump(include=_OF_THE_TRIAL)),
         "insertion_mm": line.insertion_mm,
+        "true_radius_mm": None if trial is None else drawn_mm.get(trial.trial),
     }
     if isinstance(measured, Unreadable):
         return PictureResult(**place, found=False, accepted=False, reason=measured.reason)

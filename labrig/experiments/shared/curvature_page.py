@@ -15,7 +15,6 @@ from labrig.experiments.shared.curvature_result import (
     CurvatureResult,
     PictureResult,
     SpecimenResult,
-    SpecimenTruth,
 )
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import (
@@ -36,13 +35,12 @@ TEMPLATE = Path(__file__).with_name("curvature.html.jinja")
 
 @dataclass(frozen=True)
 class GelRow:
-    """A line of the table: one needle in one gel, beside the paper's figures and the drawn truth."""
+    """A line of the table: one needle in one gel, beside the paper's figures."""
 
     measured: SpecimenResult
     label: str
     mark: Mark
     paper: PaperGel | None
-    truth: SpecimenTruth | None
 
 
 def make_curvature_page(
@@ -91,7 +89,13 @@ def make_curvature_page(
                 (None, [sheet for sheet in sheets if sheet[0].trial is None]),
             ],
             **_sort_refusals(content.measurements),
-            "simulated": content.truth is not None,
+            "simulated": any(row.measured.true_mean_radius_mm is not None for row in rows),
+            "known": [
+                low <= result.true_radius_mm <= high
+                for result in shown
+                if result.accepted and result.radius_ci95_mm is not None and result.true_radius_mm is not None
+                for low, high in (result.radius_ci95_mm,)
+            ],
             "roll_sd_deg": content.settings.get("roll_sd_deg"),
             "steerability": design is not None,
         },
@@ -99,21 +103,10 @@ def make_curvature_page(
 
 
 def list_gel_rows(content: CurvatureResult) -> list[GelRow]:
-    """Return the rows of the table: each gel with the paper's values for its gelatin, and with its truth."""
-    truths = (
-        {}
-        if content.truth is None
-        else {(specimen.needle_id, specimen.name): specimen for specimen in content.truth.specimens}
-    )
+    """Return the rows of the table: each gel with the paper's values for its gelatin."""
     labels = _make_labels(content.specimens)
     return [
-        GelRow(
-            specimen,
-            label,
-            mark(index),
-            _find_paper_gel(specimen.gelatin_percent),
-            truths.get((specimen.needle_id, specimen.name)),
-        )
+        GelRow(specimen, label, mark(index), _find_paper_gel(specimen.gelatin_percent))
         for index, (specimen, label) in enumerate(zip(content.specimens, labels, strict=True))
     ]
 
@@ -164,7 +157,7 @@ def _make_series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLi
         sd_mm=row.measured.sd_radius_mm,
         ci95_mm=row.measured.ci95_mm,
         paper_mm=None if row.paper is None else (row.paper.mean_radius_mm, row.paper.sd_radius_mm),
-        drawn_mean_mm=None if row.truth is None else row.truth.drawn_mean_radius_mm,
+        drawn_mean_mm=row.measured.true_mean_radius_mm,
     )
 
 

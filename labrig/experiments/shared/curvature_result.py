@@ -27,7 +27,8 @@ class PictureResult(Model):
 
     `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
     needle's tip in their frame, (lateral, along). All other points are in the plane's frame. `radius_budget_mm` and
-    `tip_budget_mm` say what the standard deviations of radius and tip consist of.
+    `tip_budget_mm` say what the standard deviations of radius and tip consist of. `true_radius_mm` is the radius that a
+    simulated world drew for its trial.
     """
 
     frame: int
@@ -60,10 +61,15 @@ class PictureResult(Model):
     tip_from_origin_mm: Point | None = None
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
+    true_radius_mm: float | None = None
 
 
 class SpecimenResult(Model):
-    """One needle in one gel: `n` radii of final pictures, their mean, sample SD and its 95 % interval."""
+    """One needle in one gel: `n` radii of final pictures, their mean, sample SD and its 95 % interval.
+
+    In a simulated world `true_mean_radius_mm` is the mean of all radii drawn for it, those of refused pictures too, so
+    that refusing difficult pictures cannot flatter the mean; `worst_error_mm` is the largest error of a single one.
+    """
 
     name: str
     needle_id: str
@@ -76,33 +82,15 @@ class SpecimenResult(Model):
     refused: int
     refused_reasons: tuple[str, ...]
     without_final_picture: int
+    true_mean_radius_mm: float | None = None
+    worst_error_mm: float | None = None
 
-
-class SpecimenTruth(Model):
-    """The radii drawn for one needle in one gel, and the errors of the measurement."""
-
-    name: str
-    needle_id: str
-    n_drawn: int
-    drawn_mean_radius_mm: float
-    drawn_sd_radius_mm: float | None
-    error_of_mean_mm: float | None
-    worst_error_mm: float | None
-
-
-class TruthComparison(Model):
-    """Measured and drawn radii compared, on simulated rigs.
-
-    `intervals_holding_truth` counts the accepted pictures whose 95 % interval holds the radius drawn for
-    them.
-    """
-
-    specimens: tuple[SpecimenTruth, ...]
-    mean_radius_mm: float
-    worst_error_of_mean_mm: float | None
-    pictures: int
-    worst_error_mm: float | None
-    intervals_holding_truth: int
+    @property
+    def error_of_mean_mm(self) -> float | None:
+        """The mean less that of the drawn radii; None if either is not known."""
+        if self.mean_radius_mm is None or self.true_mean_radius_mm is None:
+            return None
+        return self.mean_radius_mm - self.true_mean_radius_mm
 
 
 class _Settings(ResultPart):
@@ -124,7 +112,6 @@ class CurvatureResult(Result):
     specimens: tuple[SpecimenResult, ...]
     mean_radius_mm: float | None
     measurements: tuple[PictureResult, ...]
-    truth: TruthComparison | None
     origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
     not_in_interval: tuple[str, ...] = ()

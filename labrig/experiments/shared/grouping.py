@@ -2,20 +2,13 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from labrig.analysis.statistics import add_roll_uncertainty, compute_spread
 from labrig.experiments.shared.curvature_result import PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole, SpecimenTrialStart
-
-
-def group_trials(trials: Sequence[SpecimenTrialStart]) -> dict[tuple[str, str], list[SpecimenTrialStart]]:
-    """Return the trials of each needle in each specimen, in order of first appearance."""
-    groups: dict[tuple[str, str], list[SpecimenTrialStart]] = {}
-    for trial in trials:
-        groups.setdefault(trial.pair, []).append(trial)
-    return groups
 
 
 def find_final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult]:
@@ -28,20 +21,39 @@ def find_final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureR
 
 
 def summarise_specimens(
-    trials: Sequence[SpecimenTrialStart], finals: Mapping[int, PictureResult], roll_sd_deg: float = 0.0
+    trials: Sequence[SpecimenTrialStart],
+    finals: Mapping[int, PictureResult],
+    roll_sd_deg: float = 0.0,
+    drawn_mm: Mapping[int, float] = MappingProxyType({}),
 ) -> tuple[SpecimenResult, ...]:
-    """Return the mean, spread and interval of each group, from the accepted radii of final pictures."""
-    return tuple(_summarise(group, finals, roll_sd_deg) for group in group_trials(trials).values())
+    """Return the mean, spread and interval of each needle in each specimen, in order of first appearance.
+
+    They are of the accepted radii of final pictures; `drawn_mm` holds the radius that a simulated world drew for each
+    trial.
+    """
+    groups: dict[tuple[str, str], list[SpecimenTrialStart]] = {}
+    for trial in trials:
+        groups.setdefault(trial.pair, []).append(trial)
+    return tuple(_summarise(group, finals, roll_sd_deg, drawn_mm) for group in groups.values())
 
 
 def _summarise(
-    group: Sequence[SpecimenTrialStart], finals: Mapping[int, PictureResult], roll_sd_deg: float
+    group: Sequence[SpecimenTrialStart],
+    finals: Mapping[int, PictureResult],
+    roll_sd_deg: float,
+    drawn_mm: Mapping[int, float],
 ) -> SpecimenResult:
     pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
     accepted = [picture for picture in pictures if picture.accepted and picture.radius_mm is not None]
     radii = [picture.radius_mm for picture in accepted if picture.radius_mm is not None]
     reasons = Counter(picture.reason or "no reason given" for picture in pictures if not picture.accepted)
     summary = compute_spread(radii)
+    drawn = [drawn_mm[trial.trial] for trial in group if trial.trial in drawn_mm]
+    errors = [
+        picture.radius_mm - picture.true_radius_mm
+        for picture in accepted
+        if picture.radius_mm is not None and picture.true_radius_mm is not None
+    ]
     return SpecimenResult(
         name=group[0].specimen,
         needle_id=group[0].needle_id,
@@ -54,6 +66,8 @@ def _summarise(
         refused=len(pictures) - summary.n,
         refused_reasons=tuple(f"{count} x {reason}" for reason, count in reasons.items()),
         without_final_picture=len(group) - len(pictures),
+        true_mean_radius_mm=float(np.mean(drawn)) if drawn else None,
+        worst_error_mm=max(errors, key=abs, default=None),
     )
 
 

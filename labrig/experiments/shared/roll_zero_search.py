@@ -17,14 +17,13 @@ from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
-from labrig.experiments.shared.roll_zero_order import RollZeroOrder
+from labrig.experiments.shared.roll_zero_order import RollZeroOrder, explain_doubt
 from labrig.experiments.shared.torsion_measurement import measure_torsion
-from labrig.protocol.sections import RollZeroSteps
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight
 from labrig.runner.withdrawal import find_speeds, withdraw
-from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.steering.roll_zero import fit_roll_zero
 
 
 def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> RollZero:
@@ -56,7 +55,8 @@ def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> Roll
             **asdict(fit),
         )
     )
-    require_sure_zero(fit, steps)
+    if doubt := explain_doubt("the roll zero", fit.sd_rad, steps.max_sd_deg):
+        raise MeasurementRefusedError(doubt, "insert at more rolls or further, and look at the pictures")
     torsion = (
         None if steps.torsion is None else measure_torsion(order, steps.torsion, fit.zero_rad, sight, session)
     )
@@ -65,16 +65,6 @@ def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> Roll
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.run_name, torsion)
     session.certify_roll_zero(certified)
     return certified
-
-
-def require_sure_zero(fit: RollZeroFit, steps: RollZeroSteps) -> None:
-    """Refuse a roll zero that is too uncertain. Raises `MeasurementRefusedError`."""
-    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
-        raise MeasurementRefusedError(
-            f"the roll zero is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and {steps.max_sd_deg:g} is the "
-            "most that is certified",
-            "insert at more rolls or further, and look at the pictures",
-        )
 
 
 def _measure_stray_mm(

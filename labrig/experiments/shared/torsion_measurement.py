@@ -14,7 +14,7 @@ from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
-from labrig.experiments.shared.roll_zero_order import RollZeroOrder
+from labrig.experiments.shared.roll_zero_order import RollZeroOrder, explain_doubt
 from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, measure_bend
 from labrig.protocol.sections import TorsionSteps
 from labrig.runner.session import Session
@@ -45,11 +45,9 @@ def measure_torsion(
         bends.append(_measure_hole(probe, order.steps.rolls + number, depth_mm, direction, sight))
     fit = fit_torsion(bends, find_lengths(steps), order.radius_mm)
     session.record(TorsionFound(needle_id=order.needle.needle_id, **vars(fit)))
-    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
+    if doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg):
         raise MeasurementRefusedError(
-            f"the torsional lag is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and "
-            f"{steps.max_sd_deg:g} is the most that is kept",
-            "measure at more depths or go on further, and look at the pictures",
+            doubt, "measure at more depths or go on further, and look at the pictures"
         )
     return fit.lag
 

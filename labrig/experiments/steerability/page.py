@@ -86,10 +86,11 @@ def _write_verdict(protocol: SteerabilityProtocol, content: CurvatureResult) -> 
             f"and the needle was designed for {protocol.needle.design_radius_mm:g} mm."
         )
     ]
-    truth = content.truth
-    if truth is not None and truth.worst_error_of_mean_mm is not None and truth.worst_error_mm is not None:
+    errors = [group.error_of_mean_mm for group in content.specimens if group.error_of_mean_mm is not None]
+    singles = [group.worst_error_mm for group in content.specimens if group.worst_error_mm is not None]
+    if errors and singles:
         sentences.append(
-            f"The rig is simulated: no gel's mean is further than {abs(truth.worst_error_of_mean_mm):.3f} mm "
-            f"from what was drawn, and no insertion further than {abs(truth.worst_error_mm):.3f} mm."
+            f"The rig is simulated: no gel's mean is further than {max(map(abs, errors)):.3f} mm "
+            f"from what was drawn, and no insertion further than {max(map(abs, singles)):.3f} mm."
         )
     return sentences

@@ -133,7 +133,6 @@ class SteerabilityProtocol(JudgedProtocol):
         yield from self.find_condition_faults()
         yield from self._find_repeated_names()
         yield from self._find_holes_beyond_block()
-        yield from self._find_late_holes()
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.hole_spacing_mm <= self.needle.diameter_mm:
             yield limit_conflict(
@@ -152,40 +151,21 @@ class SteerabilityProtocol(JudgedProtocol):
                 yield Conflict(f"specimens.{index}.name", message, "give each block a name of its own")
 
     def _find_holes_beyond_block(self) -> Iterator[Conflict]:
-        gaps = self.insertions_per_specimen - 1
-        room_mm = self.last_place_mm
-        if gaps * self.hole_spacing_mm <= room_mm:
-            return
-        if gaps == 0 or room_mm <= 0:
-            yield self._explain_narrow_block()
-            return
-        message = (
-            f"hole_spacing_mm is {self.hole_spacing_mm:g}, must be at most {room_mm / gaps:.4g}: "
-            f"{self.insertions_per_specimen} holes and an arc that strays {self.lateral_reach_mm:.3g} mm "
-            f"sideways have to fit into specimen_width_mm, {self.specimen_width_mm:g}"
-        )
-        most = int(room_mm / self.hole_spacing_mm) + 1
-        yield Conflict("hole_spacing_mm", message, f"or insertions_per_specimen: {most}, or a wider block")
-
-    def _find_late_holes(self) -> Iterator[Conflict]:
-        """Yield a first hole that leaves too little of its block for the others, which would fit from 0 on."""
-        room_mm = self.last_place_mm
-        most_mm = room_mm - (self.insertions_per_specimen - 1) * self.hole_spacing_mm
+        """Yield gels that are too narrow for their holes and the arc that strays from the last of them."""
+        needed_mm = (self.insertions_per_specimen - 1) * self.hole_spacing_mm
         for key, gel in self.gels.items():
-            if gel.first_hole_mm > most_mm >= 0:
+            last_mm = gel.first_hole_mm + needed_mm
+            if last_mm > self.last_place_mm:
                 message = (
-                    f"first_hole_mm is {gel.first_hole_mm:g}, must be at most {most_mm:.4g}: the holes behind it have "
-                    f"to fit into specimen_width_mm, {self.specimen_width_mm:g}"
+                    f"the last of {self.insertions_per_specimen} holes is at {last_mm:g} mm, must be at most "
+                    f"{self.last_place_mm:.4g}: from there an arc of radius {self.needle.design_radius_mm:g} mm strays "
+                    f"{self.lateral_reach_mm:.3g} mm sideways, and specimen_width_mm is {self.specimen_width_mm:g}"
                 )
-                yield Conflict(f"{key}.first_hole_mm", message, "fewer insertions, or a fresh block")
-
-    def _explain_narrow_block(self) -> Conflict:
-        message = (
-            f"specimen_width_mm is {self.specimen_width_mm:g}, must be above {self.lateral_reach_mm:.3g}: "
-            f"an arc of radius {self.needle.design_radius_mm:g} mm and length {self.insertion.length_mm:g} "
-            "mm strays that far sideways"
-        )
-        return Conflict("specimen_width_mm", message, "take a wider block or a shorter insertion")
+                where = "hole_spacing_mm" if self.last_place_mm > 0 else "specimen_width_mm"
+                if needed_mm <= self.last_place_mm:
+                    where = f"{key}.first_hole_mm"
+                yield Conflict(where, message, "fewer or nearer holes, a shorter insertion, or a wider block")
+                return
 
     def _explain_long_window(self) -> Conflict:
         window, length_mm = self.analysis, self.insertion.length_mm

@@ -4,7 +4,6 @@ Of a run that was measured they are the result's. While a run is made, its pictu
 measures them, but for what only the whole run tells: a sheath that was elsewhere, and the drift of the camera.
 """
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
@@ -28,11 +27,9 @@ from labrig.record.reader import Run
 from labrig.report.palette import mark
 from labrig.report.rerun_view import draw_shaft, set_time
 from labrig.report.view import View
-from labrig.text import interval, number
 from labrig.vision.curvature import CurvatureMeasurement
 
 _OVERVIEWS = (("/radii", "Radius of each hole, mean and 95 % interval of its gel (mm)"),)
-_DOCUMENTS = (("/gels", "Gels"),)
 
 
 @dataclass
@@ -44,14 +41,12 @@ class _Drawing:
     decisions: Decisions = NO_DECISIONS
     finals: dict[int, PictureResult] = field(default_factory=dict)
     drawn: dict[str, SpecimenResult] = field(default_factory=dict)
-    last: str = ""
 
     def draw_final(self, stream: rr.RecordingStream, measured: PictureResult, t_s: float) -> None:
         """Draw a final picture's radius, and what is known of its gel by now."""
         if measured.trial is None or self.decisions.explain_left_out(measured.trial):
             return
         self.finals[measured.trial] = measured
-        self.last = _describe_hole(measured)
         self.draw_gels(stream, t_s)
         if measured.accepted and measured.radius_mm is not None and measured.specimen is not None:
             stream.log(_place(measured.specimen, "hole"), rr.Scalars(measured.radius_mm))
@@ -61,8 +56,6 @@ class _Drawing:
         trials = [trial for trial in self.trials if not self.decisions.explain_left_out(trial.trial)]
         groups = summarise_specimens(trials, self.finals, self.roll_sd_deg)
         set_time(stream, t_s)
-        text = rr.TextDocument(_write_table(groups, self.last), media_type="text/markdown")
-        stream.log("/gels", text)
         for group in groups:
             if group.mean_radius_mm is not None and not _is_alike(group, self.drawn.get(group.name)):
                 self._draw_gel(stream, group, group.mean_radius_mm)
@@ -88,7 +81,7 @@ class _Drawing:
 def make_view(run: Run, result: AnalysisResult[CurvatureResult]) -> View:
     """Return the radii of a result; the record's view draws its shafts."""
     drawing = _Drawing(_load_protocol(run).analysis.roll_sd_deg)
-    return View(send=partial(_send, run, result.content, drawing), overviews=_OVERVIEWS, documents=_DOCUMENTS)
+    return View(send=partial(_send, run, result.content, drawing), overviews=_OVERVIEWS)
 
 
 def follow(run: Run) -> View:
@@ -98,7 +91,6 @@ def follow(run: Run) -> View:
     return View(
         follow=_Measuring(run, protocol, drawing).draw,
         overviews=_OVERVIEWS,
-        documents=_DOCUMENTS,
         needs=_is_final,
     )
 
@@ -178,25 +170,3 @@ def _is_alike(group: SpecimenResult, other: SpecimenResult | None) -> bool:
         other.mean_radius_mm,
         other.ci95_mm,
     )
-
-
-def _describe_hole(measured: PictureResult) -> str:
-    hole = f"hole {(measured.hole or 0) + 1} of {_escape(str(measured.specimen))}"
-    found = f"{number(measured.radius_mm, 2)} mm" if measured.accepted else f"refused: {measured.reason}"
-    return f"{hole}, {found}"
-
-
-def _write_table(groups: Iterable[SpecimenResult], last: str) -> str:
-    """Return the gels as a table in Markdown, under the last hole."""
-    rows = (
-        f"| {_escape(group.name)} | {group.n} | {number(group.mean_radius_mm, 2)} | {number(group.sd_radius_mm, 2)} "
-        f"| {interval(group.ci95_mm)} | {group.refused} |"
-        for group in groups
-    )
-    head = "| gel | n | mean radius mm | SD mm | 95 % interval mm | refused |\n|---|---|---|---|---|---|"
-    return "\n".join((f"**Last: {last or 'none yet'}**", "", head, *rows))
-
-
-def _escape(text: str) -> str:
-    """Return a text in which Markdown finds nothing of its own."""
-    return re.sub(r"([^\w\s])", r"\\\1", text)

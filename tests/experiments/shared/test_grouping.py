@@ -1,4 +1,4 @@
-"""Insertions grouped by needle and gel, and their comparison with the truth."""
+"""Insertions grouped by needle and gel, beside what a simulated world drew."""
 
 import pytest
 
@@ -6,7 +6,6 @@ from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.grouping import average_means, summarise_specimens
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
-from labrig.experiments.shared.truth import compare_with_truth
 
 
 def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> SpecimenTrialStart:
@@ -87,20 +86,17 @@ def test_a_run_without_radii_has_no_mean() -> None:
 
 def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:
     """The mean is compared with that of all drawn radii, including those of refused pictures."""
-    trials = [_trial(0), _trial(1)]
-    finals = {0: _picture(trials[0], 28.0), 1: _picture(trials[1], None, "no shaft")}
-    truth = compare_with_truth(trials, finals, summarise_specimens(trials, finals), {0: 28.05, 1: 27.05})
-    assert truth is not None
-    (gel,) = truth.specimens
-    assert gel.n_drawn == 2
+    trials, drawn_mm = [_trial(0), _trial(1)], {0: 28.05, 1: 27.05}
+    seen = _picture(trials[0], 28.0).model_copy(update={"true_radius_mm": 28.05})
+    (gel,) = summarise_specimens(trials, {0: seen, 1: _picture(trials[1], None, "no shaft")}, 0.0, drawn_mm)
     assert gel.error_of_mean_mm == pytest.approx(28.0 - 27.55)
     assert gel.worst_error_mm == pytest.approx(-0.05)
-    assert (truth.pictures, truth.intervals_holding_truth) == (1, 1)
-
-
-def test_a_real_rig_has_no_truth() -> None:
-    """Without a recorded truth there is no comparison."""
-    assert compare_with_truth([_trial(0)], {}, (), {}) is None
+    (unknown,) = summarise_specimens(trials, {0: _picture(trials[0], 28.0)})
+    assert (unknown.true_mean_radius_mm, unknown.error_of_mean_mm, unknown.worst_error_mm) == (
+        None,
+        None,
+        None,
+    )
 
 
 def test_the_papers_mean_is_that_of_its_four_gels() -> None:

@@ -137,13 +137,12 @@ def _make_app() -> typer.Typer:
         name="labrig",
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
         epilog="Start with: labrig init lab; cd lab; labrig run steerability",
-        no_args_is_help=True,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,  # plain help: it starts in half the time, and cuts no name on a narrow terminal
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    groups = {name: typer.Typer(no_args_is_help=name != "runs") for name in GROUPS}
+    groups = {name: typer.Typer() for name in GROUPS}
     groups["runs"].callback(invoke_without_command=True)(_make_command(runs.list_))
     for name, group in groups.items():
         app.add_typer(group, name=name, help=GROUPS[name])
@@ -179,14 +178,13 @@ def run_command(arguments: Sequence[str], app: typer.Typer = app) -> int:
         failure = MachineError("this computer has too little memory for that", "give it less at once")
     except Exception as error:  # noqa: BLE001 - the one place where a bug ends, with a code of its own
         failure = BugError(*keep_traceback(error))
-    if failure.message:  # empty if no command was given: its help has been printed
-        print_failure(failure)
+    print_failure(failure)
     return failure.exit_code
 
 
 def _invoke(app: typer.Typer, arguments: Sequence[str]) -> int:
     try:
-        status = app(args=complete_live(arguments), prog_name="labrig", standalone_mode=False)
+        status = app(args=complete_live(arguments) or ["--help"], prog_name="labrig", standalone_mode=False)
     except typer.Exit as leaving:
         return leaving.exit_code
     except SystemExit:

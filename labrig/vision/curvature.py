@@ -16,8 +16,8 @@ coverage`).
 Without the part of the light it did so in 88, 82 and 79 % (900 pictures).
 """
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,17 +99,15 @@ class CurvatureSettings:
     roll_sd_rad: float | None = None
 
     def __post_init__(self) -> None:
-        if self.roll_sd_rad is not None and not 0.0 <= self.roll_sd_rad <= _LARGEST_ROLL_SD_RAD:
-            raise InputError(
-                f"roll_sd_rad is {self.roll_sd_rad}, must be between 0 and {_LARGEST_ROLL_SD_RAD:.2f}",
-                "about 0.035 for a bevel that was set by eye",
-            )
+        tiny = np.finfo(float).tiny
         for name, value in vars(self).items():
-            if name == "roll_sd_rad":
-                continue
-            least = 0.0 if name.startswith("window") else np.finfo(float).tiny
-            if value is not None and not least <= value < np.inf:
-                raise InputError(f"{name} is {value}, not a positive length", "give a length in mm")
+            least = 0.0 if name.startswith(("window", "roll")) else tiny
+            most = _LARGEST_ROLL_SD_RAD if name == "roll_sd_rad" else np.finfo(float).max
+            if value is not None and not least <= value <= most:
+                limit = "positive and finite" if name != "roll_sd_rad" else f"between 0 and {most:.2f}"
+                raise InputError(
+                    f"{name} is {value}, must be {limit}", "lengths are in mm, a roll's sigma in rad"
+                )
         if self.sheath_diameter_mm is not None and self.sheath_diameter_mm <= self.needle_diameter_mm:
             raise InputError(
                 f"sheath_diameter_mm is {self.sheath_diameter_mm}, not above the needle's "
@@ -159,8 +157,8 @@ class CurvatureMeasurement:
     found: bool
     accepted: bool
     reason: str | None
-    centre_line_mm: FloatArray
-    centre_line_px: FloatArray
+    centre_line_mm: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    centre_line_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     window: tuple[int, int] = (0, 0)
     radius_mm: float | None = None
     radius_ci95_mm: tuple[float, float] | None = None
@@ -221,27 +219,17 @@ def measure_curvature(
             image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm, mask=mask
         )
     except MeasurementRefusedError as refusal:
-        return CurvatureMeasurement(
-            found=False,
-            accepted=False,
-            reason=_end_with_period(refusal.message),
-            centre_line_mm=np.empty((0, 2)),
-            centre_line_px=np.empty((0, 2)),
-        )
-    return _measure_shaft(shaft, plane, settings)
-
-
-def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> CurvatureMeasurement:
-    """Measure a located shaft: fit a circle over the declared window, and judge it."""
+        return CurvatureMeasurement(found=False, accepted=False, reason=_make_sentence(refusal))
     entry, tip = (_pair(point) for point in plane.to_mm(np.vstack((shaft.entry_px, shaft.tip_px))))
-    window = _find_window(shaft, settings)
+    ends_mm = (settings.window_start_mm, shaft.length_mm - settings.window_end_mm)
+    first, end = np.searchsorted(shaft.arc_mm, ends_mm)
     located = CurvatureMeasurement(
         found=True,
         accepted=False,
-        reason=_refuse_short_window(shaft, window, settings),
+        reason=None,
         centre_line_mm=shaft.centre_mm,
         centre_line_px=shaft.centre_px,
-        window=window,
+        window=(int(first), int(max(first, end))),
         tip_mm=tip,
         tip_px=_pair(shaft.tip_px),
         tip_budget_mm=budget_tip(shaft, plane, settings.roll_sd_rad),
@@ -250,18 +238,63 @@ def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -
         entry_mm=entry,
         arc_length_mm=shaft.length_mm,
     )
-    if located.reason is not None:
-        return located
-    return _fit_circle(located, shaft, plane, settings)
+    try:
+        return _fit_circle(located, shaft, plane, settings)
+    except MeasurementRefusedError as refusal:
+        return replace(located, reason=_make_sentence(refusal))
 
 
-@dataclass(frozen=True, eq=False)
-class _BlockedFit:
-    """A fitted circle, and what blocks of arc length say about its radius.
+def _fit_circle(
+    located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
+) -> CurvatureMeasurement:
+    """Add the circle through the window to a measurement. Raises MeasurementRefusedError if there is none."""
+    rows = slice(*located.window)
+    points, arc_mm = shaft.centre_mm[rows], shaft.arc_mm[rows]
+    length_mm = float(arc_mm[-1] - arc_mm[0]) if len(arc_mm) else 0.0
+    least_mm = max(settings.min_window_mm, _LEAST_BLOCKS * _BLOCK_MM)
+    if length_mm < least_mm:
+        raise MeasurementRefusedError(
+            f"of {shaft.length_mm:.1f} mm of needle {length_mm:.1f} mm lie in the window for the radius, which leaves "
+            f"out {settings.window_start_mm:g} mm at the entry and {settings.window_end_mm:g} mm at the tip, and "
+            f"{least_mm:g} mm is the least"
+        )
+    circle = fit_circle(points)
+    influences, gain = _measure_blocks(circle, points, arc_mm)
+    systematic = _find_systematic(circle, shaft, rows, plane, gain=gain, roll_sd_rad=settings.roll_sd_rad)
+    budget, ci95 = _estimate_uncertainty(circle.radius, influences, gain, systematic)
+    reason = _judge_circle(circle, points, budget.total, settings)
+    ahead, aside = points[len(points) // 4] - points[0], np.asarray(circle.centre) - points[0]
+    return replace(
+        located,
+        accepted=reason is None,
+        reason=reason,
+        radius_mm=circle.radius,
+        radius_ci95_mm=ci95,
+        sigma_radius_mm=budget.total,
+        sigma_calibration_mm=budget.calibration,
+        radius_budget_mm=budget,
+        centre_mm=circle.centre,
+        residual_rms_mm=circle.residual_rms,
+        bend="+y" if ahead[1] * aside[0] - ahead[0] * aside[1] > 0.0 else "-y",
+    )
 
-    Attributes
-    ----------
-    circle : Circle
+
+def _find_directions(circle: Circle, points: FloatArray) -> FloatArray:
+    """Return the unit vectors (N, 2) from the circle's centre to points."""
+    offsets = points - np.asarray(circle.centre)
+    return np.asarray(offsets / np.hypot(*offsets.T)[:, None])
+
+
+def _weigh_radius(directions: FloatArray) -> FloatArray:
+    """Return by how much the radius grows (N,) for a shift of each point outwards; also for nearly straight arcs."""
+    return np.asarray(np.linalg.pinv(np.column_stack((directions, np.ones(len(directions)))))[2])
+
+
+def _measure_blocks(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tuple[FloatArray, float]:
+    """Return what blocks of arc length say about the radius of a circle through points (N, 2) at arc lengths (N,).
+
+    Returns
+    -------
     influences : ndarray (B,)
         The mean influence of the rows of each block [mm]. A bubble at an edge is an outlier of the fit and has none,
         but the fewer rows are left, the larger is theirs. A block without a single inlier is no bubble, and its mean
@@ -269,142 +302,63 @@ class _BlockedFit:
     gain : float
         By how much the radius changes if each block is shifted by 1 mm, in or out at random (rms).
     """
-
-    circle: Circle
-    influences: FloatArray
-    gain: float
-
-    @classmethod
-    def of(cls, circle: Circle, points: FloatArray, arc_mm: FloatArray) -> Self:
-        """Return the blocks of a circle through points (N, 2) at these arc lengths (N,)."""
-        along = arc_mm - arc_mm[0]
-        block = np.minimum((along / _BLOCK_MM).astype(int), int(along[-1] / _BLOCK_MM) - 1)
-        sizes = np.bincount(block)
-        seen = sizes > 0
-        if seen.sum() < _LEAST_BLOCKS:
-            raise MeasurementRefusedError(
-                f"the edges are seen in {seen.sum()} blocks of {_BLOCK_MM:g} mm, and {_LEAST_BLOCKS} are the least"
-            )
-        offsets = points - np.asarray(circle.centre)
-        directions = offsets / np.hypot(*offsets.T)[:, None]
-        columns = (*directions.T, circle.influences, circle.residuals(points), circle.inliers)
-        y, z, influences, residuals, inliers = (
-            np.bincount(block, column)[seen] / sizes[seen] for column in columns
+    along = arc_mm - arc_mm[0]
+    block = np.minimum((along / _BLOCK_MM).astype(int), int(along[-1] / _BLOCK_MM) - 1)
+    sizes = np.bincount(block)
+    seen = sizes > 0
+    if seen.sum() < _LEAST_BLOCKS:
+        raise MeasurementRefusedError(
+            f"the edges are seen in {seen.sum()} blocks of {_BLOCK_MM:g} mm, and {_LEAST_BLOCKS} are the least"
         )
-        jacobian = np.column_stack((y, z, np.ones(len(y))))
-        gain = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]))
-        return cls(circle, np.where(inliers > 0.0, influences, residuals), gain)
-
-
-def _fit_circle(
-    located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
-) -> CurvatureMeasurement:
-    """Add the circle through the window to a measurement."""
-    rows = slice(*located.window)
-    points = shaft.centre_mm[rows]
-    try:
-        circle = fit_circle(points)
-        fit = _BlockedFit.of(circle, points, shaft.arc_mm[rows])
-        budget, ci95 = _estimate_uncertainty(fit, _find_systematic(fit, shaft, rows, plane, settings))
-    except MeasurementRefusedError as refusal:
-        length_mm = np.ptp(shaft.arc_mm[rows])
-        return replace(
-            located,
-            reason=_end_with_period(
-                f"no circle fits the {length_mm:.1f} mm in the window: {refusal.message}"
-            ),
-        )
-    sigma = budget.total
-    reason = _judge_circle(circle, points, sigma, settings)
-    return replace(
-        located,
-        accepted=reason is None,
-        reason=reason,
-        radius_mm=circle.radius,
-        radius_ci95_mm=ci95,
-        sigma_radius_mm=sigma,
-        sigma_calibration_mm=budget.calibration,
-        radius_budget_mm=budget,
-        centre_mm=circle.centre,
-        residual_rms_mm=circle.residual_rms,
-        bend=_find_bend(points, circle),
+    columns = (
+        *_find_directions(circle, points).T,
+        circle.influences,
+        circle.residuals(points),
+        circle.inliers,
     )
-
-
-def _share_on_circle(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> float:
-    largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
-    return float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
-
-
-def _find_window(shaft: Shaft, settings: CurvatureSettings) -> tuple[int, int]:
-    """Return the first row and the end of the rows between the window's ends."""
-    ends = (settings.window_start_mm, shaft.length_mm - settings.window_end_mm)
-    first, end = np.searchsorted(shaft.arc_mm, ends)
-    return int(first), int(max(first, end))
-
-
-def _refuse_short_window(shaft: Shaft, window: tuple[int, int], settings: CurvatureSettings) -> str | None:
-    arc = shaft.arc_mm[slice(*window)]
-    length_mm = float(arc[-1] - arc[0]) if len(arc) else 0.0
-    least_mm = max(settings.min_window_mm, _LEAST_BLOCKS * _BLOCK_MM)
-    if length_mm >= least_mm:
-        return None
-    return (
-        f"Of {shaft.length_mm:.1f} mm of needle {length_mm:.1f} mm lie in the window for the radius, which leaves "
-        f"out {settings.window_start_mm:g} mm at the entry and {settings.window_end_mm:g} mm at the tip, and "
-        f"{least_mm:g} mm is the least."
+    y, z, influences, residuals, inliers = (
+        np.bincount(block, column)[seen] / sizes[seen] for column in columns
     )
+    gain = float(np.linalg.norm(_weigh_radius(np.column_stack((y, z)))))
+    return np.where(inliers > 0.0, influences, residuals), gain
 
 
 def _find_systematic(
-    fit: _BlockedFit, shaft: Shaft, rows: slice, plane: PlaneMap, settings: CurvatureSettings
+    circle: Circle, shaft: Shaft, rows: slice, plane: PlaneMap, *, gain: float, roll_sd_rad: float | None
 ) -> ErrorBudget:
     """Return the error budget of the radius without the fit."""
-    points, px = shaft.centre_mm[rows], shaft.centre_px[rows]
-    sample = np.linspace(0, len(points) - 1, min(len(points), _SYSTEMATIC_POINTS)).astype(int)
-    here, px = points[sample], px[sample]
-    offsets = here - np.asarray(fit.circle.centre)
-    directions = offsets / np.hypot(*offsets.T)[:, None]
-    # This row of the pseudo-inverse moves the radius; it also holds for nearly straight arcs.
-    weights = np.linalg.pinv(np.column_stack((directions, np.ones(len(sample)))))[2]
+    count = rows.stop - rows.start
+    sample = rows.start + np.linspace(0, count - 1, min(count, _SYSTEMATIC_POINTS)).astype(int)
+    here, px = shaft.centre_mm[sample], shaft.centre_px[sample]
+    directions = _find_directions(circle, here)
+    weights = _weigh_radius(directions)
 
     def change(shifts: FloatArray) -> float:
         return float(weights @ np.sum(directions * shifts, axis=1))
 
     mapped = plane.to_mm(px)
-    shifts_mm = shaft.light_shift_mm[rows]
-    typical_mm = float(np.median(np.hypot(*shifts_mm.T)))
+    # The measured shifts count as far as their median stands out of what noise shows in even light. A share of them
+    # stays unexplained, in each block another one.
+    typical_mm = float(np.median(np.hypot(*shaft.light_shift_mm[rows].T)))
+    seen = typical_mm**2 / (typical_mm**2 + (_NOISE_SHIFT_PX * plane.mm_per_px) ** 2)
+    by_light_mm = seen * change(shaft.light_shift_mm[sample])
+    least_mm = LEAST_LIGHT_SHIFT_PX * plane.mm_per_px
     roll = None
     # Without the camera's place the perspective is not known, which is most of what a roll does.
-    if settings.roll_sd_rad is not None and plane.intrinsics is not None:
+    if roll_sd_rad is not None and plane.intrinsics is not None:
         bending = BendingPlane.of(shaft.entry_px, shaft.arc_mm, shaft.centre_mm, plane)
         roll = combine_turns(
-            *(
-                change(bending.unroll(here, turn) - here)
-                for turn in (settings.roll_sd_rad, -settings.roll_sd_rad)
-            )
+            *(change(bending.unroll(here, turn) - here) for turn in (roll_sd_rad, -roll_sd_rad))
         )
     return ErrorBudget(
         **propagate_map(plane, px, lambda places: change(places - mapped)),
         roll=roll,
-        lighting=_estimate_lighting(change(shifts_mm[sample]), typical_mm, fit.gain, plane.mm_per_px),
+        lighting=float(np.linalg.norm([by_light_mm, _UNEXPLAINED * typical_mm * gain, least_mm])),
     )
 
 
-def _estimate_lighting(by_light_mm: float, typical_mm: float, gain: float, mm_per_px: float) -> float:
-    """Return the standard deviation of a radius by uneven light.
-
-    By `by_light_mm` the measured shifts of the centre line change the radius. It counts as far as their median
-    `typical_mm` stands out of what noise shows in even light. A share of the shifts stays unexplained, in each block
-    another one.
-    """
-    seen = typical_mm**2 / (typical_mm**2 + (_NOISE_SHIFT_PX * mm_per_px) ** 2)
-    unexplained_mm = _UNEXPLAINED * typical_mm * gain
-    return float(np.linalg.norm([seen * by_light_mm, unexplained_mm, LEAST_LIGHT_SHIFT_PX * mm_per_px]))
-
-
 def _estimate_uncertainty(
-    fit: _BlockedFit, systematic: ErrorBudget
+    radius_mm: float, influences: FloatArray, gain: float, systematic: ErrorBudget
 ) -> tuple[ErrorBudget, tuple[float, float] | None]:
     """Return the radius' error budget, and its 95 % interval unless it is unbounded.
 
@@ -412,14 +366,13 @@ def _estimate_uncertainty(
     then gives a shorter interval than the blocks alone, so that of the blocks is the least. The interval is symmetric
     in the curvature, which is nearly normal even if the radius is not.
     """
-    freedom = len(fit.influences) - 3
-    random = float(fit.gain * np.linalg.norm(fit.influences) / np.sqrt(freedom))
+    freedom = len(influences) - 3
+    random = float(gain * np.linalg.norm(influences) / np.sqrt(freedom))
     budget = systematic.model_copy(update={"fit": random})
     sigma = budget.total
     effective = freedom * (sigma / random) ** 4 if random else np.inf
     quantile = 0.5 + 0.5 * _CONFIDENCE
     half_mm = max(stdtrit(effective, quantile) * sigma, stdtrit(freedom, quantile) * random)
-    radius_mm = fit.circle.radius
     reach = float(half_mm) / radius_mm
     ci95 = (radius_mm / (1.0 + reach), radius_mm / (1.0 - reach)) if reach < 1.0 else None
     return budget, ci95
@@ -437,7 +390,7 @@ def _judge_circle(
             f"{relative} is the most: the arc is too gentle, too short or too rough."
         )
     largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
-    on_circle = _share_on_circle(circle, points, settings)
+    on_circle = float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
     if on_circle < _LEAST_ON_CIRCLE:
         return (
             f"{round_down(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, "
@@ -451,15 +404,9 @@ def _judge_circle(
     return None
 
 
-def _find_bend(points: FloatArray, circle: Circle) -> Bend:
-    """Return the side of the needle on which the circle's centre lies."""
-    ahead = points[len(points) // 4] - points[0]
-    aside = np.asarray(circle.centre) - points[0]
-    return "+y" if ahead[1] * aside[0] - ahead[0] * aside[1] > 0.0 else "-y"
-
-
-def _end_with_period(message: str) -> str:
-    return message[:1].upper() + message[1:].rstrip(".") + "."
+def _make_sentence(refusal: MeasurementRefusedError) -> str:
+    message = refusal.message.rstrip(".")
+    return f"{message[:1].upper()}{message[1:]}."
 
 
 def _pair(point: FloatArray) -> tuple[float, float]:

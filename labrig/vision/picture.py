@@ -34,6 +34,9 @@ MAX_PIXELS = 2**26
 """The largest picture that is decoded: 8192 x 8192 pixels."""
 
 _FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
+# Pillow's names of pixels of 8 bits a channel; transparency is dropped.
+_GREY = frozenset({"1", "L", "LA"})
+_COLOURED = frozenset({"P", "PA", "RGB", "RGBA", "CMYK", "YCbCr"})
 # What Pillow raises for a file that it cannot read.
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, struct.error)
 # The size is checked here, before anything is decoded.
@@ -72,20 +75,24 @@ def read_picture(path: Path) -> Picture:
 
 def decode_picture(data: bytes, path: Path | str) -> Picture:
     """Return the picture in the content of a file; `path` names it in messages. Raises as `read_picture`."""
-    _check_header(data, path)
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise PictureError(f"{path} cannot be decoded: {error.err}", _CONVERT) from error
-    if image is None:
-        raise PictureError(f"{path} is not a picture", _CONVERT)
-    if image.dtype != np.uint8:
-        raise PictureError(f"{path} has {image.dtype} pixels, not 8 bits a channel", _CONVERT)
-    if image.ndim == 3 and image.shape[2] == 4:
-        image = image[:, :, :3]
-    if image.ndim == 3 and image.shape[2] != 3:
-        raise PictureError(f"{path} has {image.shape[2]} channels, not 1, 3 or 4", _CONVERT)
-    return np.ascontiguousarray(image, dtype=np.uint8)
+        with _open(data) as picture:
+            _check_header(picture, path)
+            if picture.format == "PNG":
+                # Its checksums are not compared where it is decoded.
+                with _open(data) as again:
+                    again.verify()
+            if picture.mode not in _GREY | _COLOURED:
+                raise PictureError(
+                    f"{path} has pixels of kind {picture.mode}, not 8 bits a channel", _CONVERT
+                )
+            grey = picture.mode in _GREY
+            pixels = np.asarray(picture.convert("L" if grey else "RGB"))
+    except PictureError:
+        raise
+    except _DAMAGE as error:
+        raise PictureError(f"{path} is truncated, damaged, or no picture: {error}", _CONVERT) from error
+    return np.asarray(pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
 def number_order(path: Path) -> list[tuple[int, str]]:
@@ -169,31 +176,17 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
-def _check_header(data: bytes, path: Path | str) -> None:
-    """Refuse a picture that is too large, to be shown turned, or damaged, before memory is taken for its pixels."""
-    try:
-        with _open(data) as header:
-            (width, height), shown = header.size, _SHOWN.get(_read_orientation(header))
-    except _DAMAGE as error:
-        raise PictureError(f"{path} is not a picture: {error}", _CONVERT) from error
+def _check_header(picture: Image.Image, path: Path | str) -> None:
+    """Refuse a picture that is too large, or to be shown turned, before memory is taken for its pixels."""
+    width, height = picture.size
     if width * height > MAX_PIXELS:
         raise PictureError(f"{path} has {width} x {height} pixels, at most {MAX_PIXELS} are read", "crop it")
-    if shown is not None:
+    turned = _SHOWN.get(_read_orientation(picture))
+    if turned is not None:
         raise PictureError(
-            f"{path} is to be shown {shown} (EXIF orientation), so its pixels are not where a viewer shows them",
+            f"{path} is to be shown {turned} (EXIF orientation), so its pixels are not where a viewer shows them",
             "save it upright without that mark (mogrify -auto-orient turns it), every picture of this camera alike",
         )
-    try:
-        with _open(data) as picture:
-            # OpenCV fills what is missing with grey. The checksums of a PNG are compared without decoding it.
-            if picture.format == "PNG":
-                picture.verify()
-            else:
-                picture.load()
-    except _DAMAGE as error:
-        raise PictureError(
-            f"{path} is truncated or damaged: {error}", f"copy it again, or {_CONVERT}"
-        ) from error
 
 
 @contextmanager

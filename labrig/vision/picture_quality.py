@@ -25,7 +25,7 @@ _NOISE_SLOPE, _STEEPER = 0.25, 8.0
 _LEAST_SLOPE, _LEAST_CONTRAST = 2.0, 20.0
 # Edges less steep than this share of a high quantile take no part; fewer edges than that say nothing.
 _STRONG, _STEEPEST, _FEWEST_EDGES = 0.5, 0.99, 50
-FEWEST_FOR_FLICKER = 8
+_FEWEST_FOR_FLICKER = 8
 
 
 @dataclass(frozen=True)
@@ -101,19 +101,18 @@ def measure_flicker(times_s: Sequence[float], means: Sequence[float]) -> float |
     None for fewer than eight pictures.
     """
     t_s, grey = np.asarray(times_s, float), np.asarray(means, float)
-    if len(grey) < FEWEST_FOR_FLICKER or not grey.mean() > 0.0:
+    if len(grey) < _FEWEST_FOR_FLICKER or not grey.mean() > 0.0:
         return None
     drift = np.polynomial.Polynomial.fit(t_s, grey, 1)(t_s) if np.ptp(t_s) > 0.0 else grey.mean()
     return float((grey - drift).std() / grey.mean())
 
 
-MOST_EDGE_WIDTH_PX = 6.0
-"""Of eight drawn insertions at 0.065 mm a pixel, with more and more blur, radii are 0.03 mm off at 5.8 px, the first is
-refused at 6.7 px, five at 7.7 px."""
-
-MOST_SATURATED, MOST_BLACK, MOST_FLICKER = 0.01, 0.01, 0.02
-MEDIAN_GREY = (50.0, 220.0)
-"""Conventional limits: room for noise and uneven light above, grey levels enough to place an edge below."""
+# Of eight drawn insertions at 0.065 mm a pixel, with more and more blur, radii are 0.03 mm off at edges of 5.8 px, the
+# first is refused at 6.7 px, five at 7.7 px.
+_MOST_EDGE_WIDTH_PX = 6.0
+# Conventional limits: room for noise and uneven light above, grey levels enough to place an edge below.
+_MOST_PERCENT, _MOST_FLICKER_PERCENT = 1.0, 2.0
+_LEAST_GREY, _MOST_GREY = 50.0, 220.0
 
 _DARKEN = "shorten the exposure, or dim the light"
 _BRIGHTEN = "lengthen the exposure, or add light"
@@ -128,11 +127,11 @@ class Score:
     Attributes
     ----------
     name : str
-        focus, saturation, black, exposure or flicker.
+        focus, saturation, black, exposure, or flicker.
     value : float or None
-        In `unit`; None if it is not known.
-    unit, limit : str
-        The limit as a person reads it, such as `at most 1 %`.
+        In the unit of the limit; None if it is not known.
+    limit : str
+        As a person reads it, such as `at most 1 %`.
     good : bool or None
         Whether the value is within the limit; None if it is not known.
     text : str
@@ -143,7 +142,6 @@ class Score:
 
     name: str
     value: float | None
-    unit: str
     limit: str
     good: bool | None
     text: str
@@ -152,49 +150,36 @@ class Score:
 
 def judge_quality(quality: PictureQuality, flicker: float | None) -> tuple[Score, ...]:
     """Return the scores of the newest picture, and of the flicker in those before it."""
-    width_px = quality.edge_width_px
-    if width_px is None:
-        focus_text, focus_hint = "no sharp edges in the picture", "show the camera graph paper or the needle"
-    else:
-        focus_text, focus_hint = f"edges are {width_px:.1f} px wide", _SHARPEN
-    flicker_text = (
-        f"known from {FEWEST_FOR_FLICKER} pictures on"
-        if flicker is None
-        else f"brightness varies by {100 * flicker:.1f} %"
+    width_px, median = quality.edge_width_px, quality.median_grey
+    saturated, black = 100.0 * quality.saturated, 100.0 * quality.black
+    changes = None if flicker is None else 100.0 * flicker
+    levels = f"median grey level {median:.0f}, 98 % from {quality.low_grey:.0f} to {quality.high_grey:.0f}"
+    sharp = "no sharp edges in the picture" if width_px is None else f"edges are {width_px:.1f} px wide"
+    find = "show the camera graph paper or the needle" if width_px is None else _SHARPEN
+    steady = (
+        f"known from {_FEWEST_FOR_FLICKER} pictures on"
+        if changes is None
+        else f"brightness varies by {changes:.1f} %"
     )
-    least, most = MEDIAN_GREY
-    median = quality.median_grey
-    exposure_text = (
-        f"median grey level {median:.0f}, 98 % from {quality.low_grey:.0f} to {quality.high_grey:.0f}"
-    )
-    saturated, black = (
-        _tell_share(*share) for share in ((quality.saturated, "saturated"), (quality.black, "black"))
-    )
-    return (
-        _score("focus", width_px, (MOST_EDGE_WIDTH_PX, "px"), focus_text, focus_hint),
-        _score("saturation", quality.saturated, (MOST_SATURATED, "%"), saturated, _DARKEN),
-        _score("black", quality.black, (MOST_BLACK, "%"), black, _BRIGHTEN),
-        Score(
-            "exposure",
-            median,
-            "grey level",
-            f"{least:g} to {most:g}",
-            least <= median <= most,
-            exposure_text,
-            _BRIGHTEN if median < least else _DARKEN if median > most else "",
+    aside = _BRIGHTEN if median < _LEAST_GREY else _DARKEN
+    rows: tuple[tuple[str, float | None, float, float, str, str, str], ...] = (
+        ("focus", width_px, 0.0, _MOST_EDGE_WIDTH_PX, " px", sharp, find),
+        (
+            "saturation",
+            saturated,
+            0.0,
+            _MOST_PERCENT,
+            " %",
+            f"{saturated:.1f} % of the pixels are saturated",
+            _DARKEN,
         ),
-        _score("flicker", flicker, (MOST_FLICKER, "%"), flicker_text, "" if flicker is None else _STEADY),
+        ("black", black, 0.0, _MOST_PERCENT, " %", f"{black:.1f} % of the pixels are black", _BRIGHTEN),
+        ("exposure", median, _LEAST_GREY, _MOST_GREY, "", levels, aside),
+        ("flicker", changes, 0.0, _MOST_FLICKER_PERCENT, " %", steady, "" if changes is None else _STEADY),
     )
-
-
-def _tell_share(share: float, kind: str) -> str:
-    return f"{100 * share:.1f} % of the pixels are {kind}"
-
-
-def _score(name: str, value: float | None, most: tuple[float, str], text: str, hint: str) -> Score:
-    """Return the score of a quantity that has an upper limit; shares are told in percent."""
-    limit, unit = most
-    times = 100.0 if unit == "%" else 1.0
-    good = None if value is None else value <= limit
-    told = None if value is None else times * value
-    return Score(name, told, unit, f"at most {times * limit:g} {unit}", good, text, "" if good else hint)
+    scores = []
+    for name, value, least, most, unit, text, hint in rows:
+        good = None if value is None else least <= value <= most
+        limit = f"{least:g} to {most:g}" if least else f"at most {most:g}"
+        scores.append(Score(name, value, limit + unit, good, text, "" if good else hint))
+    return tuple(scores)

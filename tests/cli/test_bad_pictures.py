@@ -14,10 +14,10 @@ TEMPLATE = RIG.parent / "simulated-tip.png"
 
 # What a file is, and what is said of it wherever it is read.
 UNREADABLE = {
-    "16 bits": "uint16 pixels, not 8 bits",
+    "16 bits": "not 8 bits",
     "turned by EXIF": "is to be shown turned by 90 degrees",
-    "truncated": "is truncated or damaged",
-    "no picture": "is not a picture",
+    "truncated": "is truncated, damaged",
+    "no picture": "no picture",
 }
 # Of pictures that can be read: what a measurement says of them, by the shaft and by the template.
 UNMEASURABLE = {

@@ -14,7 +14,12 @@ from labrig.protocol.yaml_file import validate_values
 from labrig.record.pictures import RecordedPicture
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
-from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
+from labrig.vision.curvature import (
+    CurvatureMeasurement,
+    CurvatureSettings,
+    measure_curvature,
+    refuse_cut_short,
+)
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Mask, Picture, load_mask
@@ -48,6 +53,8 @@ def measure_pictures(
     meanwhile: Sequence[Callable[[], Any]] = (),
 ) -> tuple[list[Measured], list[Any]]:
     """Measure pictures of the needle, in the order given, whatever the number of workers.
+
+    One that loses the needle, which the pictures before and after it show go on, is refused.
 
     Parameters
     ----------
@@ -83,7 +90,9 @@ def measure_pictures(
             pool = held.enter_context(open_process_pool(workers, "measured pictures"))
             answers = map_in_order(pool, _call, jobs)
         others = [next(answers) for _ in meanwhile]
-        return _report(answers, len(pictures), progress), others
+        measured = _report(answers, len(pictures), progress)
+    film = refuse_cut_short([None if isinstance(one, Unreadable) else one for one in measured])
+    return [old if new is None else new for old, new in zip(measured, film, strict=True)], others
 
 
 def _call(job: Callable[[], Any]) -> Any:

@@ -39,16 +39,30 @@ def curvature(
     """Exit with 0 when every picture has a radius, 1 otherwise, 2 when no picture could be read."""
     from labrig.analysis.pictures import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
-    from labrig.vision.curvature import CurvatureSettings, measure_curvature
+    from labrig.vision.curvature import (
+        CurvatureMeasurement,
+        CurvatureSettings,
+        measure_curvature,
+        refuse_cut_short,
+    )
     from labrig.vision.picture import read_picture
 
     mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     settings = CurvatureSettings(needle_diameter_mm=needle_diameter_mm, sheath_diameter_mm=sheath_diameter_mm)
 
+    measured: dict[Path, CurvatureMeasurement] = {}
+
     def measure(path: Path) -> Row:
-        found = measure_curvature(read_picture(path), mapping, settings)
+        found = measured[path] = measure_curvature(read_picture(path), mapping, settings)
         left_out = list_not_in_interval(mapping, [found.radius_budget_mm])
         return {**found.to_json(), "not_in_interval": list(left_out)}
+
+    def compare(rows: Sequence[Row]) -> list[Row]:
+        film = refuse_cut_short([measured.get(path) for path in images])
+        return [
+            row if found is None or found is measured[path] else {**found.to_json(), "not_in_interval": []}
+            for path, row, found in zip(images, rows, film, strict=True)
+        ]
 
     def list_cells(row: Row) -> Iterable[str | None]:
         stated = row if row["accepted"] else {}
@@ -57,7 +71,7 @@ def curvature(
         yield from (number(row["arc_length_mm"], 1), _format_pair(row["tip_mm"]))
 
     heads = ("radius mm", "95 % interval mm", "mostly from", "arc mm", "tip y, z mm")
-    return _measure_each(images, measure, heads, list_cells)
+    return _measure_each(images, measure, heads, list_cells, compare)
 
 
 def tip(
@@ -119,8 +133,11 @@ def _measure_each(
     measure: Callable[[Path], Row],
     heads: Sequence[str],
     list_cells: Callable[[Row], Iterable[str | None]],
+    compare: Callable[[Sequence[Row]], list[Row]] = list,
 ) -> int:
     """Print a row for each picture; the row of a picture that cannot be used has the reason. Return the exit code.
+
+    `compare` judges the rows beside one another.
 
     Raises
     ------
@@ -131,7 +148,7 @@ def _measure_each(
     def refuse(_path: Path, error: PictureError) -> Row:
         return {"found": False, "accepted": False, "reason": error.message, "not_in_interval": []}
 
-    measured = use_each(images, measure, refuse)
+    measured = compare(use_each(images, measure, refuse))
     keys = dict.fromkeys(key for row in measured for key in row)
     rows = [{"image": str(path), **keys, **row} for path, row in zip(images, measured, strict=True)]
     print_json(rows)

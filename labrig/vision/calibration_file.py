@@ -187,22 +187,29 @@ def to_json_text(document: Mapping[str, Any]) -> str:
 
 
 def _load(path: Path, kind: str, documents: TypeAdapter[_Document]) -> _Document:
-    content = _read(path)
+    again = _remake_hint(kind)
+    found = validate_file(path, TypeAdapter(_Kind), again).kind
+    if found != kind:
+        problem = Problem(
+            f"{path} kind", f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
+        )
+        raise FileFormatError((problem,))
+    return validate_file(path, documents, again)
+
+
+def validate_file(path: Path, documents: TypeAdapter[_Document], again: str) -> _Document:
+    """Return the document in a JSON file; `again` says in messages how to make it.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, cannot be read, is not JSON, or lacks a value.
+    """
     try:
-        found = _Kind.model_validate_json(content).kind
-        if found != kind:
-            problem = Problem(
-                f"{path} kind", f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
-            )
-            raise FileFormatError((problem,))
-        return documents.validate_json(content)
+        return documents.validate_json(_read(path))
     except ValidationError as error:
         problems = tuple(
-            Problem(
-                " ".join((str(path), ".".join(map(str, fault["loc"])))).strip(),
-                fault["msg"],
-                _remake_hint(kind),
-            )
+            Problem(" ".join((str(path), ".".join(map(str, fault["loc"])))).strip(), fault["msg"], again)
             for fault in error.errors()
         )
         raise FileFormatError(problems) from error
@@ -211,8 +218,6 @@ def _load(path: Path, kind: str, documents: TypeAdapter[_Document]) -> _Document
 def _read(path: Path) -> bytes:
     try:
         return read_file(path)
-    except FileNotFoundError as error:
-        raise FileFormatError((Problem(str(path), "does not exist", "check the path"),)) from error
     except OSError as error:
         problem = Problem(str(path), f"cannot be read: {error.strerror}", "check the path")
         raise FileFormatError((problem,)) from error

@@ -20,8 +20,8 @@ _LEAST_FLATNESS = 1e-8
 # Largest radius, in units of the points' rms distance from their centroid. So flat an arc has a sagitta of a
 # millionth of its length, which no picture can show.
 _LARGEST_RADIUS = 1e6
-# Relative change at which the search ends.
-_SETTLED = 1e-15
+# Relative changes at which the search ends.
+_SETTLED: dict[str, Any] = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
 # Reweighted steps in which the scale follows the residuals, and those after the search.
 _SCALE_STEPS, _LAST_STEPS = 10, 6
 _TRIPLES = 128
@@ -63,8 +63,7 @@ class Circle:
 
     def residuals(self, points: ArrayLike) -> _FloatArray:
         """Return the signed orthogonal distances of points (N, 2), positive outside the circle."""
-        offsets = np.asarray(points, dtype=np.float64) - np.asarray(self.centre)
-        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) - self.radius)
+        return _find_residuals(np.array([*self.centre, self.radius]), np.asarray(points, dtype=np.float64))
 
 
 def _find_residuals(model: _FloatArray, points: _FloatArray) -> _FloatArray:
@@ -75,7 +74,7 @@ def _find_residuals(model: _FloatArray, points: _FloatArray) -> _FloatArray:
 def _find_slopes(model: _FloatArray, points: _FloatArray) -> _FloatArray:
     """Return the Jacobian (N, 3) of the residuals; a point on the centre has no direction, and zeros in (a, b)."""
     offsets = points - model[:2]
-    distances = np.maximum(np.hypot(offsets[:, 0], offsets[:, 1]), np.finfo(float).tiny)
+    distances = np.maximum(np.hypot(*offsets.T), np.finfo(float).tiny)
     return np.column_stack((-offsets / distances[:, None], -np.ones(len(points))))
 
 
@@ -99,16 +98,37 @@ def fit_circle(points: ArrayLike, *, robust: bool = True) -> Circle:
     """
     array = _check_points(points)
     centroid = array.mean(axis=0)
+    extents = np.linalg.svd(array - centroid, compute_uv=False)
+    if extents[1] <= _LEAST_FLATNESS * extents[0]:
+        raise _collinear_error(len(array))
     unit = float(np.sqrt(np.mean(np.sum((array - centroid) ** 2, axis=1))))
     normal = (array - centroid) / unit
-    model, scale = _find_least_median(normal), np.inf
-    # The scale follows the residuals for some steps and is then held, so that a minimum exists.
+    model = _find_least_median(normal)
+    scale = np.inf
+    # The scale follows the residuals and is then held, so that a minimum exists.
     for _ in range(_SCALE_STEPS if robust else 0):
         scale = _robust_scale(_find_residuals(model, normal))
         model = _step(normal, model, scale)
     # Steps alone converge slowly if many points are close to being outliers. A search ends where the loss changes no
     # more, which leaves half of the digits; further steps find the others.
-    model = _search(normal, model, scale)
+    loss: Any = _lose_by_tukey if robust else "linear"
+    reach = _TUKEY_CONSTANT * scale if robust else 1.0
+    found = least_squares(
+        _find_residuals,
+        model,
+        _find_slopes,
+        args=(normal,),
+        loss=loss,
+        f_scale=reach,
+        x_scale="jac",
+        **_SETTLED,
+    )
+    if not found.success:
+        raise MeasurementRefusedError(
+            f"the robust circle through {len(array)} points does not settle: they lie on no single circle",
+            "leave out what is not on the arc",
+        )
+    model = found.x
     for _ in range(_LAST_STEPS):
         model = _step(normal, model, scale)
     if not model[2] < _LARGEST_RADIUS:
@@ -139,9 +159,6 @@ def _check_points(points: ArrayLike) -> _FloatArray:
     if not np.isfinite(array).all():
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise MeasurementRefusedError(f"point {bad} for the circle is {array[bad].tolist()}, not finite")
-    extents = np.linalg.svd(array - array.mean(axis=0), compute_uv=False)
-    if extents[1] <= _LEAST_FLATNESS * extents[0]:
-        raise _collinear_error(len(array))
     return array
 
 
@@ -174,30 +191,6 @@ def _step(points: _FloatArray, model: _FloatArray, scale: float) -> _FloatArray:
     root = np.sqrt(_biweight(residuals, scale))
     slopes = root[:, None] * _find_slopes(model, points)
     return np.asarray(model - np.linalg.lstsq(slopes, root * residuals, rcond=None)[0])
-
-
-def _search(points: _FloatArray, start: _FloatArray, scale: float) -> _FloatArray:
-    """Return the circle of least loss near a start; raises MeasurementRefusedError if the search does not settle."""
-    robust = bool(np.isfinite(scale))
-    loss: Any = _lose_by_tukey if robust else "linear"
-    found = least_squares(
-        _find_residuals,
-        start,
-        _find_slopes,
-        args=(points,),
-        loss=loss,
-        f_scale=_TUKEY_CONSTANT * scale if robust else 1.0,
-        x_scale="jac",
-        ftol=_SETTLED,
-        xtol=_SETTLED,
-        gtol=_SETTLED,
-    )
-    if not found.success:
-        raise MeasurementRefusedError(
-            f"the robust circle through {len(points)} points does not settle: they lie on no single circle",
-            "leave out what is not on the arc",
-        )
-    return np.asarray(found.x)
 
 
 def _lose_by_tukey(squares: _FloatArray) -> _FloatArray:

@@ -106,10 +106,9 @@ def measure_depth(
     covariance_mm2 : ndarray (N, N)
         Of the places out of the plane there, before the picture is looked at.
     """
-    width = _WidthTrace.of(end, perspective, at_mm)
-    if width is None:
+    traces = _Traces.of(end, perspective, inserted_mm, at_mm)
+    if traces is None:
         return None
-    traces = (width, _LengthTrace.of(end, perspective, inserted_mm, at_mm))
     before = covariance_mm2 + _TINY_MM2 * np.eye(len(at_mm))
     told = _update(traces, before, _Places(np.zeros(len(at_mm)), before))
     wandering = _covary_wandering(at_mm)
@@ -153,22 +152,38 @@ def _mix(possible: Sequence[PossibleDepth]) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _WidthTrace:
-    """Logarithms of the widths along the shaft over their median (M,), and their covariance (M, M).
+class _Traces:
+    """What a picture shows of depth: logarithms of M widths over their median, and the inserted length [mm], (M + 1,).
 
-    `places` (M, N) is how the depth there follows from the places along the needle, and `common` (M, 2) what a scale of
-    all widths and their taper add.
+    Attributes
+    ----------
+    covariance : ndarray (M + 1, M + 1)
+        Of these.
+    between : ndarray (M, N)
+        How the depth where widths are measured follows from the places along the needle.
+    common : ndarray (M + 1, 2)
+        What a scale of all widths and their taper add.
+    nodes_mm : ndarray (N, 2)
+        What is seen of the needle at its places, from the camera's foot.
+    steps_mm : ndarray (N - 1,)
+        Between its places.
+    height_mm : float
+        Of the camera.
     """
 
     seen: FloatArray
     covariance: FloatArray
-    places: FloatArray
+    between: FloatArray
     common: FloatArray
+    nodes_mm: FloatArray
+    steps_mm: FloatArray
     height_mm: float
 
     @classmethod
-    def of(cls, end: ShaftTip, perspective: Perspective, at_mm: FloatArray) -> "_WidthTrace | None":
-        """Return the trace of a needle's widths; None for too few, or if they scatter too much."""
+    def of(
+        cls, end: ShaftTip, perspective: Perspective, inserted_mm: float, at_mm: FloatArray
+    ) -> "_Traces | None":
+        """Return the traces of a needle; None for too few widths, or if they scatter too much."""
         usual_mm = float(np.median(end.widths_mm))
         last_mm = end.length_mm - _BEVEL * usual_mm
         count = int((last_mm - _FROM_MM) / _BLOCK_MM)
@@ -178,89 +193,67 @@ class _WidthTrace:
         edges_mm = np.linspace(_FROM_MM, last_mm, count + 1)
         points_mm = np.linspace(_FROM_MM, last_mm, count * _POINTS + 1)[:-1].reshape(count, _POINTS)
         widths_mm = np.median(np.interp(points_mm, end.arc_mm, end.widths_mm), axis=1)
-        places_mm = 0.5 * (edges_mm[:-1] + edges_mm[1:]) * (at_mm[-1] / end.length_mm)
-        seen = np.log(widths_mm / usual_mm)
+        stretch = at_mm[-1] / end.length_mm
+        places_mm = 0.5 * (edges_mm[:-1] + edges_mm[1:]) * stretch
+        logs = np.log(widths_mm / usual_mm)
         # The second differences of a smooth change are small: they show the scatter, less what neighbours have in
         # common.
-        scatter = math.sqrt(
-            float(np.mean(np.diff(seen, 2) ** 2)) / (6.0 - 8.0 * _IN_COMMON + 2.0 * _IN_COMMON**2)
-        )
-        sd = max(scatter, _WIDTH_PX / end.width_px)
+        scatter = np.mean(np.diff(logs, 2) ** 2) / (6.0 - 8.0 * _IN_COMMON + 2.0 * _IN_COMMON**2)
+        sd = max(math.sqrt(scatter), _WIDTH_PX / end.width_px)
         if sd > _MOST:
             return None
-        shared = _IN_COMMON ** (np.abs(np.subtract.outer(places_mm, places_mm)) / _BLOCK_MM)
-        between = np.column_stack([np.interp(places_mm, at_mm, unit) for unit in np.eye(len(at_mm))])
-        common = np.column_stack((np.ones(len(places_mm)), places_mm / at_mm[-1] - 0.5))
-        return cls(seen, sd**2 * shared, between, common, perspective.height_mm)
-
-    def linearise(self, places: _Places) -> tuple[FloatArray, FloatArray]:
-        """Return the expected logarithms (M,) at these places, and their slopes (M, N)."""
-        far = self.height_mm + self.places @ places.mean_mm
-        return np.log(self.height_mm / far), -self.places / far[:, None]
-
-
-@dataclass(frozen=True, eq=False)
-class _LengthTrace:
-    """The inserted length [mm], its variance, and what is seen of the needle from the camera's foot, (N, 2) [mm].
-
-    steps_mm (N - 1,) : between its places.
-    """
-
-    inserted_mm: float
-    variance: float
-    seen_mm: FloatArray
-    steps_mm: FloatArray
-    height_mm: float
-
-    @classmethod
-    def of(
-        cls, end: ShaftTip, perspective: Perspective, inserted_mm: float, at_mm: FloatArray
-    ) -> "_LengthTrace":
-        """Return the trace of a needle's length."""
-        arc_mm = end.arc_mm * (at_mm[-1] / end.length_mm)
-        nodes_mm = np.column_stack([np.interp(at_mm, arc_mm, line) for line in end.centre_line_mm.T])
+        nodes_mm = np.column_stack(
+            [np.interp(at_mm, end.arc_mm * stretch, line) for line in end.centre_line_mm.T]
+        )
         # Interpolated between nodes, and without its bevel, the needle looks shorter than it is.
         chords_mm = float(np.linalg.norm(np.diff(nodes_mm, axis=0), axis=1).sum())
-        variance = (_SLIP * inserted_mm) ** 2 + _ENDS_MM**2
-        seen_mm = nodes_mm - perspective.foot_mm
+        covariance = np.diag(np.full(count + 1, (_SLIP * inserted_mm) ** 2 + _ENDS_MM**2))
+        apart = np.abs(np.subtract.outer(places_mm, places_mm)) / _BLOCK_MM
+        covariance[:-1, :-1] = sd**2 * _IN_COMMON**apart
+        common = np.column_stack((np.ones(count), places_mm / at_mm[-1] - 0.5))
         return cls(
-            inserted_mm - end.length_mm + chords_mm, variance, seen_mm, np.diff(at_mm), perspective.height_mm
+            np.append(logs, inserted_mm - end.length_mm + chords_mm),
+            covariance,
+            np.column_stack([np.interp(places_mm, at_mm, unit) for unit in np.eye(len(at_mm))]),
+            np.vstack((common, np.zeros(2))),
+            nodes_mm - perspective.foot_mm,
+            np.diff(at_mm),
+            perspective.height_mm,
         )
 
-    def linearise(self, places: _Places) -> tuple[float, FloatArray]:
-        """Return the length of a needle that is seen so at these places, uncertain as they are, and its slopes (N,)."""
+    def linearise(self, places: _Places) -> tuple[FloatArray, FloatArray]:
+        """Return what is expected (M + 1,) of a needle at these places, uncertain as they are, and its slopes by N."""
+        far = self.height_mm + self.between @ places.mean_mm
         grown = 1.0 + places.mean_mm / self.height_mm
-        runs_mm, rises_mm = np.diff(grown[:, None] * self.seen_mm, axis=0), np.diff(places.mean_mm)
+        runs_mm, rises_mm = np.diff(grown[:, None] * self.nodes_mm, axis=0), np.diff(places.mean_mm)
         lengths_mm = np.maximum(np.hypot(np.linalg.norm(runs_mm, axis=1), rises_mm), _TINY_MM)
         spread = np.diff(np.diff(places.covariance, axis=0), axis=1).diagonal()
         along, up = runs_mm / lengths_mm[:, None], rises_mm / lengths_mm
         slopes = np.zeros(len(grown))
-        slopes[:-1] -= np.sum(along * self.seen_mm[:-1], axis=1) / self.height_mm + up
-        slopes[1:] += np.sum(along * self.seen_mm[1:], axis=1) / self.height_mm + up
-        return float(lengths_mm.sum() + 0.5 * np.sum(spread / self.steps_mm)), slopes
+        slopes[:-1] -= np.sum(along * self.nodes_mm[:-1], axis=1) / self.height_mm + up
+        slopes[1:] += np.sum(along * self.nodes_mm[1:], axis=1) / self.height_mm + up
+        length_mm = lengths_mm.sum() + 0.5 * np.sum(spread / self.steps_mm)
+        return np.append(np.log(self.height_mm / far), length_mm), np.vstack(
+            (-self.between / far[:, None], slopes)
+        )
 
 
-def _update(traces: tuple[_WidthTrace, _LengthTrace], before: FloatArray, near: _Places) -> _Places:
-    """Return the places after both traces, by Gauss-Newton steps from places near by.
+def _update(traces: _Traces, before: FloatArray, near: _Places) -> _Places:
+    """Return the places after the traces, by Gauss-Newton steps from places near by.
 
     A needle towards the camera's foot looks as long at two depths, since depth shortens what a lean lengthens. So the
     steps start at what is known.
     """
-    width, length = traces
     count, places = len(before), near
     prior = np.zeros((count + 2, count + 2))
     prior[:count, :count] = before
     prior[-2, -2], prior[-1, -1] = 1.0, _TAPER**2
-    noise = np.diag(np.full(len(width.seen) + 1, length.variance))
-    noise[:-1, :-1] = width.covariance
     share, before_mm = 1.0, math.inf
     for _ in range(_MOST_STEPS):
-        widths, width_slopes = width.linearise(places)
-        length_mm, length_slopes = length.linearise(places)
-        rows = np.block([[width_slopes, width.common], [length_slopes, np.zeros(2)]])
-        off = np.append(width.seen - widths, length.inserted_mm - length_mm)
-        seen = off + rows[:, :count] @ places.mean_mm
-        spread = rows @ prior @ rows.T + noise
+        expected, slopes = traces.linearise(places)
+        rows = np.hstack((slopes, traces.common))
+        seen = traces.seen - expected + slopes @ places.mean_mm
+        spread = rows @ prior @ rows.T + traces.covariance
         gain = np.linalg.solve(spread, rows @ prior).T
         covariance = prior - gain @ rows @ prior
         likelihood = -0.5 * float(seen @ np.linalg.solve(spread, seen) + np.linalg.slogdet(spread)[1])

@@ -94,7 +94,7 @@ _SHEATH: _Colour = (167, 121, 204)
 _OUTLINE: _Colour = (0, 0, 0)
 _SUBPIXEL_BITS = 4
 _AXIS_MM = 10.0
-# The sheath's arrow is longer than the axis, and its text is clear of the text of the axes.
+# The sheath's line is longer than the axis, and its text is clear of the text of the axes.
 _SHEATH_MM = 24.0
 _BELOW_PX = np.array([-90.0, 60.0])
 _RING_PX = 5
@@ -118,7 +118,7 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     """Return a copy of the picture, (H, W, 3) blue-green-red, with the plan and the plane's axes.
 
     The path is blue, the target an orange ring of its tolerance, obstacles are yellow. The axes are green and 10 mm
-    long, from the commanded origin, z along the insertion. A purple arrow shows the sheath that was found.
+    long, from the commanded origin, z along the insertion. A purple line shows the sheath that was found.
     """
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
     drawn = np.asarray(colour, dtype=np.uint8)
@@ -130,42 +130,27 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     if len(plan.path_mm):
         _draw_polyline(drawn, plane.to_px(plan.path_mm), _PATH)
     for name, end_mm in (("z 10 mm", (0.0, _AXIS_MM)), ("y", (_AXIS_MM, 0.0))):
-        _, end = _draw_arrow(drawn, plane.to_px(np.array([(0.0, 0.0), end_mm])), _AXES)
-        _draw_name(drawn, name, end + 6.0, _AXES)
+        axis_px = plane.to_px(np.array([(0.0, 0.0), end_mm]))
+        _draw_polyline(drawn, axis_px, _AXES)
+        _draw_name(drawn, name, axis_px[1] + 6.0, _AXES)
     if plan.sheath is not None:
-        _draw_sheath(drawn, plane, *plan.sheath)
+        tip_mm, heading_rad = plan.sheath
+        along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
+        tip_px, end_px = plane.to_px(np.array([tip_mm, tip_mm + along]))
+        _draw_polyline(drawn, tip_px + _RING_PX * ring, _SHEATH)
+        _draw_polyline(drawn, np.array([tip_px, end_px]), _SHEATH)
+        found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
+        _draw_name(drawn, found, tip_px + _BELOW_PX, _SHEATH)
     return drawn
 
 
-def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], heading_rad: float) -> None:
-    """Draw the sheath that was found: a ring at its tip, an arrow along its heading, and both as text."""
-    along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
-    tip, _ = _draw_arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
-    cv2.circle(drawn, _fix(tip), _RING_PX << _SUBPIXEL_BITS, _SHEATH, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
-    found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
-    for width, colour in ((3, _OUTLINE), (1, _SHEATH)):
-        _draw_name(drawn, found, tip + _BELOW_PX, colour, width)
-
-
-def _draw_arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> FloatArray:
-    """Draw an arrow between two pixels (2, 2), and return them."""
-    cv2.arrowedLine(drawn, _fix(ends[0]), _fix(ends[1]), colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS, 0.15)
-    return ends
-
-
-def _fix(place: FloatArray) -> tuple[int, int]:
-    u, v = np.rint(place * 2**_SUBPIXEL_BITS).astype(int).tolist()
-    return u, v
-
-
-def _draw_name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:
+def _draw_name(drawn: Picture, name: str, place: FloatArray, colour: _Colour) -> None:
+    """Draw a name in a colour, outlined in black."""
     u, v = (int(coordinate) for coordinate in place)
-    cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width_px, cv2.LINE_AA)
+    for width, tone in ((3, _OUTLINE), (1, colour)):
+        cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, tone, width, cv2.LINE_AA)
 
 
 def _draw_polyline(drawn: Picture, points: FloatArray, colour: _Colour) -> None:
-    if len(points):
-        fixed = np.rint(points * 2**_SUBPIXEL_BITS).astype(np.int32)
-        cv2.polylines(
-            drawn, [fixed], isClosed=False, color=colour, lineType=cv2.LINE_AA, shift=_SUBPIXEL_BITS
-        )
+    fixed = np.rint(points * 2**_SUBPIXEL_BITS).astype(np.int32)
+    cv2.polylines(drawn, [fixed], isClosed=False, color=colour, lineType=cv2.LINE_AA, shift=_SUBPIXEL_BITS)

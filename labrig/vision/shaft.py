@@ -248,33 +248,38 @@ def _measure(
     entry = find_sheath_end(width_mm, run, widths)
     even = run & _is_bar(width_mm, run, entry)
     sheath, bar = (even & (side > _STEP_BLUR * widths.needle_px) for side in (entry - grid, grid - entry))
-    end = find_needle_end(strip, edges, np.flatnonzero(run), widths)
-    tip = end.row
+    tip, fade = find_needle_end(strip, edges, np.flatnonzero(run), widths)
     if tip >= len(grid) - _LEAST_ROWS_BEYOND:
         raise _no_tip_error(scene, guide.places[-1])
     bar &= grid < tip
     _check_needle(bar, width_mm, tip, widths.needle_mm)
-    _refuse_hidden_tip(measure_brightening(strip, tip, widths), guide, tip, scene)
+    brighter = measure_brightening(strip, tip, widths)
+    if brighter > _HIDING:
+        u, v = scene.px(guide.at(np.array([tip]), np.zeros(1)))[0]
+        raise MeasurementRefusedError(
+            f"the shaft ends at ({u:.0f}, {v:.0f}) px, where the picture becomes {100.0 * brighter:.0f} % brighter, "
+            f"and {100.0 * _HIDING:.0f} % is the most for gel: a wall may hide the tip"
+        )
     arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(scene.mm(guide.places), axis=0).T))))
     entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
     offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
-    shift = split_light_shift(measure_light_shift(strip, edges, bar, widths.px_per_mm)[bar])
+    corrected, left = split_light_shift(measure_light_shift(strip, edges, bar, widths.px_per_mm)[bar])
     mm_aside = (right_mm - left_mm)[bar] / edges.width[bar, None]
     turned_ends = guide.at(np.array([entry, tip]), np.array([offset, 0.0]))
     ends = scene.px(turned_ends)
     last = np.flatnonzero(bar)[-round(_LAST_MM * widths.px_per_mm) :]
     shaft = Shaft(
-        centre_px=scene.px(guide.at(grid[bar], edges.middle[bar] + shift.corrected)),
-        centre_mm=0.5 * (left_mm + right_mm)[bar] + shift.corrected * mm_aside,
+        centre_px=scene.px(guide.at(grid[bar], edges.middle[bar] + corrected)),
+        centre_mm=0.5 * (left_mm + right_mm)[bar] + corrected * mm_aside,
         arc_mm=arc_mm[bar] - entry_arc,
-        light_shift_mm=shift.left[:, None] * mm_aside,
+        light_shift_mm=left[:, None] * mm_aside,
         widths_mm=width_mm[bar],
         width_mm=float(np.median(width_mm[bar])),
         entry_px=ends[0],
         sheathed=widths.sheath_mm is not None,
         sheath_mm=0.5 * (left_mm + right_mm)[sheath],
         tip_px=ends[1],
-        tip_fade_px=end.fade,
+        tip_fade_px=fade,
         length_mm=float(tip_arc - entry_arc),
     )
     return shaft, guide.places[last], turned_ends[1]
@@ -301,16 +306,6 @@ def _no_tip_error(scene: _Scene, end: FloatArray) -> MeasurementRefusedError:
     return MeasurementRefusedError(
         f"the shaft fades without a clear end, it is still dark at ({u:.0f}, {v:.0f}) px"
     )
-
-
-def _refuse_hidden_tip(brighter: float, guide: Guide, tip: float, scene: _Scene) -> None:
-    """Refuse an end where the picture becomes brighter than the gel."""
-    if brighter > _HIDING:
-        u, v = scene.px(guide.at(np.array([tip]), np.zeros(1)))[0]
-        raise MeasurementRefusedError(
-            f"the shaft ends at ({u:.0f}, {v:.0f}) px, where the picture becomes {100.0 * brighter:.0f} % brighter, "
-            f"and {100.0 * _HIDING:.0f} % is the most for gel: a wall may hide the tip"
-        )
 
 
 def _check_needle(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, needle_mm: float) -> None:

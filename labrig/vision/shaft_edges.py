@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
+from scipy.ndimage import map_coordinates
 
 from labrig.vision.picture import Picture
 from labrig.vision.shaft_trace import Widths
@@ -244,23 +245,15 @@ _REACH_PX = 3.0
 _STEP_PX = 0.25
 
 
-@dataclass(frozen=True, eq=False)
-class LightShift:
-    """By how much [px] rows are corrected for uneven light, and by how much (N,) it may still shift them."""
-
-    corrected: float
-    left: FloatArray
-
-
-def split_light_shift(shift: FloatArray) -> LightShift:
-    """Split measured shifts (N,) into what the centre line is corrected by and what stays uncertain.
+def split_light_shift(shift: FloatArray) -> tuple[float, FloatArray]:
+    """Split measured shifts (N,) [px] into what the centre line is corrected by and what stays uncertain (N,).
 
     What all rows have in common, as far as it stands out of noise, is the light; how it differs from row to row is as
     likely a bubble, and is not corrected.
     """
     common = float(np.median(shift))
     common *= common**2 / (common**2 + _NOISE_PX**2)
-    return LightShift(_CORRECTED * common, shift - (1.0 - _UNCERTAIN) * common)
+    return _CORRECTED * common, shift - (1.0 - _UNCERTAIN) * common
 
 
 def measure_light_shift(
@@ -297,11 +290,9 @@ def _average_profile(
 ) -> FloatArray:
     """Return the mean grey values (S, P) of each stretch from inside to outside of its edge."""
     aside = np.arange(-_REACH_PX, _REACH_PX + 0.5 * _STEP_PX, _STEP_PX)
-    last = strip.shape[1] - 1
-    columns = np.clip(last // 2 + offsets[:, None] + side * aside, 0.0, last)
-    lower = np.minimum(columns.astype(np.intp), last - 1)
-    part, row = columns - lower, np.arange(len(strip))[:, None]
-    values = strip[row, lower] * (1.0 - part) + strip[row, lower + 1] * part
+    columns = strip.shape[1] // 2 + offsets[:, None] + side * aside
+    rows = np.broadcast_to(np.arange(len(strip))[:, None], columns.shape)
+    values = map_coordinates(strip, (rows, columns), np.float64, order=1, mode="nearest")
     firsts = np.flatnonzero(np.diff(stretch, prepend=-1))
     return np.asarray(np.add.reduceat(values, firsts, axis=0) / np.bincount(stretch)[:, None])
 

@@ -1,7 +1,5 @@
 """The ends of a straightened shaft: its longest unbroken run, the sheath's tip and the needle's tip."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,7 +70,15 @@ def find_sheath_end(width_mm: FloatArray, run: NDArray[np.bool_], stated: Widths
     step = _find_largest_step(width, piece)
     ratio = np.sqrt(stated.sheath_mm / stated.needle_mm)
     if step is None or np.median(width[:step]) < ratio * np.median(width[step:]):
-        raise _no_step_error(float(np.median(width)), stated)
+        seen = float(np.median(width))
+        told = f"the sheath is {stated.sheath_mm} mm wide and the needle {stated.needle_mm} mm"
+        if seen > np.sqrt(stated.sheath_mm * stated.needle_mm):
+            raise MeasurementRefusedError(
+                f"no needle is seen beyond the sheath: the shaft is {seen:.2f} mm wide to its end; {told}"
+            )
+        raise MeasurementRefusedError(
+            f"no sheath is seen: the shaft is {seen:.2f} mm wide from the border on; {told}"
+        )
     usual = float(np.median(width[:step]))
     level = 0.5 * (usual + float(np.median(width[step:])))
     near = max(step - piece // 2, 1)
@@ -110,30 +116,13 @@ def _find_largest_step(width: FloatArray, piece: int) -> int | None:
     return piece + int(np.argmax(gain[piece - 1 : len(gain) - piece + 1]))
 
 
-def _no_step_error(width_mm: float, stated: Widths) -> MeasurementRefusedError:
-    told = f"the sheath is {stated.sheath_mm} mm wide and the needle {stated.needle_mm} mm"
-    between = np.sqrt((stated.sheath_mm or 0.0) * stated.needle_mm)
-    if width_mm > between:
-        return MeasurementRefusedError(
-            f"no needle is seen beyond the sheath: the shaft is {width_mm:.2f} mm wide to its end; {told}"
-        )
-    return MeasurementRefusedError(
-        f"no sheath is seen: the shaft is {width_mm:.2f} mm wide from the border on; {told}"
-    )
-
-
-@dataclass(frozen=True)
-class NeedleEnd:
-    """Where the darkness ends (a fractional row; the strip's last if it does not), and over how many rows it fades."""
-
-    row: float
-    fade: float
-
-
 def find_needle_end(
     strip: NDArray[np.float32], edges: Edges, run: NDArray[np.intp], widths: Widths
-) -> NeedleEnd:
-    """Return where the darkness ends after `run`."""
+) -> tuple[float, float]:
+    """Return where the darkness ends after `run`, and over how many rows it fades.
+
+    It is a fractional row, the strip's last if the darkness does not end.
+    """
     middle, reach = strip.shape[1] // 2, int(np.ceil(_TIP_REACH * widths.needle_px))
     smooth = smooth_rows(strip, _TIP_SIGMA * widths.needle_px)
     darkest = smooth[:, middle - reach : middle + reach + 1].min(axis=1)
@@ -148,13 +137,13 @@ def find_needle_end(
     holes = np.flatnonzero(np.diff(dark) > _TIP_GAP_MM * widths.px_per_mm)
     last = int(dark[holes[0]] if len(holes) else dark[-1])
     if last + 1 >= len(strip):
-        return NeedleEnd(float(last), 0.0)
+        return float(last), 0.0
     half = int(np.flatnonzero(darkness[: last + 1] >= _FADE_LEVEL).max(initial=0))
     row, before = (
         place + _interpolate(darkness[place], darkness[place + 1], level)
         for place, level in ((last, _TIP_LEVEL), (half, _FADE_LEVEL))
     )
-    return NeedleEnd(row, row - before)
+    return row, row - before
 
 
 def measure_brightening(strip: NDArray[np.float32], tip: float, widths: Widths) -> float:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.picture import Picture, as_grey, require_size
@@ -59,20 +58,15 @@ class SheathPose:
 
 @dataclass(frozen=True)
 class _Axis:
-    """The sheath's middle line: y = y_mm + slope z."""
+    """The sheath's middle line: where it is at z = 0, and its heading."""
 
     y_mm: float
-    slope: float
-
-    @property
-    def heading_rad(self) -> float:
-        return float(np.arctan(self.slope))
+    heading_rad: float
 
     def at(self, along_mm: FloatArray, aside_mm: FloatArray) -> FloatArray:
         """Return points (..., 2) as (y, z): `along_mm` from z = 0 along the axis, `aside_mm` towards +y."""
-        sine, cosine = np.sin(self.heading_rad), np.cos(self.heading_rad)
-        y = self.y_mm + along_mm * sine + aside_mm * cosine
-        return np.stack((y, along_mm * cosine - aside_mm * sine), axis=-1)
+        places = (along_mm + 1j * aside_mm) * np.exp(1j * self.heading_rad)
+        return np.stack((self.y_mm + places.imag, places.real), axis=-1)
 
 
 def measure_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> SheathPose:
@@ -123,7 +117,7 @@ def _fit_axis(centre_mm: FloatArray) -> _Axis:
         y_mm, slope = np.polynomial.polynomial.polyfit(z[kept], y[kept], 1).tolist()
         off = np.abs(y - y_mm - slope * z)
         kept = off <= max(_OUTLIER * 1.4826 * float(np.median(off)), 1e-6)
-    return _Axis(y_mm, slope)
+    return _Axis(y_mm, float(np.arctan(slope)))
 
 
 def _find_end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float, width_mm: float) -> float:
@@ -137,46 +131,26 @@ def _find_end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float,
     step_mm = _STEP_PX * plane.mm_per_px
     along_mm = np.arange(dark_to_mm - _BEHIND_MM, dark_to_mm + _BEYOND_MM, step_mm)
     aside_mm = np.linspace(-0.5, 0.5, _STRIPES) * _STRIPES_OVER * width_mm
-    stripes = _sample_strip(grey, plane, axis, along_mm, aside_mm)
-    steel = np.median(stripes[along_mm <= along_mm[0] + _STEEL_MM], axis=0)
     beside_mm = 0.5 * width_mm + np.linspace(_GEL_FROM_MM, _GEL_TO_MM, 9)
-    gel = float(
-        np.median(_sample_strip(grey, plane, axis, along_mm, np.concatenate((-beside_mm, beside_mm))))
-    )
+    places = axis.at(along_mm[:, None], np.concatenate((aside_mm, -beside_mm, beside_mm)))
+    u, v = plane.to_px(places.reshape(-1, 2)).T.reshape(2, *places.shape[:2]).astype(np.float32)
+    strip = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+    stripes, gel = strip[:, :_STRIPES], float(np.median(strip[:, _STRIPES:]))
+    steel = np.median(stripes[along_mm <= along_mm[0] + _STEEL_MM], axis=0)
     contrast = gel - steel
     usual = float(np.median(contrast[contrast > 0.0])) if (contrast > 0.0).any() else np.inf
-    ends = [
-        _find_stripe_end(stripes[:, column], 0.5 * (gel + steel[column]), along_mm)
-        for column in np.flatnonzero(contrast >= _CONTRAST * usual)
-    ]
-    found = [end for end in ends if end is not None]
-    if len(found) < _LEAST_STRIPES:
+    # Where each stripe, smoothed, first rises half way from the steel to the gel.
+    long = max(2, round(_ENDED_MM / step_mm))
+    rise = cv2.blur(stripes, (1, long)) - 0.5 * (gel + steel)
+    ends = (rise[:-1] < 0.0) & (rise[1:] >= 0.0)
+    ends[:long] = False
+    column = np.flatnonzero(ends.any(axis=0) & (contrast >= _CONTRAST * usual))
+    if len(column) < _LEAST_STRIPES:
         raise MeasurementRefusedError(
-            f"the sheath's end is seen in {len(found)} of {_STRIPES} stripes along it, {_LEAST_STRIPES} are the least"
+            f"the sheath's end is seen in {len(column)} of {_STRIPES} stripes along it, {_LEAST_STRIPES} are the least"
         )
-    early = float(np.quantile(found, _EARLY))
-    return float(np.median([end for end in found if abs(end - early) <= _ALIKE_MM]))
-
-
-def _sample_strip(
-    grey: Picture, plane: PlaneMap, axis: _Axis, along_mm: FloatArray, aside_mm: FloatArray
-) -> NDArray[np.float32]:
-    """Return the grey values (along, aside) of a strip along the axis."""
-    places = axis.at(along_mm[:, None], aside_mm[None, :])
-    u, v = (plane.to_px(places.reshape(-1, 2)).T.reshape(2, *places.shape[:2])).astype(np.float32)
-    read = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(read, dtype=np.float32)
-
-
-def _find_stripe_end(stripe: NDArray[np.float32], level: float, along_mm: FloatArray) -> float | None:
-    """Return where a smoothed stripe first rises through a level; None if it does not."""
-    long = max(2, round(_ENDED_MM / float(along_mm[1] - along_mm[0])))
-    smooth = np.convolve(stripe, np.full(long, 1.0 / long), mode="same")
-    dark = smooth < level
-    rises = np.flatnonzero(dark[:-1] & ~dark[1:])
-    rises = rises[rises >= long]
-    if not len(rises):
-        return None
-    first = int(rises[0])
-    part = (level - smooth[first]) / (smooth[first + 1] - smooth[first])
-    return float(along_mm[first] + part * (along_mm[first + 1] - along_mm[first]))
+    row = ends.argmax(axis=0)[column]
+    below, above = rise[row, column], rise[row + 1, column]
+    found = along_mm[row] + below / (below - above) * step_mm
+    early = np.quantile(found, _EARLY)
+    return float(np.median(found[np.abs(found - early) <= _ALIKE_MM]))

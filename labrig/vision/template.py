@@ -15,13 +15,12 @@ from typing import Any, Self
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, TypeAdapter, model_validator
 
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, PictureError, Problem
-from labrig.input_file import read_file
 from labrig.text import round_down
-from labrig.vision.calibration_file import to_json_text
+from labrig.vision.calibration_file import to_json_text, validate_file
 from labrig.vision.picture import Picture, as_grey, read_picture
 from labrig.vision.plane import PICTURE_AXES, Insertion, check_frame
 from labrig.vision.tip_fit import FitTemplate
@@ -288,26 +287,10 @@ def load_template(path: Path) -> TipTemplate:
     """
     picture_file, json_file = template_files(path)
     picture = read_picture(picture_file)
-    try:
-        found = _Document.model_validate_json(read_file(json_file))
-    except FileNotFoundError as error:
-        message = f"does not exist, and says where in {picture_file.name} the tip is"
-        raise _make_format_error(json_file, message) from error
-    except OSError as error:
-        raise _make_format_error(json_file, f"cannot be read: {error.strerror}") from error
-    except ValidationError as error:
-        faults = tuple(
-            Problem(" ".join((str(json_file), *map(str, fault["loc"]))), fault["msg"], _AGAIN)
-            for fault in error.errors()
-        )
-        raise FileFormatError(faults) from error
+    found = validate_file(json_file, TypeAdapter(_Document), _AGAIN)
     try:
         return TipTemplate(picture, found.tip_px, found.heading, found.insertion, found.roll_rad)
     except PictureError as error:
         raise error.reword(f"{picture_file}: {error.message}") from error
     except InputError as error:
-        raise _make_format_error(json_file, error.message) from error
-
-
-def _make_format_error(file: Path, message: str) -> FileFormatError:
-    return FileFormatError((Problem(str(file), message, _AGAIN),))
+        raise FileFormatError((Problem(str(json_file), error.message, _AGAIN),)) from error

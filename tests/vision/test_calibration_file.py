@@ -185,7 +185,7 @@ def test_refuses_missing_and_binary_files(tmp_path):
     """A missing file, a folder, and bytes that are not text are refused by name."""
     (tmp_path / "bytes.json").write_bytes(b"\xff\xfe\x00")
     for name, message in [
-        ("gone.json", "does not exist"),
+        ("gone.json", "No such file"),
         ("bytes.json", "Invalid JSON"),
         (".", "cannot be read"),
     ]:

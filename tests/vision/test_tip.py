@@ -76,21 +76,14 @@ def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
     )
 
 
-@pytest.mark.parametrize("level", [0, 3, 128, 255])
-def test_a_flat_picture_shows_no_tip(level: int) -> None:
-    """A dark, grey or saturated picture is refused, whatever its windows correlate with."""
-    flat = np.full((480, 640), level, np.uint8)
+@pytest.mark.parametrize("level", [0, 128, 255, None])
+def test_a_picture_without_a_needle_shows_no_tip(level: int | None) -> None:
+    """A dark, grey or saturated picture, and gel with bubbles and tracks, are refused, whatever correlates there."""
+    gel = bench().picture(None, RenderedGel(), 1) if level is None else np.full((480, 640), level, np.uint8)
     for near in (None, (300.0, 200.0)):
-        fix = locate_tip(flat, TEMPLATE, near_px=near, heading_rad=0.0)
-        assert not fix.accepted
-        assert fix.tip_px is None
+        fix = locate_tip(gel, TEMPLATE, near_px=near, heading_rad=0.0)
+        assert (fix.accepted, fix.tip_px) == (False, None)
         assert fix.reason is not None
-
-
-def test_a_gel_without_a_needle_shows_no_tip() -> None:
-    """Bubbles, tracks and noise are not taken for a tip."""
-    empty = bench().picture(None, RenderedGel(), 1)
-    assert not locate_tip(empty, TEMPLATE).accepted
 
 
 def test_a_masked_tip_is_not_found() -> None:
@@ -125,9 +118,7 @@ def test_a_tip_predicted_outside_of_the_picture_is_refused() -> None:
     [
         np.zeros((30, 30), np.uint8),
         np.zeros((480, 640), np.uint16),
-        np.zeros((480, 640), np.float64),
         np.zeros((0, 0), np.uint8),
-        np.zeros((4, 4, 4, 4), np.uint8),
     ],
 )
 def test_a_picture_that_cannot_hold_the_template_is_an_error(picture: np.ndarray) -> None:
@@ -172,9 +163,7 @@ def test_a_template_may_be_written_by_hand(tmp_path: Path) -> None:
     "document",
     [
         None,
-        "",
         "{",
-        "[]",
         '{"tip_px": [20, 20]}',
         '{"tip_px": [20, 20], "heading_rad": 0, "heading_deg": 0}',
         '{"tip_px": [20], "heading_rad": 0}',

@@ -292,8 +292,13 @@ def _fit_circle(
             f"out {settings.window_start_mm:g} mm at the entry and {settings.window_end_mm:g} mm at the tip, and "
             f"{least_mm:g} mm is the least"
         )
-    circle = fit_circle(points)
-    influences, gain = _measure_blocks(circle, points, arc_mm)
+    try:
+        circle = fit_circle(points)
+        influences, gain = _measure_blocks(circle, points, arc_mm)
+    except MeasurementRefusedError as refusal:
+        raise refusal.reword(
+            f"no circle fits the {length_mm:.1f} mm in the window: {refusal.message}"
+        ) from refusal
     systematic = _find_systematic(circle, shaft, rows, plane, gain=gain, roll_sd_rad=settings.roll_sd_rad)
     budget, ci95 = _estimate_uncertainty(circle.radius, influences, gain, systematic)
     reason = _judge_circle(circle, points, budget.total, settings)

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,8 +217,6 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     budget = None if end is None else _find_budget(end, target_mm, source)
     bounds = _judge_end(events, settings, source, end, steps=steps, markers=markers)
     ending = _decide_ending(stop, bounds, _find_doubt(source, markers), tolerance_mm)
-    nis = _known(step.nis for step in steps if step.believed)
-    recorded = [event for event in events.way if isinstance(event, TipObserved)]
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
@@ -237,23 +236,37 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         sigma_target_error_mm=None if budget is None else budget.total,
         target_error_budget_mm=budget,
         unmeasured=unmeasured,
-        target_error_interval_mm=None if bounds is None else bounds.interval_mm,
-        target_error_interval_by=None if bounds is None else bounds.by,
-        target_error_interval_tip_mm=None if bounds is None else bounds.tip_mm,
-        target_error_sources_mm=None if bounds is None else bounds.sources,
-        depth=None if bounds is None else bounds.depth,
+        **_describe_bounds(bounds),
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
         **truth.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
         true_path_mm=_thin_path(true.path_mm),
         missed_sightings=sum(not step.believed for step in steps),
-        mean_nis=sum(nis) / len(nis) if nis else None,
+        mean_nis=_average(_known(step.nis for step in steps if step.believed)),
         steps=tuple(steps),
-        as_recorded=all(
-            math.dist(step.estimate_mm, before.estimate_mm) <= SHARE_OF_SD * step.position_sd_mm
-            for step, before in zip(steps, recorded, strict=True)
-        ),
+        as_recorded=_agree(steps, events),
         marker_ids=start.marker_ids,
         marker_steps=markers.steps,
+    )
+
+
+def _describe_bounds(bounds: TargetErrorBounds | None) -> dict[str, Any]:
+    if bounds is None:
+        return {}
+    return {
+        "target_error_interval_mm": bounds.interval_mm,
+        "target_error_interval_by": bounds.by,
+        "target_error_interval_tip_mm": bounds.tip_mm,
+        "target_error_sources_mm": bounds.sources,
+        "depth": bounds.depth,
+    }
+
+
+def _agree(steps: Sequence[InsertionStep], events: _Events) -> bool:
+    """Return whether every estimate is the recorded one, as closely as two processors agree."""
+    recorded = (event for event in events.way if isinstance(event, TipObserved))
+    return all(
+        math.dist(step.estimate_mm, before.estimate_mm) <= SHARE_OF_SD * step.position_sd_mm
+        for step, before in zip(steps, recorded, strict=True)
     )
 
 
@@ -465,6 +478,10 @@ def _combine_reached(reached: Sequence[bool | None]) -> bool | None:
     if not reached or False in reached:
         return False
     return None if None in reached else True
+
+
+def _average(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

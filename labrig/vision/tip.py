@@ -132,15 +132,8 @@ def locate_tip(
     part, left, top = grey[window], window[1].start or 0, window[0].start or 0
     if min(part.shape) < LEAST_SIDE_PX:
         return TipFix(accepted=False, reason="The tip is predicted outside of the picture.")
-    starts = _find_starts(
-        part,
-        None if mask is None else mask[window],
-        [
-            (side, wrap_angle(heading - side.heading_rad))
-            for side in _list_sides(template, roll_rad)
-            for heading in (_HEADINGS_RAD if heading_rad is None else (heading_rad,))
-        ],
-    )
+    views = _list_views(template, roll_rad, heading_rad)
+    starts = _find_starts(part, None if mask is None else mask[window], views)
     if not starts:
         return TipFix(
             accepted=False,
@@ -316,10 +309,14 @@ def _is_apart(match: _Match, other: _Match) -> bool:
     return math.dist(match.place.lands_px, other.place.lands_px) > reach_px
 
 
-def _list_sides(template: TipTemplate, roll_rad: float | None) -> tuple[TipTemplate, ...]:
-    if roll_rad is None:
-        return (template, template.mirrored)
-    return (template if template.has_same_side(roll_rad) else template.mirrored,)
+def _list_views(
+    template: TipTemplate, roll_rad: float | None, heading_rad: float | None
+) -> list[tuple[TipTemplate, float]]:
+    """Return the sides of the bevel that may be seen, each turned by the angles to try [rad]."""
+    both = (template, template.mirrored)
+    sides = both if roll_rad is None else (both[not template.has_same_side(roll_rad)],)
+    headings = _HEADINGS_RAD if heading_rad is None else (heading_rad,)
+    return [(side, wrap_angle(heading - side.heading_rad)) for side in sides for heading in headings]
 
 
 def _check(grey: Picture, template: TipTemplate, numbers: Sequence[float], region_px: float) -> None:

@@ -89,13 +89,15 @@ def parse_json(content: bytes, *, finite: bool = True) -> object:
         When it is no JSON (`json.JSONDecodeError`), nested deeper, or holds a number that is not finite.
     """
     try:
-        text = content.decode(json.detect_encoding(content), "surrogatepass")
+        text = content.decode(json.detect_encoding(content))
         value = (_DECODER if finite else _ANY_NUMBER).decode(text)
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
     # No deeper than it has brackets: most lines need no second look.
     if content.count(b"[") + content.count(b"{") > MAX_DEPTH:
         _check_depth(value)
+    if b"\\ud" in content.lower():  # an escape of half a character, which no file or terminal takes
+        json.dumps(value, ensure_ascii=False).encode()
     return value
 
 

@@ -19,7 +19,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from labrig.lab import read_examples
-from labrig.record.source_digest import digest_sources
+from labrig.record.provenance import digest_sources
 
 pytestmark = pytest.mark.slow
 
@@ -123,7 +123,7 @@ def test_a_wheel_holds_the_code_the_examples_and_the_licence(installed: Installe
     """They are those of the checkout, and the version is that of the project."""
     described = (
         "import labrig; from hashlib import sha256; from importlib.metadata import files;"
-        "from labrig.lab import read_examples; from labrig.record.source_digest import digest_sources;"
+        "from labrig.lab import read_examples; from labrig.record.provenance import digest_sources;"
         "print(labrig.__file__, digest_sources(), sha256(repr(read_examples()).encode()).hexdigest(),"
         "[file.name for file in files('labrig') if 'licenses' in file.parts], labrig.__version__, sep='\\n')"
     )

@@ -65,10 +65,7 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
 @pytest.mark.parametrize(
     ("modules", "unneeded"),
     [
-        (
-            "labrig.record.catalogue, labrig.record.notes",
-            ("numpy", "pandas", "cv2", "pydantic", "ruamel"),
-        ),
+        ("labrig.record.catalogue, labrig.record.notes", ("numpy", "pandas", "cv2", "ruamel")),
         ("labrig.steering.parameters", ("numpy", "scipy")),
         ("labrig.record.check", ("pandas",)),
         ("labrig.protocol.load", ("cv2", "numpy", "pandas", "scipy", "matplotlib", "rerun", "can", "typer", "jinja2")),

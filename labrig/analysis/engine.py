@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 from labrig import __version__
 from labrig.errors import BugError, LabrigError, MachineError, WorkersError
 from labrig.posix import WORKER_START_METHOD, end_with_parent, hold_signals
-from labrig.record.source_digest import digest_sources
+from labrig.record.provenance import digest_sources
 
 CORES = len(os.sched_getaffinity(0))
 """Those that this process may use: `taskset`, a container or a batch system may allow fewer than all."""

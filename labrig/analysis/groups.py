@@ -9,7 +9,7 @@ import pandas as pd
 
 from labrig.analysis.measurements import Measured
 from labrig.errors import InputError
-from labrig.record.condition import BLOCK_NAME, find_paths
+from labrig.record.condition import BLOCK_NAME, find_values
 from labrig.text import format_count
 
 Unit = Literal["specimen", "insertion"]
@@ -113,7 +113,7 @@ def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd
 
 def _list_run_values(run: Measured, name: str) -> list[str]:
     """Return the values of a field of manifest or protocol, each once."""
-    values = [value for path in find_paths(name, run.fields) for value in run.fields[path]]
+    values = find_values(run.fields, name)
     return list(dict.fromkeys(_to_text(value) for value in values if value is not None and value != ""))
 
 

@@ -18,7 +18,8 @@ from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.lab import choose_runs_dir
 from labrig.protocol.model import Model
 from labrig.record.catalogue import list_runs, manifest_fields
-from labrig.record.manifest import is_simulated
+from labrig.record.condition import Fields
+from labrig.record.layout import is_simulated
 from labrig.record.reader import Run, open_run
 from labrig.record.tables import unescape_formula
 
@@ -99,15 +100,10 @@ class Measured:
         return self.about.run
 
     @cached_property
-    def fields(self) -> Mapping[str, Sequence[object]]:
-        """The values of manifest and protocol by dotted path, and tags and verdict."""
-        protocol = manifest_fields(dict(self.run.protocol))
-        return {
-            **manifest_fields(self.run.manifest),
-            **{f"protocol.{path}": values for path, values in protocol.items()},
-            "tag": list(self.run.annotations.tags),
-            "verdict": [self.run.annotations.verdict],
-        }
+    def fields(self) -> Fields:
+        """The values of manifest, protocol and notes by dotted path."""
+        manifest = {**self.run.manifest, "protocol": self.run.protocol}
+        return manifest_fields(manifest, self.run.annotations)
 
     def find_column(self, quantity: str) -> tuple[str, str] | None:
         """Return the first table and column of a quantity, `COLUMN` or `TABLE.COLUMN`; None without one."""

@@ -117,7 +117,7 @@ def measure_picture(
         return measure_image(picture.read(), plane, settings, mask)
     except (PictureError, RecordError) as error:
         # The folder on this computer is no part of a result.
-        reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)
+        reason = error.message.replace(str(picture.run / picture.line.file), Path(picture.line.file).name)
         return Unreadable(reason)
 
 

@@ -24,7 +24,7 @@ from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, read_file
 from labrig.protocol.model import Model
-from labrig.record.decisions import Decisions
+from labrig.record.events import Decisions
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 from labrig.record.tables import escape_formula, is_budget, name_budget_columns

@@ -19,9 +19,9 @@ from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import find_damage
-from labrig.record.layout import MANIFEST, hash_file
-from labrig.record.pictures import count_pictures
+from labrig.record.layout import FRAMES, MANIFEST, hash_file
 from labrig.record.reader import Run, open_run
+from labrig.record.results import finish_result, new_result_dir
 
 RunsProgress = Callable[[int, int, Path], None]
 ExperimentOf = Callable[[Run], MeasuredExperiment]
@@ -88,8 +88,8 @@ def analyze_run(
     with name_damage(run.path, damage):
         findings = experiment.analyze(run, protocol, request)
     # The folder is made last, so that an analysis that fails leaves nothing behind.
-    result = write_result(run.new_result_dir(), findings)
-    run.finish_result(result.path)
+    result = write_result(new_result_dir(run.path), findings)
+    finish_result(result.path)
     return result
 
 
@@ -203,7 +203,7 @@ def analyze_runs(
         created=created,
         provenance=dict(provenance),
     )
-    sizes = [max(1, count_pictures(run)) for run in runs]
+    sizes = [max(1, sum(1 for _ in (run / FRAMES).glob("*"))) for run in runs]
     seen = ((run, (run / MANIFEST).is_file()) for run in runs)
     with closing(run_in_order(pool, task, seen)) as outcomes:
         for run, outcome, done in zip(runs, outcomes, accumulate(sizes), strict=True):

@@ -19,7 +19,7 @@ from labrig.record.difference import find_differences
 from labrig.record.json_lines import LineFile, encode_document, encode_line, read_lines
 from labrig.record.layout import CAMPAIGN, LOCK
 from labrig.record.lock import FileLock
-from labrig.record.processor import describe_change, describe_processor
+from labrig.record.provenance import describe_change, describe_processor
 
 ROWS_FILE = "tasks.jsonl"
 TABLE_FILE = "table.parquet"
@@ -106,7 +106,7 @@ def open_store(folder: Path, document: Mapping[str, object]) -> Iterator[Campaig
         else:
             write_atomically(path, encode_document({**document, "processor": describe_processor()}))
         with disk_errors(rows_path):
-            file = LineFile.reopen(rows_path) if rows_path.exists() else LineFile.create(rows_path)
+            file = LineFile(rows_path)
         try:
             yield CampaignStore(folder, rows, change, file)
         finally:

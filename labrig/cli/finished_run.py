@@ -5,7 +5,7 @@ import shlex
 from labrig.analysis.result import Summary, TextTable
 from labrig.cli.output import failure_document, print_json, print_line, print_table, say, say_failure
 from labrig.devices.needle_location import NeedleLocation
-from labrig.record.manifest import read_checksum
+from labrig.record.layout import read_checksum
 from labrig.runner.experiment import Experiment
 from labrig.runner.whole_run import FinishedRun
 

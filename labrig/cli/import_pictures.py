@@ -123,9 +123,9 @@ def _import(
     """
     from labrig.devices.clocks import SystemClock
     from labrig.protocol.yaml_file import dump_yaml
-    from labrig.record.manifest import read_checksum
+    from labrig.record.layout import read_checksum
     from labrig.record.provenance import collect_provenance
-    from labrig.record.writer import Recorder, RunFiles, create_under_free_name
+    from labrig.record.writer import Recorder, create_under_free_name, opening_files
 
     _require_readable(folder, pictures)
     started = SystemClock().utc()
@@ -142,7 +142,7 @@ def _import(
             "provenance": collect_provenance(sys.argv),
             "protocol": protocol.model_dump(mode="json"),
         },
-        files=RunFiles(dump_yaml(protocol), calibration=calibration),
+        files=opening_files(dump_yaml(protocol), calibration=calibration),
     )
     # Without characters that are not allowed in a run's name.
     name = re.sub(r"[^\w.-]+", "-", folder.resolve().name).strip("-.") or "pictures"

@@ -7,9 +7,8 @@ from pathlib import Path
 from labrig.errors import LabrigError
 from labrig.record.catalogue import RunSummary
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import EVENT_LINES, TRIAL_START, TRIAL_STOP, run_lock
+from labrig.record.layout import EVENT_LINES, find_rig_option, is_simulated, read_manifest, run_lock
 from labrig.record.lock import read_lock_owner
-from labrig.record.manifest import find_rig_option, is_simulated, read_manifest
 
 MOST = 3
 """How many of them are explained; the others are only listed as `incomplete`."""
@@ -46,7 +45,7 @@ def _find_withdrawal(run: Path) -> str:
         manifest, events = read_manifest(run), read_lines(run / EVENT_LINES)
     except LabrigError:
         return ""
-    trials = [line.get("kind") for line in events if line.get("kind") in {TRIAL_START, TRIAL_STOP}]
-    if is_simulated(manifest) or manifest.get("rig") is None or trials[-1:] != [TRIAL_START]:
+    trials = [line.get("kind") for line in events if line.get("kind") in {"trial_start", "trial_stop"}]
+    if is_simulated(manifest) or manifest.get("rig") is None or trials[-1:] != ["trial_start"]:
         return ""
     return f"labrig devices withdraw {find_rig_option(manifest)} --run {shlex.quote(str(run))}"

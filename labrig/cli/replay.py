@@ -51,8 +51,7 @@ def replay(run_path: RunArgument) -> int:
 
 def _explain(provenance: object) -> list[str]:
     """Return what may explain a difference, as sentences: other code, another processor."""
-    from labrig.record.processor import describe_change
-    from labrig.record.provenance import collect_provenance
+    from labrig.record.provenance import collect_provenance, describe_change
 
     recorded, now = provenance if isinstance(provenance, Mapping) else {}, collect_provenance(())
     is_other = any(recorded.get(key) != now[key] for key in ("labrig", "source_sha256"))

@@ -125,13 +125,12 @@ def check(runs: RunsArgument) -> int:
         state = "interrupted" if found.exit_status == "incomplete" else f"closed as {found.exit_status}"
         state = state if writer is None else f"being written by {writer}"
         print_line(f"{path}: {'damaged' if found.damage else 'sound'}, {state}")
-        counts = ((found.frames, "frame"), (found.states, "state"), (found.events, "event"))
-        held = ", ".join(format_count(count, noun) for count, noun in counts)
-        print_line(f"  it holds {held}; {format_count(found.trials_done, 'trial')} done")
+        held = ", ".join(format_count(found.holds[f"{noun}s"], noun) for noun in ("frame", "state", "event"))
+        print_line(f"  it holds {held}; {format_count(found.holds['trials_done'], 'trial')} done")
         print_problems(found.damage, "  damage: ")
         print_problems(found.notices, "  note: ")
         named = "; ".join(f"{problem.where}: {problem.message}" for problem in found.damage)
-        row = {**asdict(found), "run": str(path), "writer": writer}
+        row = {**asdict(found), **found.holds, "run": str(path), "writer": writer}
         return {**row, "ok": not found.damage, "reason": named or None}
 
     return do_for_each_run(runs, check_one)

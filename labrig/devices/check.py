@@ -22,11 +22,7 @@ from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError, LockedError, OutputExistsError, SecondMasterError
 from labrig.text import format_count
-from labrig.vision.calibration_file import (
-    load_intrinsics,
-    load_plane,
-    read_creation_time,
-)
+from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import load_mask, require_size, size_of
 from labrig.vision.plane import PlaneMap

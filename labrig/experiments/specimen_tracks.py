@@ -10,7 +10,7 @@ from labrig.experiments.shared.holes import list_tracks
 from labrig.protocol.specimen_file import SpecimenTrack, TracksBySpecimen
 from labrig.record.catalogue import list_runs
 from labrig.record.condition import BLOCK_NAME
-from labrig.record.manifest import is_simulated
+from labrig.record.layout import is_simulated
 from labrig.record.reader import open_run
 
 

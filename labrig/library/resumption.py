@@ -16,13 +16,11 @@ from labrig.library.sources import find_recorded_rig, fit_rig, load_rig_for
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
-from labrig.record.events import INCOMPLETE, TrialStart, TrialStop
-from labrig.record.layout import hash_file
-from labrig.record.manifest import find_rig_option, is_simulated
+from labrig.record.events import TrialStart, TrialStop
+from labrig.record.layout import INCOMPLETE, find_rig_option, hash_file, is_simulated
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
-from labrig.record.reopen import close_interrupted_run, reopen_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, close_interrupted_run, reopen_run
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.dry_run import plan_run

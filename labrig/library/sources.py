@@ -14,6 +14,7 @@ from labrig.lab import find_lab_folder
 from labrig.library.names import find_protocol_file, find_rig_file
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol, Needle
+from labrig.record.json_lines import plain_text
 
 _RIG_PREFIX = "rig."
 
@@ -45,8 +46,8 @@ class Sources:
         """Return the form for the manifest; relative names are relative to the lab folder."""
         rig = find_rig_file(self.rig, self.protocol) if has_rig else None
         return {
-            "protocol": str(_place_in_lab(self.protocol)),
-            "rig": None if rig is None else str(_place_in_lab(rig)),
+            "protocol": plain_text(str(_place_in_lab(self.protocol))),
+            "rig": None if rig is None else plain_text(str(_place_in_lab(rig))),
             "settings": list(self.settings),
             "seed": self.seed,
         }

@@ -15,7 +15,7 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, RunFiles, create_under_free_name
+from labrig.record.writer import Recorder, create_under_free_name, opening_files
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import conduct_withdrawal
 from labrig.runner.needle_report import add_closing_failure, report_needle
@@ -118,6 +118,6 @@ def _begin_record(
         WITHDRAWS: folder.name,
     }
     protocol, diff = read_file(left.protocol_path).decode(), collect_code_diff()
-    files = RunFiles(protocol, dump_yaml(rig.description), code_diff=diff)
+    files = opening_files(protocol, dump_yaml(rig.description), code_diff=diff)
     create = partial(Recorder.create, folder.parent, manifest=manifest, files=files)
     return create_under_free_name(started, "withdrawal", create)

@@ -6,7 +6,7 @@
 
     RUN/
       manifest.json      experiment, times, operator, protocol, provenance; `exit_status` is `incomplete` until the run
-                         has ended. A list of runs reads nothing else of it, so it is small
+                         has ended. What a list of runs shows stands in its first kilobyte
       protocol.yaml      as resolved; rig.yaml likewise, absent without a rig
       code.diff          changes of the code since its commit, if any; code.002.diff for the second session of a
                          resumed run, and so on

@@ -7,7 +7,7 @@ its quantity: a tenth of the standard deviation that stands beside it, or, where
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import zip_longest
@@ -32,7 +32,7 @@ TOLERANCES: Mapping[str, float] = {
 _RELATIVE = 1e-3
 """Tolerance of other numbers, as a share of the largest of their list: coefficients, covariances, homographies."""
 
-_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 
 _NO_OWNER: Mapping[str, object] = {}
 
@@ -96,14 +96,13 @@ class Agreement:
     shares: dict[str, float] = field(default_factory=dict)
     first: Deviation | None = None
     beyond: int = 0
-    _rounded: bool = False
 
     @property
     def verdict(self) -> Verdict:
         """The verdict so far."""
         if self.beyond:
             return Verdict.DIFFERENT
-        return Verdict.EQUIVALENT if self._rounded else Verdict.IDENTICAL
+        return Verdict.EQUIVALENT if self.largest else Verdict.IDENTICAL
 
     def compare(self, name: str, recorded: object, now: object) -> bool:
         """Compare two documents of JSON; return whether every value is within its tolerance."""
@@ -116,7 +115,6 @@ class Agreement:
 
     def add(self, deviation: Deviation) -> None:
         """Take note of a value that is not the recorded one."""
-        self._rounded = True
         name, size = deviation.quantity, deviation.size
         if size is not None:
             self.largest[name] = max(self.largest.get(name, 0.0), size)
@@ -127,81 +125,60 @@ class Agreement:
             self.beyond += 1
 
 
-def find_deviations(name: str, recorded: object, now: object) -> Iterator[Deviation]:
-    """Yield each value of a document that is not the recorded one, in the order of the record."""
-    yield from _walk(name, recorded, now, _NO_OWNER, 0.0)
-
-
-def _walk(
-    name: str, recorded: object, now: object, owner: Mapping[str, object], scale: float
+def find_deviations(
+    name: str, recorded: object, now: object, owner: Mapping[str, object] = _NO_OWNER, scale: float = 0.0
 ) -> Iterator[Deviation]:
-    """Compare a value that stands in the mapping `owner`, in a list whose largest number is `scale`."""
+    """Yield each value of a document that is not the recorded one, in the order of the record.
+
+    Parameters
+    ----------
+    name : str
+        The path of the document.
+    recorded, now : object
+        Both documents.
+    owner : Mapping
+        The mapping that the value stands in.
+    scale : float
+        The largest number of the list that it stands in.
+    """
     if recorded == now:
         return
     if isinstance(recorded, Mapping) and isinstance(now, Mapping):
         for key in dict.fromkeys((*recorded, *now)):
-            yield from _walk(f"{name}.{key}", recorded.get(key), now.get(key), recorded, 0.0)
-    elif _are_lists(recorded, now):
-        assert isinstance(recorded, Sequence)
-        assert isinstance(now, Sequence)
+            yield from find_deviations(f"{name}.{key}", recorded.get(key), now.get(key), recorded)
+    elif isinstance(recorded, list | tuple) and isinstance(now, list | tuple):
         largest = max((abs(number) for number in recorded if isinstance(number, float)), default=0.0)
         for number, (before, after) in enumerate(zip_longest(recorded, now)):
-            yield from _walk(f"{name}.{number}", before, after, owner, max(scale, largest))
+            yield from find_deviations(f"{name}.{number}", before, after, owner, max(scale, largest))
     elif isinstance(recorded, float) and isinstance(now, float):
-        size = abs(now - recorded)
-        yield Deviation(name, recorded, now, size, _find_tolerance(name, recorded, owner, scale))
+        tolerance = _find_tolerance(name, recorded, owner, scale)
+        yield Deviation(name, recorded, now, abs(now - recorded), tolerance)
     elif isinstance(recorded, str) and isinstance(now, str):
         yield from _compare_texts(name, recorded, now)
     else:
         yield Deviation(name, recorded, now)
 
 
-def _are_lists(recorded: object, now: object) -> bool:
-    return isinstance(recorded, list | tuple) and isinstance(now, list | tuple)
-
-
 def _compare_texts(name: str, recorded: str, now: str) -> Iterator[Deviation]:
     """Compare two sentences: the same words, and numbers that differ by one in their last digit at most."""
-    if _NUMBER.sub("#", recorded) != _NUMBER.sub("#", now):
+    if _NUMBER.split(recorded) != _NUMBER.split(now):
         yield Deviation(name, recorded, now)
         return
     for before, after in zip(_NUMBER.findall(recorded), _NUMBER.findall(now), strict=True):
-        if before != after:
-            digit = _last_digit(before)
-            if digit >= 1:  # whole numbers count something: holes, pictures, arcs
-                yield Deviation(name, recorded, now)
-            else:
-                yield Deviation(name, recorded, now, abs(float(after) - float(before)), 1.001 * digit)
-
-
-def _last_digit(number: str) -> float:
-    """Return the value of one in the last digit of a number as it is written."""
-    mantissa, _, exponent = number.partition("e")
-    decimals = len(mantissa.partition(".")[2])
-    return float(10.0 ** (int(exponent or 0) - decimals))
+        decimals = len(before.partition(".")[2])
+        if before != after and decimals:
+            yield Deviation(name, recorded, now, abs(float(after) - float(before)), 1.001 * 10.0**-decimals)
+        elif before != after:  # whole numbers count something: holes, pictures, arcs
+            yield Deviation(name, recorded, now)
 
 
 def _find_tolerance(name: str, value: float, owner: Mapping[str, object], scale: float) -> float:
-    sd = _find_sd(name, owner)
-    if sd is not None:
-        return SHARE_OF_SD * sd
-    word = _last_key(name).rpartition("_")[2]
-    return TOLERANCES.get(word, _RELATIVE * max(abs(value), scale))
-
-
-def _last_key(name: str) -> str:
-    """Return the last key of a dotted path that is no number of an item."""
-    return next((key for key in reversed(name.split(".")) if not key.isdigit()), "")
-
-
-def _find_sd(name: str, owner: Mapping[str, object]) -> float | None:
-    """Return the standard deviation that stands beside a quantity, by the names that records use; None without one."""
-    key = _last_key(name)
+    """Return a share of the standard deviation that stands beside a quantity; without one what its unit allows."""
+    key = next((key for key in reversed(name.split(".")) if not key.isdigit()), "")
     stem, _, unit = key.rpartition("_")
     sigma = owner.get("sigma")
-    beside = (
-        owner.get(f"sigma_{key}"),
-        owner.get(f"{stem}_sd_{unit}"),
-        sigma.get(key) if isinstance(sigma, Mapping) else None,
-    )
-    return next((sd for sd in beside if isinstance(sd, float) and math.isfinite(sd) and sd > 0), None)
+    within = sigma.get(key) if isinstance(sigma, Mapping) else None
+    for sd in (owner.get(f"sigma_{key}"), owner.get(f"{stem}_sd_{unit}"), within):
+        if isinstance(sd, float) and 0 < sd < math.inf:
+            return SHARE_OF_SD * sd
+    return TOLERANCES.get(unit, _RELATIVE * max(abs(value), scale))

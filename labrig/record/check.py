@@ -1,39 +1,31 @@
 """Verify a record: what is missing or was changed since it was written; nothing is changed."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
-from labrig.record.decisions import count_trials_done
+from labrig.record import layout
+from labrig.record.events import count_trials_done
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
     ALWAYS_PRESENT,
     ANALYSIS,
-    CAN_LOG,
-    CONTROL,
-    COPY_HINT,
-    DEVICE_LINES,
-    EVENT_LINES,
-    FRAME_LINES,
-    FRAMES,
-    LOCK,
-    NOTES,
-    REPORT,
     SHA256SUMS,
-    STATE_LINES,
-    TRUTH_LINES,
-    VIEW,
+    find_added,
+    find_changed,
+    has_ended,
     inside,
+    is_opening_file,
+    read_manifest,
+    read_sums,
 )
 from labrig.record.lock import LockOwner, read_lock_owner
-from labrig.record.manifest import check_file, has_ended, is_opening_file, read_manifest, read_sums
-from labrig.record.pictures import locate_picture
+from labrig.record.pictures import locate_pictures
 from labrig.record.results import find_result_problems, list_results
 
-LINE_FILES = (*ALWAYS_PRESENT, DEVICE_LINES, TRUTH_LINES)
-_REWRITTEN = frozenset({NOTES, REPORT, VIEW, SHA256SUMS, LOCK, CONTROL})
-"""What is rewritten later, or stands there only while a run is made: no checksum covers it."""
+_RECORDED = (*ALWAYS_PRESENT, layout.DEVICE_LINES, layout.TRUTH_LINES, layout.CAN_LOG)
 
 
 @dataclass(frozen=True)
@@ -52,8 +44,8 @@ class RunCheck:
         What is missing or was changed.
     notices : tuple of Problem
         Files that are no part of the record, and results that were never finished; neither is used.
-    frames, states, events, trials_done : int
-        How many of each can be read; of the trials, as `count_trials_done` counts them.
+    holds : Mapping
+        How many `frames`, `states` and `events` can be read, and `trials_done`, as `count_trials_done` counts them.
     """
 
     run: Path
@@ -62,10 +54,7 @@ class RunCheck:
     writer: LockOwner | None
     damage: tuple[Problem, ...]
     notices: tuple[Problem, ...]
-    frames: int
-    states: int
-    events: int
-    trials_done: int
+    holds: Mapping[str, int]
 
 
 def check_run(run: Path) -> RunCheck:
@@ -78,27 +67,26 @@ def check_run(run: Path) -> RunCheck:
     """
     manifest = read_manifest(run)
     damage = [*find_damage(run, manifest, read_pictures=True)]
-    lines: dict[str, list[dict[str, object]]] = {}
+    lines: dict[str, list[dict[str, object]]] = {name: [] for name in ALWAYS_PRESENT}
+    done = 0
     for name in ALWAYS_PRESENT:
         try:
             lines[name] = read_lines(run / name)
+            done = count_trials_done(run, lines[layout.EVENT_LINES])
         except RecordError as error:
-            lines[name] = []
             if not any(problem.where == name for problem in damage):
                 damage.append(Problem(name, error.message, error.hint))
     for number in list_results(run):
         damage += find_result_problems(run, number)
+    holds = {name.removesuffix(".jsonl"): len(lines[name]) for name in ALWAYS_PRESENT}
     return RunCheck(
         run,
         str(manifest.get("experiment")),
         str(manifest["exit_status"]),
-        read_lock_owner(run / LOCK),
+        read_lock_owner(run / layout.LOCK),
         tuple(damage),
-        tuple(_find_strangers(run, manifest, lines[FRAME_LINES])),
-        frames=len(lines[FRAME_LINES]),
-        states=len(lines[STATE_LINES]),
-        events=len(lines[EVENT_LINES]),
-        trials_done=count_trials_done(lines[EVENT_LINES]),
+        tuple(_find_strangers(run, manifest)),
+        {**holds, "trials_done": done},
     )
 
 
@@ -112,60 +100,48 @@ def find_damage(run: Path, manifest: Mapping[str, object], *, read_pictures: boo
     read_pictures : bool
         Read each picture too; otherwise only their presence is looked at, and each is verified when it is read.
     """
-    ended = has_ended(manifest)
     try:
-        sums, wrong = read_sums(run)
+        sums = read_sums(run)
     except RecordError as error:
         yield Problem(SHA256SUMS, error.message, error.hint)
-        sums, wrong = {}, ()
-    for number in wrong:
-        yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", COPY_HINT)
-    expected = {name: sha for name, sha in sums.items() if ended or is_opening_file(name)}
-    if not ended:
-        expected |= dict.fromkeys(ALWAYS_PRESENT, "") | _list_pictures(run)
-    for name, sha256 in expected.items():
-        looked_at = read_pictures or not name.startswith(f"{FRAMES}/")
-        yield from check_file(run, name, sha256 if looked_at else "", SHA256SUMS if ended else "the record")
-    if ended and sums:
-        recorded = (*(name for name in (*LINE_FILES, CAN_LOG) if (run / name).exists()), *_list_pictures(run))
-        for name in recorded:
-            if name not in sums:
-                yield Problem(SHA256SUMS, f"it does not list {name}", COPY_HINT)
+        return
+    if has_ended(manifest):
+        expected, by = sums, SHA256SUMS
+        there = [name for name in _RECORDED if (run / name).exists()]
+        for name in {*there, *_list_pictures(run)} - sums.keys():
+            yield Problem(SHA256SUMS, f"it does not list {name}", layout.COPY_HINT)
+    else:
+        expected, by = _list_recorded(run, sums), "the record"
+    unread = {} if read_pictures else {name: "" for name in expected if name.startswith(f"{layout.FRAMES}/")}
+    yield from find_changed(run, {**expected, **unread}, by)
+
+
+def _list_recorded(run: Path, sums: Mapping[str, str]) -> dict[str, str]:
+    """Return the SHA-256 of each file of a run that has not ended; empty of those that still grow."""
+    opening = {name: sha for name, sha in sums.items() if is_opening_file(name)}
+    return opening | dict.fromkeys(ALWAYS_PRESENT, "") | _list_pictures(run)
 
 
 def _list_pictures(run: Path) -> dict[str, str]:
     """Return the SHA-256 of each picture that a line lists."""
-    try:
-        lines = read_lines(inside(run, FRAME_LINES))
-    except RecordError:
-        return {}
-    pictures = (locate_picture(run, line) for line in lines)
-    return {picture.file: picture.sha256 for picture in pictures if picture is not None}
+    with suppress(RecordError):
+        pictures = locate_pictures(run, read_lines(inside(run, layout.FRAME_LINES)))
+        return {picture.line.file: picture.line.sha256 for picture in pictures}
+    return {}
 
 
-def _find_strangers(
-    run: Path, manifest: Mapping[str, object], frames: Iterable[Mapping[str, object]]
-) -> Iterator[Problem]:
+def _find_strangers(run: Path, manifest: Mapping[str, object]) -> Iterator[Problem]:
     """Yield what stands in the folder of a run and is no part of it."""
-    try:
-        known = set(read_sums(run)[0])
-    except RecordError:
-        known = set()
-    if not has_ended(manifest):
-        known |= {*LINE_FILES, CAN_LOG, "manifest.json", *(str(line.get("file")) for line in frames)}
-    for path in sorted(run.rglob("*")):
-        name = path.relative_to(run).as_posix()
-        is_hidden = any(part.startswith(".") for part in name.split("/"))
-        if (
-            path.is_dir()
-            or is_hidden
-            or name in known
-            or name in _REWRITTEN
-            or name.startswith(f"{ANALYSIS}/")
-        ):
-            continue
-        yield Problem(name, "it is no part of the record and is not used", "move it out of the run")
-    for folder in sorted((run / ANALYSIS).glob("*")) if (run / ANALYSIS).is_dir() else ():
+    known = {layout.NOTES, layout.REPORT, layout.VIEW}  # what is written again later: no checksum covers it
+    with suppress(RecordError):
+        sums = read_sums(run)
+        known |= (
+            set(sums) if has_ended(manifest) else {*_list_recorded(run, sums), *_RECORDED, layout.MANIFEST}
+        )
+    for problem in find_added(run, known):
+        if not problem.where.startswith(f"{ANALYSIS}/"):
+            yield problem
+    for folder in sorted((run / ANALYSIS).glob("*")):
         if not (folder / SHA256SUMS).is_file():
             message = "it is no finished result and is not used"
             yield Problem(f"{ANALYSIS}/{folder.name}", message, "labrig reanalyze makes another")

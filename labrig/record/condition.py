@@ -14,47 +14,31 @@ import ast
 import json
 import operator
 import re
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from itertools import count
+from types import CodeType
 from typing import TypeAlias
 
 from labrig.errors import InputError
+from labrig.record.json_lines import Value
 
-Value: TypeAlias = str | int | float | bool | None
-Lookup: TypeAlias = Callable[[str], Sequence[Value]]
-"""From the name of a field to its values in a run."""
+Fields: TypeAlias = Mapping[str, Sequence[Value]]
+"""The values of each field of a run by its dotted path."""
 
 BLOCK_NAME = "block.name"
 """The field with the name of a specimen that has a file."""
 
-ALWAYS_KNOWN = frozenset({"tag", "verdict", "note", BLOCK_NAME})
-"""Fields that may be searched for even if no run has them."""
-
-_MAX_DEPTH = 50
-# The usual fields; a hint names these out of the two hundred that a run has.
 _USUAL = (
-    "run",
-    "protocol",
-    "exit_status",
-    "started",
-    "operator",
-    "title",
-    "seed",
-    "tag",
-    "verdict",
-    "note",
-    "gelatin_percent",
-    "needle_id",
-    "diameter_mm",
-    "mean_radius_mm",
+    "run, protocol, exit_status, started, operator, seed, tag, verdict, note, gelatin_percent, needle_id, "
+    "diameter_mm, mean_radius_mm, and all other keys of manifest, protocol and result"
 )
-_LEAST_LIKENESS = 0.75
 _COMPARISON = re.compile(
     r"""(?!(?:and|or|not)\b)([^\s=!<>~()"']+)\s*(<=|>=|!=|[=<>~])\s*("[^"]*"|'[^']*'|[^\s=!<>~()"']+)"""
 )
-_JOINTS = frozenset({"and", "or", "not"})
-_ORDERS: dict[str, Callable[..., bool]] = {
+_JOINING = (ast.Expression, ast.Name, ast.Load, ast.BoolOp, ast.boolop, ast.UnaryOp, ast.Not)
+_ORDERS: Mapping[str, Callable[..., bool]] = {
     "=": operator.eq,
     "<": operator.lt,
     "<=": operator.le,
@@ -63,79 +47,90 @@ _ORDERS: dict[str, Callable[..., bool]] = {
 }
 
 
+def find_values(fields: Fields, name: str) -> list[Value]:
+    """Return the values of the fields whose path is equal to a name or ends in it."""
+    found = [fields[path] for path in fields if path.endswith(name) and f".{path}".endswith(f".{name}")]
+    return [value for values in found for value in values]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A comparison of a field with a text, or with the number that it is; `column` is its place, from 1."""
+
+    name: str
+    sign: str
+    text: str
+    number: float | None
+    column: int
+
+    def fits(self, values: Sequence[Value]) -> bool:
+        """Return whether one of the field's values fits."""
+        if self.sign == "!=":
+            return bool(values) and not replace(self, sign="=").fits(values)
+        return any(self._fits_one(value) for value in values)
+
+    def _fits_one(self, value: Value) -> bool:
+        shown = value if isinstance(value, str) else json.dumps(value)
+        if self.sign == "~":
+            return self.text.casefold() in shown.casefold()
+        if value is None:  # it has no order; `=` finds it by name
+            return self.sign == "=" and self.text == "null"
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return self.number is not None and _ORDERS[self.sign](value, self.number)
+        return _ORDERS[self.sign](shown, self.text)
+
+    def refuse(self, known: Collection[str]) -> InputError:
+        """Return the error of a field that no run has; names the one that was probably meant."""
+        short = {path.rpartition(".")[2] for path in known}
+        near = get_close_matches(self.name, sorted(short), 1, 0.75)
+        meant = f"did you mean {near[0]}? " if near else ""
+        message = f"--where, character {self.column}: no run has a field {self.name!r}"
+        return InputError(message, f"{meant}fields: {_USUAL}")
+
+
 @dataclass(frozen=True)
 class Condition:
-    """A parsed condition: the fields that it names with their columns in the text, from 1, and its test of a run."""
+    """A parsed condition: its comparisons, and the expression that joins them by the names c0, c1 ..."""
 
-    names: tuple[tuple[str, int], ...]
-    fits: Callable[[Lookup], bool]
+    comparisons: tuple[Comparison, ...]
+    joined: CodeType
 
-    def require_known(self, known: Collection[str]) -> None:
-        """Refuse a name that no run has. Raises `InputError`, which names its place and the existing fields."""
-        for name, column in self.names:
-            if not find_paths(name, known):
-                raise InputError(
-                    f"--where, character {column}: no run has a field {name!r}", _list_fields(name, known)
-                )
-
-
-def _list_fields(name: str, known: Collection[str]) -> str:
-    """Return the field that was probably meant by a name that is none, and the usual ones."""
-    by_depth = sorted(known, key=lambda path: (path.count("."), path))
-    short = list(dict.fromkeys(path.rpartition(".")[2] for path in by_depth))
-    near = [path for path in short if path.startswith(name)]
-    near = near or get_close_matches(name, short, 1, _LEAST_LIKENESS)
-    meant = f"did you mean {near[0]}? " if near else ""
-    shown_first = [field for field in _USUAL if field in short] or short[: len(_USUAL)]
-    others = len(short) - len(shown_first)
-    more = f", and {others} more keys of manifest, protocol and result" if others else ""
-    return f"{meant}fields: {', '.join(shown_first)}{more}"
-
-
-def find_paths(name: str, known: Collection[str]) -> tuple[str, ...]:
-    """Return the paths that a name matches: those that are equal to it or end in it."""
-    return tuple(path for path in known if path == name or path.endswith(f".{name}"))
+    def fits(self, fields: Fields) -> bool:
+        """Return whether a run with these fields fits."""
+        held = {
+            f"c{number}": comparison.fits(find_values(fields, comparison.name))
+            for number, comparison in enumerate(self.comparisons)
+        }
+        # It holds nothing but these names, and, or and not: `parse_condition` has looked at every node.
+        return bool(eval(self.joined, {"__builtins__": {}}, held))  # noqa: S307
 
 
 def parse_condition(text: str) -> Condition:
     """Read a condition. Raises `InputError`, which names the first place that makes no sense."""
-    found = list(_COMPARISON.finditer(text))
+    comparisons = tuple(_read_comparison(match) for match in _COMPARISON.finditer(text))
     rest = _COMPARISON.sub(lambda match: " " * len(match[0]), text)
-    strange = next((word for word in re.finditer(r"[^\s()]+", rest) if word[0] not in _JOINTS), None)
-    if strange is not None or not found:
+    strange = re.search(r"(?!(?:and|or|not)(?![^\s()]))(?<![^\s()])[^\s()]+", rest)
+    if strange is not None or not comparisons:
         raise _refuse(text, 1 if strange is None else strange.start() + 1, "this is no comparison")
-    if rest.count("(") + rest.count("not") > _MAX_DEPTH:
-        raise _refuse(text, 1, f"more than {_MAX_DEPTH} brackets and nots")
-    tests = []
-    for match in found:
-        name, sign, value = match.groups()
-        is_quoted = value[0] in "\"'"
-        number = None if is_quoted else _parse_number(value)
-        tests.append(_make_test(name, sign, value[1:-1] if is_quoted else value, number))
-    numbers = iter(range(len(tests)))
+    numbers = count()
     joined = " ".join(_COMPARISON.sub(lambda _: f" c{next(numbers)} ", text).split())
     try:
-        fits = _join(ast.parse(joined, mode="eval").body, tests)
-    except (SyntaxError, RecursionError, MemoryError) as error:
-        raise _refuse(text, len(text), "and, or, not and brackets do not join the comparisons") from error
-    return Condition(tuple((match[1], match.start() + 1) for match in found), fits)
+        tree = ast.parse(joined, mode="eval")
+        if all(isinstance(node, _JOINING) for node in ast.walk(tree)):
+            return Condition(comparisons, compile(tree, "--where", "eval"))
+    except (SyntaxError, RecursionError, MemoryError):
+        pass
+    raise _refuse(text, len(text), "and, or, not and brackets do not join the comparisons")
 
 
-def _join(node: ast.expr, tests: Sequence[Callable[[Lookup], bool]]) -> Callable[[Lookup], bool]:
-    """Return the test that joined comparisons make. Raises `SyntaxError` for what is neither and, or nor not."""
-    match node:
-        case ast.Name(id=name):
-            return tests[int(name[1:])]
-        case ast.UnaryOp(op=ast.Not(), operand=operand):
-            inner = _join(operand, tests)
-            return lambda lookup: not inner(lookup)
-        case ast.BoolOp(op=joint, values=values):
-            parts, combine = (
-                [_join(value, tests) for value in values],
-                any if isinstance(joint, ast.Or) else all,
-            )
-            return lambda lookup: combine(part(lookup) for part in parts)
-    raise SyntaxError
+def _read_comparison(match: re.Match[str]) -> Comparison:
+    name, sign, value = match.groups()
+    if value[0] in "\"'":
+        return Comparison(name, sign, value[1:-1], None, match.start() + 1)
+    try:
+        return Comparison(name, sign, value, float(value), match.start() + 1)
+    except ValueError:
+        return Comparison(name, sign, value, None, match.start() + 1)
 
 
 def _refuse(text: str, column: int, what: str) -> InputError:
@@ -144,34 +139,3 @@ def _refuse(text: str, column: int, what: str) -> InputError:
         'for example: --where "gelatin_percent=13 and exit_status=success"; equal is one =, a number goes without its '
         "unit, a text with blanks in quotes",
     )
-
-
-def _make_test(name: str, sign: str, text: str, number: float | None) -> Callable[[Lookup], bool]:
-    if sign == "!=":
-        equals = _make_test(name, "=", text, number)
-        return lambda lookup: bool(lookup(name)) and not equals(lookup)
-    if sign == "~":
-        sought = text.casefold()
-        return lambda lookup: any(sought in _show(value).casefold() for value in lookup(name))
-    order = _ORDERS[sign]
-
-    def fits(value: Value) -> bool:
-        if value is None:  # it has no order; `=` finds it by name
-            return sign == "=" and text == "null"
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return number is not None and order(value, number)
-        return order(_show(value), text)
-
-    return lambda lookup: any(fits(value) for value in lookup(name))
-
-
-def _show(value: Value) -> str:
-    """Return a value as the files have it."""
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _parse_number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None

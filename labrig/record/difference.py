@@ -4,20 +4,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from labrig.protocol.yaml_tree import load_yaml_values
-from labrig.record.condition import Value
+from labrig.record.json_lines import Value, flatten
 from labrig.record.reader import Run
 
-_RUN_KEYS = (
-    "experiment",
-    "title",
-    "exit_status",
-    "reason",
-    "trials_planned",
-    "summary",
-    "seed",
-    "operator",
-    "recording",
-)
+_RUN_KEYS = ("experiment", "title", "exit_status", "reason", "trials_planned", "summary", "seed", "operator")
 # Time and origin of a result are not compared; versions have a section of their own.
 _STAMP = frozenset({"created", "inputs", "parent", "provenance", "schema_version"})
 
@@ -62,7 +52,7 @@ def list_differences(a: Run, b: Run) -> tuple[Difference, ...]:
 
 def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:
     """Yield the dotted path and both values of each scalar that differs between two documents, in their order."""
-    ours, theirs = dict(_walk(a, "")), dict(_walk(b, ""))
+    ours, theirs = dict(flatten(a, number_items=True)), dict(flatten(b, number_items=True))
     for key in dict.fromkeys((*ours, *theirs)):
         if (before := ours.get(key)) != (after := theirs.get(key)):
             yield key, before, after
@@ -70,7 +60,6 @@ def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]
 
 def _read_sections(run: Run) -> dict[str, Mapping[str, object]]:
     manifest = run.manifest
-    provenance = _as_mapping(manifest.get("provenance"))
     rig = run.rig_path
     calibration = {name: {"sha256": sha256} for name, sha256 in run.calibration_hashes.items()}
     return {
@@ -78,23 +67,7 @@ def _read_sections(run: Run) -> dict[str, Mapping[str, object]]:
         "protocol": run.protocol,
         "rig": {} if rig is None else load_yaml_values(rig),
         "calibration": calibration,
-        "versions": {key: value for key, value in provenance.items() if key != "command_line"},
+        "versions": {**(manifest.get("provenance") or {}), "command_line": None},
         "devices": run.devices,
         "results": {key: value for key, value in (run.result or {}).items() if key not in _STAMP},
     }
-
-
-def _as_mapping(value: object) -> Mapping[str, object]:
-    return value if isinstance(value, Mapping) else {}
-
-
-def _walk(value: object, path: str) -> Iterator[tuple[str, Value]]:
-    if isinstance(value, Mapping):
-        items = value.items()
-    elif isinstance(value, list | tuple):
-        items = dict(enumerate(value)).items()
-    else:
-        yield path, value if isinstance(value, str | int | float) else None
-        return
-    for key, item in items:
-        yield from _walk(item, f"{path}.{key}" if path else str(key))

@@ -28,30 +28,17 @@ even of kinds without a model.
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar, Generic, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from labrig.errors import Fault, RecordError
-from labrig.record.layout import (
-    EVENT_LINES,
-    FRAME_LINES,
-    MARK_BAD,
-    NOTE,
-    REPEAT,
-    RUN_STOP,
-    SKIP,
-    TRIAL_START,
-    TRIAL_STOP,
-    TRUTH_LINES,
-    UNDO,
-)
+from labrig.record.layout import EVENT_LINES, INCOMPLETE
 
-INCOMPLETE = "incomplete"
-"""`exit_status` of a trial without a stop."""
 INTERRUPTED = "interrupted"
 """`exit_status` of a trial that a later session found without a stop."""
 _HINT = "no labrig wrote it so; take the file from a copy of the run"
@@ -90,8 +77,6 @@ class Event(Line):
 class RunStart(Event):
     """The run starts; names its experiment."""
 
-    kind: ClassVar[str] = "run_start"
-
     experiment: str
 
 
@@ -107,8 +92,6 @@ class RunStop(Event):
     `error` is the class of the error that ended it, see `labrig.errors`; empty after a success.
     """
 
-    kind: ClassVar[str] = RUN_STOP
-
     exit_status: str
     reason: str
     error: str = ""
@@ -118,7 +101,6 @@ class RunStop(Event):
 class TrialStart(Event):
     """A trial starts; a person reads its `noun`. `repeats` is the trial that it replaces, interrupted or made again."""
 
-    kind: ClassVar[str] = TRIAL_START
     noun: ClassVar[str] = "trial"
 
     trial: int
@@ -130,8 +112,6 @@ class TrialStop(Event):
 
     `stop` and `cause` say in a word and in words why it has failed.
     """
-
-    kind: ClassVar[str] = TRIAL_STOP
 
     trial: int
     exit_status: str
@@ -162,8 +142,6 @@ class Move(Event):
     The sent values are in quadcounts and rpm if the drive has these, else in counts and speed units of the drive.
     """
 
-    kind: ClassVar[str] = "move"
-
     axis: str
     asked_position: float
     asked_speed: float
@@ -178,8 +156,6 @@ class Move(Event):
 class MoveDone(Event):
     """An axis has arrived at this position [mm or rad]."""
 
-    kind: ClassVar[str] = "move_done"
-
     axis: str
     position: float
 
@@ -187,19 +163,13 @@ class MoveDone(Event):
 class AxesReferenced(Event):
     """The axes stand at zero from now on, where they are."""
 
-    kind: ClassVar[str] = "axes_referenced"
-
 
 class AxesStopped(Event):
     """Every axis was stopped, and stands still."""
 
-    kind: ClassVar[str] = "axes_stopped"
-
 
 class WithdrawalStart(Event):
     """The needle is withdrawn along its path in this many moves."""
-
-    kind: ClassVar[str] = "withdrawal_start"
 
     moves: int
 
@@ -207,16 +177,12 @@ class WithdrawalStart(Event):
 class WithdrawalStop(Event):
     """The needle is out."""
 
-    kind: ClassVar[str] = "withdrawal_stop"
-
 
 class Pause(Event):
     """A person has paused the run: at which safe point (a word), during which trial, and by what.
 
     The axes hold until the `Continue` that follows, or until the run ends.
     """
-
-    kind: ClassVar[str] = "pause"
 
     point: str
     by: str
@@ -226,15 +192,11 @@ class Pause(Event):
 class Continue(Event):
     """The pause is over; a person has ended it by this."""
 
-    kind: ClassVar[str] = "continue"
-
     by: str
 
 
 class Skip(Event):
     """A person has left out a trial that had not started; `repeats` is the trial that it would have repeated."""
-
-    kind: ClassVar[str] = SKIP
 
     trial: int
     repeats: int | None = None
@@ -243,15 +205,11 @@ class Skip(Event):
 class Repeat(Event):
     """A person has had a trial that had ended made again; the later trial takes its place."""
 
-    kind: ClassVar[str] = REPEAT
-
     trial: int
 
 
 class MarkBad(Event):
     """A person has marked a trial as bad, and why: it is not evaluated."""
-
-    kind: ClassVar[str] = MARK_BAD
 
     trial: int
     reason: str
@@ -260,7 +218,7 @@ class MarkBad(Event):
 class OperatorNote(Event):
     """A person has written a note during a trial; None between two trials."""
 
-    kind: ClassVar[str] = NOTE
+    kind: ClassVar[str] = "note"
 
     text: str
     trial: int | None = None
@@ -268,8 +226,6 @@ class OperatorNote(Event):
 
 class Undo(Event):
     """A person has taken back the decision that came last: the kind of that event."""
-
-    kind: ClassVar[str] = UNDO
 
     undone: str
 
@@ -314,13 +270,14 @@ class TruthLine(Line):
 
 
 class FrameLine(Line):
-    """The line of a picture: number, file, trial, role, and the positions of the axes at the exposure.
+    """The line of a picture: number, file and its SHA-256, trial, role, and the positions of the axes at the exposure.
 
     `drawn` marks a picture that was drawn on; an imported picture has its `source`. Missing fields are None.
     """
 
     frame: int
     file: str
+    sha256: str = ""
     trial: int | None = None
     role: str | None = None
     insertion_mm: float | None = None
@@ -332,7 +289,6 @@ class FrameLine(Line):
 
 _Line = TypeVar("_Line", bound=Line)
 _Event = TypeVar("_Event", bound=Event)
-_Truth = TypeVar("_Truth", bound=TruthLine)
 _Start = TypeVar("_Start", bound=TrialStart)
 _Stop = TypeVar("_Stop", bound=TrialStop)
 
@@ -366,34 +322,16 @@ def parse_events(
     """
     by_kind = {model.kind: model for model in models}
     for number, line in enumerate(lines, start=1):
-        kind = line.get("kind")
-        if isinstance(kind, str) and kind in by_kind:
-            yield _parse(by_kind[kind], line, f"{run / EVENT_LINES}:{number}: {kind}")
+        if (model := by_kind.get(str(line.get("kind")))) is not None:
+            yield _parse(model, line, f"{run / EVENT_LINES}:{number}: {model.kind}")
 
 
-def parse_frame_lines(run: Path, lines: Sequence[Mapping[str, object]]) -> Iterator[FrameLine]:
-    """Yield the line of each picture. Raises `RecordError` as `parse_events` does."""
-    for number, line in enumerate(lines, start=1):
-        yield _parse(FrameLine, line, f"{run / FRAME_LINES}:{number}")
-
-
-def parse_truth_lines(
-    run: Path, lines: Sequence[Mapping[str, object]], model: type[_Truth]
-) -> Iterator[_Truth]:
-    """Yield what a simulated world drew of each trial. Raises `RecordError` as `parse_events` does."""
-    for number, line in enumerate(lines, start=1):
-        yield _parse(model, line, f"{run / TRUTH_LINES}:{number}")
-
-
-def join_trials(events: Iterable[_Start | _Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
-    """Return the trials of a run; the last start of a repeated trial counts."""
-    trials: dict[int, RecordedTrial[_Start, _Stop]] = {}
-    for event in events:
-        if isinstance(event, TrialStart):
-            trials[event.trial] = RecordedTrial(event, None)
-        elif event.trial in trials:
-            trials[event.trial] = RecordedTrial(trials[event.trial].start, event)
-    return tuple(trials.values())
+def parse_lines(
+    path: Path, lines: Sequence[Mapping[str, object]], model: type[_Line], first: int = 0
+) -> Iterator[_Line]:
+    """Yield lines of one model, the first of which has a number from 0 in its file; raises as `parse_events`."""
+    for number, line in enumerate(lines, start=first + 1):
+        yield _parse(model, line, f"{path}:{number}")
 
 
 def _parse(model: type[_Line], line: Mapping[str, object], where: str) -> _Line:
@@ -402,9 +340,95 @@ def _parse(model: type[_Line], line: Mapping[str, object], where: str) -> _Line:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
-        wrong = (
-            f"it does not say its {field!r}"
-            if first["type"] == "missing"
-            else f"{field}: {first['msg'].lower()}"
-        )
-        raise RecordError(f"{where}: {wrong}", _HINT) from error
+        raise RecordError(f"{where}: {field!r}: {first['msg'].lower()}", _HINT) from error
+
+
+DECISIONS = (Skip, Repeat, MarkBad, OperatorNote)
+"""The events that an `Undo` can take back."""
+
+RESCHEDULING = (Skip, Repeat)
+"""Those after which other trials remain."""
+
+READ = (*DECISIONS, Undo)
+"""The events that `fold_decisions` reads."""
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """The decisions that hold, in the order in which they were made."""
+
+    made: tuple[Event, ...] = ()
+
+    @property
+    def skipped(self) -> tuple[Skip, ...]:
+        """Trials that were left out before they started."""
+        return tuple(event for event in self.made if isinstance(event, Skip))
+
+    @property
+    def repeated(self) -> frozenset[int]:
+        """Trials whose place a later trial takes."""
+        return frozenset(event.trial for event in self.made if isinstance(event, Repeat))
+
+    @property
+    def bad(self) -> Mapping[int, str]:
+        """Trials that were marked as bad, with the reason; the last mark counts."""
+        return {event.trial: event.reason for event in self.made if isinstance(event, MarkBad)}
+
+    @property
+    def notes(self) -> tuple[OperatorNote, ...]:
+        """Notes."""
+        return tuple(event for event in self.made if isinstance(event, OperatorNote))
+
+    def explain_left_out(self, trial: int) -> str:
+        """Return why a trial is left out of the evaluation; empty if it is to be evaluated."""
+        if trial in self.bad:
+            return f"marked as bad: {self.bad[trial]}"
+        return "repeated" if trial in self.repeated else ""
+
+    def add(self, event: Event) -> "Decisions":
+        """Return the decisions after one more event; one that decides nothing changes nothing."""
+        if isinstance(event, Undo):
+            undoes = bool(self.made) and self.made[-1].kind == event.undone
+            return replace(self, made=self.made[:-1]) if undoes else self
+        return replace(self, made=(*self.made, event)) if isinstance(event, DECISIONS) else self
+
+
+NO_DECISIONS = Decisions()
+"""A person has decided nothing."""
+
+
+def fold_decisions(events: Iterable[Event]) -> Decisions:
+    """Return the decisions that hold after these events, which stand in the order of the record."""
+    decisions = NO_DECISIONS
+    for event in events:
+        decisions = decisions.add(event)
+    return decisions
+
+
+@dataclass(frozen=True)
+class PastPause:
+    """A pause of a recorded run; `duration_s` is None if the run ended during it."""
+
+    start: Pause
+    duration_s: float | None
+
+
+def list_pauses(events: Iterable[Pause | Continue]) -> tuple[PastPause, ...]:
+    """Return the pauses of a run, in the order of the record."""
+    listed = tuple(events)
+    return tuple(
+        PastPause(event, following.t_s - event.t_s if isinstance(following, Continue) else None)
+        for event, following in pairwise((*listed, None))
+        if isinstance(event, Pause)
+    )
+
+
+def count_trials_done(run: Path, lines: Sequence[Mapping[str, object]]) -> int:
+    """Return how many trials ended in success and are evaluated, from the lines of the events in their order.
+
+    A trial that was made again, or marked as bad, counts for nothing. Raises `RecordError` as `parse_events`.
+    """
+    events = list(parse_events(run, lines, (TrialStop, *READ)))
+    left_out = fold_decisions(events).explain_left_out
+    stops = [event for event in events if isinstance(event, TrialStop) and event.exit_status == "success"]
+    return sum(not left_out(stop.trial) for stop in stops)

@@ -8,17 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from labrig.clock import Clock
 from labrig.errors import RecordError
 from labrig.input_file import open_file
-from labrig.record.events import FrameLine, parse_frame_lines
 from labrig.record.json_lines import decode_line
 from labrig.record.layout import ALWAYS_PRESENT, COPY_HINT, EVENT_LINES, FRAME_LINES, STATE_LINES, run_lock
 from labrig.record.lock import read_lock_owner
-from labrig.record.pictures import RecordedPicture, locate_picture
+from labrig.record.pictures import RecordedPicture, locate_pictures
 from labrig.record.reader import Run
 
 _MOST_BYTES = 2**22
@@ -27,24 +23,12 @@ _LOOK_EVERY_S = 0.05
 
 
 @dataclass(frozen=True)
-class LinedPicture:
-    """A picture of a record: its line, and where it lies."""
-
-    line: FrameLine
-    place: RecordedPicture
-
-    def read(self) -> NDArray[np.uint8]:
-        """Return the picture (H, W) or (H, W, 3). Raises `RecordError` when it is missing or was changed."""
-        return self.place.read()
-
-
-@dataclass(frozen=True)
 class RecordLines:
     """Consecutive lines of a record, each sequence in order: events and states as documents, and pictures."""
 
     events: Sequence[Mapping[str, object]] = ()
     states: Sequence[Mapping[str, object]] = ()
-    pictures: Sequence[LinedPicture] = ()
+    pictures: Sequence[RecordedPicture] = ()
 
     def __bool__(self) -> bool:
         """Return whether there are any."""
@@ -53,8 +37,7 @@ class RecordLines:
 
 def list_lines(run: Run) -> RecordLines:
     """Return all lines of a run. Raises `RecordError` when one is damaged."""
-    pictures = map(LinedPicture, run.frame_lines, run.pictures.places)
-    return RecordLines(run.lines("events"), run.lines("states"), tuple(pictures))
+    return RecordLines(run.lines("events"), run.lines("states"), run.pictures.places)
 
 
 class GrowingRun:
@@ -69,6 +52,7 @@ class GrowingRun:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._read_bytes = dict.fromkeys(ALWAYS_PRESENT, 0)
+        self._frames = 0
 
     def has_ended(self) -> bool:
         """Return whether no process writes the run any more, however it ended."""
@@ -82,13 +66,8 @@ class GrowingRun:
         RecordError
             When a file cannot be read, or a line is damaged.
         """
-        frames = self._read_lines(FRAME_LINES)
-        places = (locate_picture(self.path, line) for line in frames)
-        pictures = [
-            LinedPicture(line, place)
-            for line, place in zip(parse_frame_lines(self.path, frames), places, strict=True)
-            if place is not None
-        ]
+        pictures = locate_pictures(self.path, self._read_lines(FRAME_LINES), self._frames)
+        self._frames += len(pictures)
         return RecordLines(self._read_lines(EVENT_LINES), self._read_lines(STATE_LINES), pictures)
 
     def follow(self, clock: Clock) -> Iterator[RecordLines]:
@@ -117,9 +96,7 @@ class GrowingRun:
                 content = file.read(_MOST_BYTES)
             *whole, torn = content.split(b"\n")
             lines = [decode_line(line) for line in whole]
-        except OSError as error:
-            raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
-        except ValueError as error:
-            raise RecordError(f"{path}: a line is damaged: {error}", COPY_HINT) from error
+        except (OSError, ValueError) as error:
+            raise RecordError(f"cannot read {path}: {error}", COPY_HINT) from error
         self._read_bytes[name] += len(content) - len(torn)
         return lines

@@ -1,11 +1,19 @@
-"""The names of files in a run, and the rules for names; writer and reader share them."""
+"""The files of a run: their names, the manifest, and SHA256SUMS.
+
+SHA256SUMS covers what the run begins with from its start, and everything that was recorded, the manifest too, from its
+end. `sha256sum -c SHA256SUMS` in the folder of a run, or of one of its results, verifies it without labrig.
+"""
 
 import hashlib
-import unicodedata
+import os
+import re
+import shlex
+from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from labrig.errors import InputError, RecordError
-from labrig.input_file import open_file
+from labrig.errors import InputError, Problem, RecordError
+from labrig.input_file import MAX_DOCUMENT_BYTES, MAX_LOG_BYTES, open_file, parse_json, read_file
 
 SCHEMA_VERSION = 1
 COPY_HINT = "take the file from a copy of the run"
@@ -23,8 +31,6 @@ REPORT, VIEW = "report.html", "view.rrd"
 FRAME_LINES = "frames.jsonl"
 STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
-TRIAL_START, TRIAL_STOP, RUN_STOP = "trial_start", "trial_stop", "run_stop"
-SKIP, REPEAT, MARK_BAD, NOTE, UNDO = "skip", "repeat", "mark_bad", "note", "undo"
 TRUTH_LINES = "truth.jsonl"
 DEVICE_LINES = "devices.jsonl"
 """What the devices said of themselves when a session began and when it ended."""
@@ -39,6 +45,11 @@ CONTROL = ".control"
 CAMPAIGN = "campaign.json"
 """In the folder of a campaign, which is no run, but is locked and takes requests as one."""
 
+INCOMPLETE = "incomplete"
+"""`exit_status` of a run that has not ended, and of a trial without a stop."""
+
+_CODE_DIFF = re.compile(r"code(\.\d{3,})?\.diff")
+_SUM = re.compile(r"([0-9a-f]{64})  (\S.*)")
 # ext4, XFS and most others allow 255 bytes; the rest is for the suffix of a temporary name.
 _MAX_NAME_BYTES = 200
 
@@ -58,11 +69,6 @@ def run_control(run: Path) -> Path:
     return inside(run, CONTROL)
 
 
-def session_diff(number: int) -> str:
-    """Return the file with the code differences of a later session; the first session has code.diff."""
-    return f"code.{number:03d}.diff"
-
-
 def require_name(name: str, what: str) -> str:
     """Return `name` if it is valid as a file or folder name; inner blanks and non-ASCII letters are allowed.
 
@@ -72,20 +78,14 @@ def require_name(name: str, what: str) -> str:
         When it is empty, too long, begins with a dot, begins or ends with a blank, or holds a path separator or a
         control character.
     """
-    fault = _find_fault(name)
-    if fault:
-        raise InputError(f"{what} {name!r} {fault}", "choose a name of letters, digits, '-' and '_'")
-    return name
-
-
-def _find_fault(name: str) -> str:
-    if not name or name != name.strip() or name.startswith("."):
-        return "is empty, or begins with a dot or a blank, or ends with a blank"
-    if any(char in "/\\" or unicodedata.category(char) in {"Cc", "Cs", "Zl", "Zp"} for char in name):
-        return "holds a path separator or a control character"
-    if len(name.encode()) > _MAX_NAME_BYTES:
-        return f"has {len(name.encode())} bytes; {_MAX_NAME_BYTES} are allowed"
-    return ""
+    is_plain = name.isprintable() and name == name.strip() and not name.startswith(".")
+    if is_plain and not {"/", "\\"} & set(name) and 0 < len(name.encode()) <= _MAX_NAME_BYTES:
+        return name
+    raise InputError(
+        f"{what} {name!r} is no name of a file: it has 1 to {_MAX_NAME_BYTES} bytes, no dot or blank before it, no "
+        "blank behind it, and no path separator or control character",
+        "choose a name of letters, digits, '-' and '_'",
+    )
 
 
 def inside(run: Path, relative: str) -> Path:
@@ -99,18 +99,10 @@ def inside(run: Path, relative: str) -> Path:
     path = run
     for part in relative.split("/"):
         path = path / part
-        if _is_link(path):
-            raise RecordError(
-                f"{path} is a symbolic link", "a record holds its files itself; no link in it is followed"
-            )
+        if os.path.islink(path):  # noqa: PTH114 - this one takes a name that no file can have
+            message = f"{path} is a symbolic link"
+            raise RecordError(message, "a record holds its files itself; no link in it is followed")
     return path
-
-
-def _is_link(path: Path) -> bool:
-    try:
-        return path.is_symlink()
-    except OSError as error:  # longer than a name can be
-        raise RecordError(f"{path.name[:80]}... cannot be a file: {error.strerror}", COPY_HINT) from error
 
 
 WITHDRAWS = "withdraws"
@@ -124,3 +116,122 @@ def hash_file(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
+
+
+def read_manifest(run: Path) -> dict[str, Any]:
+    """Read the manifest of a run.
+
+    Raises
+    ------
+    RecordError
+        When `run` is no run, or its manifest is damaged or has another schema.
+    """
+    if run.is_symlink():
+        raise RecordError(f"{run} is a symbolic link and is not followed", "give the folder itself")
+    path = inside(run, MANIFEST)
+    if not path.is_file():
+        raise RecordError(
+            f"{run} is no run: it has no {MANIFEST}", "give the folder of a run; labrig runs lists them"
+        )
+    manifest = read_document(path)
+    if not isinstance(manifest.get("exit_status"), str):
+        raise RecordError(f"{path} is damaged: it is no manifest of a run", COPY_HINT)
+    if manifest.get("schema_version") != SCHEMA_VERSION:
+        raise RecordError(
+            f"{path} has schema version {manifest.get('schema_version')!r}; this labrig reads {SCHEMA_VERSION}",
+            "read it with the labrig that wrote it",
+        )
+    return manifest
+
+
+def read_document(path: Path, max_bytes: int = MAX_DOCUMENT_BYTES, hint: str = COPY_HINT) -> dict[str, Any]:
+    """Read a file that is one JSON object. Raises `RecordError` when it cannot be read or is none."""
+    try:
+        document = parse_json(read_file(path, max_bytes))
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path} is damaged: {error}", hint) from error
+    if not isinstance(document, dict):
+        raise RecordError(f"{path} is damaged: it holds no JSON object", hint)
+    return document
+
+
+def has_ended(manifest: Mapping[str, object]) -> bool:
+    """Return whether a run has ended, so that SHA256SUMS covers all of it."""
+    return manifest["exit_status"] != INCOMPLETE
+
+
+def read_sums(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file by its name. Raises `RecordError` when SHA256SUMS is missing or damaged."""
+    path = inside(folder, SHA256SUMS)
+    try:
+        content = read_file(path, MAX_LOG_BYTES).decode(errors="replace")
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
+    # Not by `splitlines`, which takes other bytes for ends of lines too: a changed one would go unnoticed.
+    lines = content.removesuffix("\n").split("\n") if content else []
+    found = [_SUM.fullmatch(line) for line in lines]
+    for number, match in enumerate(found, start=1):
+        if match is None or {"", ".", ".."} & set(match[2].split("/")):
+            raise RecordError(f"{path}:{number}: the line is no checksum and file name", COPY_HINT)
+    return {match[2]: match[1] for match in found if match is not None}
+
+
+def find_changed(folder: Path, sums: Mapping[str, str], by: str) -> Iterator[Problem]:
+    """Yield the files that are missing, links, or not what `by` says; those without a SHA-256 need only be there."""
+    for name, sha256 in sums.items():
+        try:
+            path = inside(folder, name)
+            if not os.path.isfile(path):  # noqa: PTH113 - this one takes a name that no file can have
+                yield Problem(name, f"it is missing, though {by} lists it", COPY_HINT)
+            elif sha256 and hash_file(path) != sha256:
+                yield Problem(name, f"it does not fit {by}: one of the two was changed", COPY_HINT)
+        except RecordError as error:
+            yield Problem(name, error.message, error.hint)
+
+
+def find_added(folder: Path, known: Container[str]) -> Iterator[Problem]:
+    """Yield the files that are none of the known ones; hidden files and SHA256SUMS itself are passed over."""
+    for name in list_files(folder):
+        if name not in known and name != SHA256SUMS:
+            yield Problem(name, "it is no part of the record and is not used", "move it out of the run")
+
+
+def list_files(folder: Path) -> list[str]:
+    """Return the names of the files in a folder and below it, in order, without hidden ones."""
+    names = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    return sorted(name for name in names if "/." not in f"/{name}")
+
+
+def read_checksum(run: Path) -> str | None:
+    """Return the SHA-256 of SHA256SUMS, which stands for a whole record; None of a run that has not ended."""
+    try:
+        return hash_file(inside(run, SHA256SUMS)) if has_ended(read_manifest(run)) else None
+    except RecordError:  # whoever reads it says so
+        return None
+
+
+def encode_sums(sums: Mapping[str, str]) -> bytes:
+    """Encode SHA256SUMS."""
+    return "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)).encode()
+
+
+def is_opening_file(name: str) -> bool:
+    """Return whether a session begins with this file: protocol, rig, calibration, changes of the code."""
+    return (
+        name in {PROTOCOL, RIG}
+        or name.startswith(f"{CALIBRATION}/")
+        or _CODE_DIFF.fullmatch(name) is not None
+    )
+
+
+def find_rig_option(manifest: Mapping[str, object]) -> str:
+    """Return the option that names the rig file of a run in a command; `--rig FILE` as it stands if none is kept."""
+    sources = manifest.get("sources")
+    rig = sources.get("rig") if isinstance(sources, Mapping) else None
+    return f"--rig {shlex.quote(rig) if isinstance(rig, str) else 'FILE'}"
+
+
+def is_simulated(manifest: Mapping[str, object]) -> bool:
+    """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
+    rig = manifest.get("rig")
+    return isinstance(rig, Mapping) and rig.get("kind") == "simulated"

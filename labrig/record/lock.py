@@ -24,7 +24,7 @@ _PATIENCE_S = 0.5
 
 @dataclass(frozen=True)
 class LockOwner:
-    """The owner of a lock: its command, process and computer."""
+    """The owner of a lock: its command, process and computer; process 0 is not known."""
 
     doing: str
     pid: int
@@ -63,20 +63,14 @@ class FileLock:
         DiskError
             When the file cannot be made.
         """
+        owner = LockOwner(doing, os.getpid(), platform.node())
         with disk_errors(self.path):
             try:
                 self._lock.acquire(timeout=_PATIENCE_S)
             except filelock.Timeout as error:
-                owner = _read_owner(self.path) or "another labrig"
-                raise LockedError(
-                    f"{self.path.parent} is in use by {owner}", "wait until it has ended, or stop it"
-                ) from error
-        try:
-            owner = LockOwner(doing, os.getpid(), platform.node())
+                message = f"{self.path.parent} is in use by {_read_owner(self.path)}"
+                raise LockedError(message, "wait until it has ended, or stop it") from error
             write_and_rename(_owner_path(self.path), json.dumps(asdict(owner)).encode() + b"\n", sync=False)
-        except BaseException:
-            self._lock.release()
-            raise
         return self
 
     def release(self) -> None:
@@ -99,24 +93,22 @@ def read_lock_owner(path: Path) -> LockOwner | None:
     """Return the owner of a lock; None if nobody holds it, whatever a dead owner left."""
     if not _owner_path(path).exists():
         return None
-    probe = filelock.FileLock(path, thread_local=False)
     try:
-        probe.acquire(timeout=0)
+        with filelock.FileLock(path, timeout=0):
+            return None
     except filelock.Timeout:
-        return _read_owner(path) or LockOwner("another labrig", 0, platform.node())
+        return _read_owner(path)
     except OSError:
         return None
-    probe.release()
-    return None
 
 
 def _owner_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.owner")
 
 
-def _read_owner(path: Path) -> LockOwner | None:
+def _read_owner(path: Path) -> LockOwner:
     try:
         fields: Any = parse_json(read_file(_owner_path(path)))
-        return LockOwner(str(fields["doing"]), int(fields["pid"]), str(fields["host"]))
-    except (OSError, ValueError, TypeError, KeyError):
-        return None
+        return LockOwner(**fields)
+    except (OSError, ValueError, TypeError):
+        return LockOwner("another labrig", 0, platform.node())

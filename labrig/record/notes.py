@@ -4,15 +4,16 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
+
+from pydantic import TypeAdapter
 
 from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
-from labrig.input_file import parse_json, read_file
+from labrig.input_file import read_file
 from labrig.record.json_lines import encode_document
-from labrig.record.layout import NOTES, inside, require_name
+from labrig.record.layout import NOTES, inside, read_manifest, require_name
 from labrig.record.lock import FileLock
-from labrig.record.manifest import read_manifest
 
 Judgement = Literal["good", "doubtful", "bad"]
 _MAX_TEXT = 10_000
@@ -36,21 +37,17 @@ class Annotations:
     verdict: str | None = None
 
 
+_READER = TypeAdapter(Annotations)
+
+
 def read_annotations(run: Path) -> Annotations:
     """Return the annotations of a run; none if nobody made any. Raises `RecordError` when notes.json is damaged."""
     path = inside(run, NOTES)
     try:
-        document: Any = parse_json(read_file(path))
-        notes = tuple(Note(str(note["text"]), str(note["by"]), str(note["at"])) for note in document["notes"])
-        verdict = document["verdict"]
-        return Annotations(
-            tuple(map(str, document["tags"])), notes, None if verdict is None else str(verdict)
-        )
+        return _READER.validate_json(read_file(path))
     except FileNotFoundError:
         return Annotations()
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}", "check the disk") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", "correct it, or remove it") from error
 
 

@@ -11,36 +11,23 @@ from pathlib import Path
 
 from labrig.durable import disk_errors, sync_directory
 from labrig.errors import InputError, OutputExistsError
-from labrig.record.layout import MANIFEST, PROTOCOL
-from labrig.record.manifest import read_manifest
+from labrig.record.layout import MANIFEST, PROTOCOL, read_manifest
 
 
 def require_apart(out: Path, run: Path, *, record: bool) -> None:
-    """Refuse to export a run into itself, or over another run.
+    """Refuse to export a run into itself (`InputError`), or over a run (`OutputExistsError`).
 
-    Parameters
-    ----------
-    record : bool
-        Whether the record itself is copied. Only that may replace a run, and only a copy of the same run.
-
-    Raises
-    ------
-    InputError
-        When `out` is the run, or lies in it.
-    OutputExistsError
-        When `out` is a run that would no longer be one.
+    Only a copy of the same run is replaced, by its `record`.
     """
     target = out.resolve()
     if target.is_relative_to(run.resolve()):
         raise InputError(f"{out} lies in {run}, the run that is exported", "name a folder outside of it")
     if all((target / name).exists() for name in (MANIFEST, PROTOCOL)):
-        if not record:
-            raise OutputExistsError(
-                f"{out} is a run, and tables are not written into it", "name another folder"
-            )
         ours, theirs = read_manifest(run), read_manifest(target)
-        if any(ours.get(key) != theirs.get(key) for key in ("run", "started", "seed", "protocol")):
-            raise OutputExistsError(f"{out} is another run than {run}", "name another folder")
+        if not record or any(
+            ours.get(key) != theirs.get(key) for key in ("run", "started", "seed", "protocol")
+        ):
+            raise OutputExistsError(f"{out} is a run, and is not written over", "name another folder")
 
 
 @contextmanager

@@ -5,10 +5,8 @@ picture in frames.jsonl gives its file and its SHA-256.
 """
 
 import hashlib
-import re
 from collections import deque
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -19,16 +17,13 @@ from numpy.typing import NDArray
 
 from labrig.durable import sync_directory, sync_file, write_and_rename
 from labrig.errors import InputError, PictureError, RecordError
-from labrig.input_file import MAX_LOG_BYTES, read_file
+from labrig.input_file import read_file
+from labrig.record.events import FrameLine, parse_lines
 from labrig.record.layout import COPY_HINT, FRAME_LINES, FRAMES, inside, picture_file
 from labrig.vision.picture import MAX_PICTURE_BYTES, decode_picture
 
 Picture = NDArray[np.uint8]
 Store = Literal["png", "pgm"]
-
-SUFFIXES = (".png", ".pgm", ".ppm")
-
-_PNM_HEADER = re.compile(rb"P([56])\s(\d{1,5})\s(\d{1,5})\s255\s")
 
 # Lossless. The strategy is named because a compression level alone would select one that takes twice as long. On noisy
 # pictures Huffman-only coding and other filters differ from this by less than a tenth of the time and 5 % of the
@@ -44,7 +39,7 @@ class PictureWriter:
         self._store = store
         self._unsynced: deque[Path] = deque()
 
-    def write(self, number: int, image: Picture) -> dict[str, object]:
+    def write(self, number: int, image: Picture) -> tuple[str, str]:
         """Write a picture and return its file and SHA-256, for its line. Raises `OSError`, `InputError`."""
         grey_or_bgr = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
         if image.dtype != np.uint8 or not grey_or_bgr or image.size == 0:
@@ -59,14 +54,13 @@ class PictureWriter:
         file = picture_file(number, suffix)
         write_and_rename(self._run / file, content, sync=False)
         self._unsynced.append(self._run / file)
-        return {"file": file, "sha256": hashlib.sha256(content).hexdigest()}
+        return file, hashlib.sha256(content).hexdigest()
 
     def sync(self) -> None:
         """Make the pictures so far durable, then their names; another thread may write more meanwhile."""
         written = len(self._unsynced)
         for _ in range(written):
-            with suppress(FileNotFoundError):  # its line could not be written, and it was removed
-                sync_file(self._unsynced[0])
+            sync_file(self._unsynced[0])
             self._unsynced.popleft()
         if written:
             sync_directory(self._run / FRAMES)
@@ -74,49 +68,43 @@ class PictureWriter:
 
 @dataclass(frozen=True)
 class RecordedPicture:
-    """A picture of a run: the run's folder, its file relative to that, and its SHA-256 when it was taken."""
+    """A picture of a run: the run's folder, and the line of the picture."""
 
     run: Path
-    file: str
-    sha256: str
+    line: FrameLine
 
     def read(self) -> Picture:
         """Return the picture, (H, W) or (H, W, 3) of uint8. Raises `RecordError` if it is missing or was changed."""
-        path = inside(self.run, self.file)
+        path = inside(self.run, self.line.file)
         try:
             content = read_file(path, MAX_PICTURE_BYTES)
         except OSError as error:
             raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
-        if hashlib.sha256(content).hexdigest() != self.sha256:
+        if hashlib.sha256(content).hexdigest() != self.line.sha256:
             raise RecordError(f"{path} is damaged: its SHA-256 does not fit {FRAME_LINES}", COPY_HINT)
         try:
-            return decode_picture(content, path) if path.suffix == ".png" else _decode_pnm(content)
-        except (PictureError, ValueError) as error:
+            if path.suffix == ".png":
+                return decode_picture(content, path)
+            return np.asarray(cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED), np.uint8)
+        except (PictureError, TypeError) as error:  # of what is no PGM or PPM OpenCV makes None
             raise RecordError(f"{path} is no picture: {error}", COPY_HINT) from error
 
 
-def _decode_pnm(content: bytes) -> Picture:
-    """Return a picture of a PGM or PPM file, in which colour is red-green-blue. Raises `ValueError`."""
-    header = _PNM_HEADER.match(content)
-    if header is None:
-        raise ValueError("it does not begin as PGM or PPM of 8 bits")
-    is_grey, width, height = header[1] == b"5", int(header[2]), int(header[3])
-    pixels = np.frombuffer(content, np.uint8, offset=header.end())
-    return pixels.reshape(height, width) if is_grey else pixels.reshape(height, width, 3)[:, :, ::-1]
+def locate_pictures(
+    run: Path, lines: Sequence[Mapping[str, object]], first: int = 0
+) -> tuple[RecordedPicture, ...]:
+    """Return the pictures of lines of frames.jsonl that begin with a number.
 
-
-def locate_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture | None:
-    """Return the picture of a line of frames.jsonl; None if the line gives no valid file."""
-    file, sha256, frame = line.get("file"), line.get("sha256"), line.get("frame")
-    if not isinstance(sha256, str) or not isinstance(frame, int) or isinstance(frame, bool):
-        return None
-    names = {picture_file(frame, suffix) for suffix in SUFFIXES}
-    return RecordedPicture(run, file, sha256) if isinstance(file, str) and file in names else None
-
-
-def count_pictures(run: Path) -> int:
-    """Return how many pictures frames.jsonl lists, without decoding it; 0 if it cannot be read."""
-    try:
-        return read_file(inside(run, FRAME_LINES), MAX_LOG_BYTES).count(b"\n")
-    except (OSError, RecordError):
-        return 0
+    Raises
+    ------
+    RecordError
+        When a line is not what it has to be, or of another picture or file; names file and line.
+    """
+    pictures = []
+    for number, line in enumerate(parse_lines(run / FRAME_LINES, lines, FrameLine, first), start=first):
+        files = {picture_file(number, suffix) for suffix in (".png", ".pgm", ".ppm")}
+        if line.frame != number or line.file not in files:
+            message = f"{run / FRAME_LINES}:{number + 1}: it is not the line of picture {number}"
+            raise RecordError(message, COPY_HINT)
+        pictures.append(RecordedPicture(run, line))
+    return tuple(pictures)

@@ -1,22 +1,39 @@
-"""Collect the provenance of a run: code, packages and computer."""
+"""Collect the provenance of a run: code, packages, computer, and the kernels that numbers were computed with.
+
+numpy, OpenCV with IPP, BLAS and the C library hold several versions of their loops, and take at load time those that
+the processor runs best. They round differently, so the last digits of a result rest on them.
+"""
 
 import getpass
+import hashlib
+import math
 import os
 import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache
 from importlib import metadata
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_info
 
 from labrig import __version__
 from labrig.record.json_lines import plain_text
-from labrig.record.processor import describe_processor
-from labrig.record.source_digest import digest_sources
 
 _SOURCE_TREE = Path(__file__).parents[2]
 _GIT_TIMEOUT_S = 10.0
+_CODE = (".py", ".jinja", ".html", ".css", ".js", ".svg")
+_NO_CODE = ("examples/", "manual/")
+"""What a wheel holds beside the code; in a checkout the first stands elsewhere."""
+# The names of features that kernels are chosen by begin so, on x86-64 and on 64-bit ARM.
+_FEATURES = ("sse4", "avx", "fma", "asimd", "sve")
+# The exact value ends so near the middle of two doubles that glibc rounds it up where it uses FMA, and down elsewhere.
+_EXP_OF, _EXP_WITH_FMA = 0.5768, float.fromhex("0x1.c7c3da95bb8b9p+0")
 
 
 def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
@@ -36,6 +53,11 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
         direct dependencies.
     """
     program = [Path(word).name for word in command_line[:1]]
+    requirements = metadata.requires("labrig") or ()
+    names = [re.split(r"[^A-Za-z0-9._-]", text)[0] for text in requirements if "extra ==" not in text]
+    account = None
+    with suppress(OSError, KeyError):  # an account without a name
+        account = getpass.getuser()
     return {
         "labrig": __version__,
         "source_sha256": digest_sources(),
@@ -45,16 +67,25 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
         "platform": platform.platform(),
         "processor": describe_processor(),
         "host": platform.node(),
-        "account": _read_account(),
-        "packages": _read_package_versions(),
+        "account": account,
+        "packages": {name: metadata.version(name) for name in sorted(names)},
     }
 
 
-def _read_account() -> str | None:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):
-        return None
+@cache
+def digest_sources(package: Path = Path(__file__).parents[1]) -> str:
+    """Return the SHA-256 of the code and the templates of a package, so that a record without a commit says it too.
+
+    It is that of what `sha256sum` prints for the files, which are named from the package's folder, in the order of
+    their names by byte: the same for a checkout, a wheel and an installation of it.
+    """
+    listing = hashlib.sha256()
+    names = sorted(path.relative_to(package).as_posix() for path in package.rglob("*.*"))
+    for name in names:
+        if name.endswith(_CODE) and not name.startswith(_NO_CODE) and "/." not in name:
+            digest = hashlib.sha256((package / name).read_bytes()).hexdigest()
+            listing.update(f"{digest}  {name}\n".encode())
+    return listing.hexdigest()
 
 
 def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
@@ -63,23 +94,12 @@ def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
     Changed files, then new files of Python code that git does not ignore. Other new files, hidden ones and links, such
     as .env, may be private and are left out.
     """
-    changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
-    new = _run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
-    names = (os.fsdecode(name) for name in new.split(b"\0") if name)
-    added = (_diff_new_file(tree, name) for name in names if _is_code(tree, PurePosixPath(name)))
-    return b"".join([changed or b"", *added])
-
-
-def _is_code(tree: Path, name: PurePosixPath) -> bool:
-    hidden = any(part.startswith(".") for part in name.parts)
-    path = tree / name
-    return name.suffix == ".py" and not hidden and path.is_file() and not path.is_symlink()
-
-
-def _diff_new_file(tree: Path, name: str) -> bytes:
-    # git exits with 1 if the files differ.
-    arguments = ("diff", "--binary", "--no-ext-diff", "--no-color", "--no-index", "--", os.devnull, name)
-    return _run_git(tree, *arguments, succeeds=(0, 1)) or b""
+    changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig") or b""
+    new = _run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig/*.py") or b""
+    names = [name for name in os.fsdecode(new).split("\0") if name and "/." not in name]
+    compare = ("diff", "--binary", "--no-ext-diff", "--no-color", "--no-index", "--", os.devnull)
+    added = [_run_git(tree, *compare, name) for name in names if not (tree / name).is_symlink()]
+    return b"".join([changed, *(diff or b"" for diff in added)])
 
 
 def _read_git_state(tree: Path) -> dict[str, object]:
@@ -91,7 +111,7 @@ def _read_git_state(tree: Path) -> dict[str, object]:
     }
 
 
-def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> bytes | None:
+def _run_git(tree: Path, *arguments: str) -> bytes | None:
     """Return the output of git; None without git, without a checkout, or when git refuses."""
     program = shutil.which("git")
     if program is None or not (tree / ".git").exists():
@@ -105,14 +125,71 @@ def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> b
         )  # fmt: skip
     except (subprocess.SubprocessError, OSError):
         return None
-    return done.stdout if done.returncode in succeeds else None
+    return done.stdout if done.returncode in {0, 1} else None  # 1: the files differ
 
 
-def _read_package_versions() -> dict[str, str]:
-    requirements = metadata.requires("labrig") or ()
-    names = (_parse_distribution_name(text) for text in requirements if "extra ==" not in text)
-    return {name: metadata.version(name) for name in sorted(names)}
+def describe_processor() -> dict[str, str]:
+    """Return the processor and the kernels in use in this process, as JSON.
+
+    Returns
+    -------
+    dict
+        `model` (name of the processor), `features` (those of it that kernels are chosen by, as the operating system
+        calls them), `numpy` and `opencv` (the features for which they use kernels of their own), `ipp` (its kernels and
+        version, or `off`), `libm` (the C library, and whether it computes with FMA), and `blas_LIBRARY` for each BLAS
+        that is loaded, such as `blas_numpy: OpenBLAS SkylakeX`.
+    """
+    cpu: dict[str, str] = {}
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+        key, _, value = line.partition(":")
+        cpu.setdefault(key.strip(), value.strip())  # of the first processor
+    flags = cpu.get("flags", cpu.get("Features", "")).split()
+    # A feature has a star if kernels are chosen by it, and a question mark if they are not chosen here.
+    opencv = [name.removeprefix("*") for name in cv2.getCPUFeaturesLine().split() if not name.endswith("?")]
+    ipp = cv2.ipp.getIppVersion().removeprefix("ippIP ").partition(" (-)")[0]
+    fma = "with" if math.exp(_EXP_OF) == _EXP_WITH_FMA else "without"
+    return {
+        "model": cpu.get("model name", platform.machine()),
+        "features": " ".join(flag for flag in flags if flag.startswith(_FEATURES)),
+        "numpy": " ".join(np.show_config(mode="dicts").get("SIMD Extensions", {}).get("found", ())),
+        "opencv": " ".join(opencv),
+        "ipp": ipp if cv2.ipp.useIPP() else "off",
+        "libm": f"{os.confstr('CS_GNU_LIBC_VERSION')} {fma} FMA",
+        **_name_blas(),
+    }
 
 
-def _parse_distribution_name(requirement: str) -> str:
-    return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]
+def _name_blas() -> dict[str, str]:
+    """Return the kernels of each BLAS that is loaded, by the package whose wheel it came with, or by its folder."""
+    return {
+        f"blas_{Path(found['filepath']).parent.name.removesuffix('.libs')}": (
+            f"{found['internal_api']} {found.get('architecture', found.get('version'))}"
+        )
+        for found in sorted(threadpool_info(), key=lambda found: str(found["filepath"]))
+        if found["user_api"] == "blas"
+    }
+
+
+def describe_change(recorded: object, now: object) -> str:
+    """Return in one sentence how two descriptions differ; empty if they do not.
+
+    Parameters
+    ----------
+    recorded, now : object
+        As from `describe_processor`. What one of them does not hold is not compared; nor are `features`, since kernels
+        tell which of them were used.
+
+    Returns
+    -------
+    str
+        Such as "made with blas openblas SkylakeX, and this is blas openblas Haswell".
+    """
+    if not isinstance(recorded, Mapping) or not isinstance(now, Mapping):
+        return ""
+    shared = [key for key in recorded if key in now and key != "features"]
+    changed = [key for key in shared if recorded[key] != now[key]]
+    was, here = (
+        " and ".join(dict.fromkeys(f"{key.partition('_')[0]} {side[key]}" for key in changed))
+        for side in (recorded, now)
+    )
+    return f"made with {was}, and this is {here}" if changed else ""

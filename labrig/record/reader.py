@@ -2,13 +2,12 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
-from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import pandas as pd
@@ -16,45 +15,40 @@ from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
 from labrig.protocol.yaml_tree import load_yaml_values
+from labrig.record import layout
 from labrig.record.check import find_damage
-from labrig.record.decisions import READ, Decisions, PastPause, fold_decisions, list_pauses
 from labrig.record.events import (
+    READ,
     Continue,
+    Decisions,
     Event,
     FrameLine,
+    PastPause,
     Pause,
     RecordedTrial,
     TrialStart,
     TrialStop,
     TruthLine,
-    join_trials,
+    fold_decisions,
+    list_pauses,
     parse_events,
-    parse_frame_lines,
-    parse_truth_lines,
+    parse_lines,
 )
-from labrig.record.json_lines import make_readable, read_lines, split_whole_lines
+from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
     CALIBRATION,
-    CAN_LOG,
     COPY_HINT,
-    DEVICE_LINES,
-    EVENT_LINES,
-    FRAME_LINES,
-    PROTOCOL,
-    RIG,
-    SHA256SUMS,
-    STATE_LINES,
-    TRIAL_START,
-    TRIAL_STOP,
-    TRUTH_LINES,
-    WITHDRAWS,
+    INCOMPLETE,
     inside,
+    is_opening_file,
+    read_checksum,
+    read_manifest,
+    read_sums,
     require_name,
 )
-from labrig.record.manifest import check_file, is_opening_file, read_checksum, read_manifest, read_sums
 from labrig.record.notes import Annotations, read_annotations
-from labrig.record.pictures import RecordedPicture, locate_picture
-from labrig.record.results import finish_result, latest_result, list_results, new_result_dir, open_result
+from labrig.record.pictures import RecordedPicture, locate_pictures
+from labrig.record.results import list_results, open_result, read_result
 from labrig.record.tables import add_axis_units, unescape_formula
 
 _Event = TypeVar("_Event", bound=Event)
@@ -64,26 +58,16 @@ _Stop = TypeVar("_Stop", bound=TrialStop)
 
 # Also a table without rows has these columns.
 _COLUMNS = {
-    STATE_LINES: ("t_s",),
-    EVENT_LINES: ("kind", "t_s"),
-    FRAME_LINES: ("frame", "file", "sha256", "t_s", "trial", "role"),
-    TRUTH_LINES: ("trial",),
+    "states": ("t_s",),
+    "events": ("kind", "t_s"),
+    "frames": ("frame", "file", "sha256", "t_s", "trial", "role"),
+    "truth": ("trial",),
+    "trials": ("trial", "start_t_s", "stop_t_s", "exit_status", "final_frame"),
 }
-_TRIAL_COLUMNS = ("trial", "start_t_s", "stop_t_s", "exit_status", "final_frame")
 # Whole numbers that may be missing; pandas would make them floats.
 _WHOLE_NUMBERS = ("trial", "frame", "final_frame")
-_CAN_LINE = re.compile(rb"\((\d+\.\d{6})\) can ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8}) ([TR])")
 _ONE_ROW_A_MEASUREMENT = ("measurements.csv", "insertions.csv")
 _STEPS = re.compile(r"steps-(\d+)\.csv")
-
-
-class CanFrame(NamedTuple):
-    """A CAN frame of the record: rig time [s], COB-ID, data, and T or R for sent or received."""
-
-    t_s: float
-    can_id: int
-    data: bytes
-    way: str
 
 
 def open_run(path: Path | str) -> "Run":
@@ -122,25 +106,18 @@ class Run:
         What is missing or was changed after it was written; a changed picture is found when it is read.
     """
 
-    def __init__(self, path: Path, manifest: dict[str, object], damage: tuple[Problem, ...] = ()) -> None:
+    def __init__(self, path: Path, manifest: dict[str, Any], damage: tuple[Problem, ...] = ()) -> None:
         self.path = path
-        self.manifest = make_readable(manifest)
+        self.manifest = manifest
         self.damage = damage
         self._until_s = math.inf
 
     def _repr_html_(self) -> str:
-        """Return what the run is as a table, for a notebook."""
-        about = ("experiment", "title", "exit_status", "reason", "started", "ended")
-        rows: list[tuple[str, object]] = [(key, self.manifest.get(key)) for key in about]
-        rows.append(("trials", f"{len(self.trials)} of {self.manifest.get('trials_planned')}"))
-        rows.append(("results", ", ".join(map(str, self.result_numbers)) or "none"))
-        rows += [("damaged", f"{problem.where}: {problem.message}") for problem in self.damage]
-        cells = "".join(
-            f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(str(value))}</td>'
-            for name, value in rows
-            if value not in {None, ""}
-        )
-        return f"<table><caption>{escape(f'Run {self.path}')}</caption>{cells}</table>"
+        """Return what the run is as a table, for a notebook; pandas escapes its text."""
+        keys = ("experiment", "title", "exit_status", "reason", "started", "ended", "trials_planned")
+        about = {key: self.manifest.get(key) for key in keys}
+        about["damaged"] = [f"{problem.where}: {problem.message}" for problem in self.damage] or None
+        return pd.Series(about, name=str(self.path), dtype=object).dropna().to_frame().to_html()
 
     def until(self, t_s: float) -> "Run":
         """Return this run as it was before rig time `t_s` [s]; pictures and truths stay."""
@@ -151,39 +128,22 @@ class Run:
     @property
     def sessions(self) -> tuple[Mapping[str, Any], ...]:
         """The sessions after the first: start, rig time zero `t0_s` [s], and code of each."""
-        sessions = self.manifest.get("sessions", [])
-        if not isinstance(sessions, list) or not all(isinstance(session, dict) for session in sessions):
-            raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", COPY_HINT)
-        return tuple(sessions)
+        return tuple(self.manifest.get("sessions", ()))
 
     def find_moment(self, t_s: float) -> datetime | None:
         """Return the calendar time of a rig time [s], by its session; None if the run does not say when it began."""
-        sessions = [
-            (0.0, self.manifest.get("started")),
-            *((float(session.get("t0_s", 0)), session.get("started")) for session in self.sessions),
-        ]
-        t0_s, started = max(
-            (session for session in sessions if session[0] <= t_s), key=lambda session: session[0]
-        )
+        sessions = ({"t0_s": 0.0, "started": self.manifest.get("started")}, *self.sessions)
+        session = max((one for one in sessions if one["t0_s"] <= t_s), key=lambda one: one["t0_s"])
         try:
-            return datetime.fromisoformat(str(started)) + timedelta(seconds=t_s - t0_s)
+            return datetime.fromisoformat(str(session["started"])) + timedelta(seconds=t_s - session["t0_s"])
         except ValueError:
             return None
 
     @cached_property
     def devices(self) -> Mapping[str, Any]:
         """What the devices said of themselves when the run began; empty without a rig."""
-        return self._find_devices("begin")
-
-    @cached_property
-    def devices_after(self) -> Mapping[str, Any]:
-        """What they said when it ended; empty without a rig, and of a run that was cut short."""
-        return self._find_devices("end")
-
-    def _find_devices(self, when: str) -> Mapping[str, Any]:
-        lines = [line for line in read_lines(inside(self.path, DEVICE_LINES)) if line.get("when") == when]
-        devices = lines[0 if when == "begin" else -1].get("devices") if lines else None
-        return devices if isinstance(devices, Mapping) else {}
+        lines = read_lines(inside(self.path, layout.DEVICE_LINES))
+        return lines[0]["devices"] if lines else {}
 
     def lines(self, stream: str) -> list[dict[str, Any]]:
         """Return the lines of `states`, `events`, `frames` or `truth` as they were recorded.
@@ -193,19 +153,14 @@ class Run:
         RecordError
             When a line is damaged, a time is no number, or a picture is out of order; names file and line.
         """
-        name = f"{stream}.jsonl"
-        path = inside(self.path, name)
-        if name == TRUTH_LINES and not path.exists():
-            return []
+        path = inside(self.path, f"{stream}.jsonl")
+        if stream == "truth":
+            return read_lines(path) if path.exists() else []
         lines: list[dict[str, Any]] = read_lines(path)
         for number, line in enumerate(lines):
-            if name != TRUTH_LINES and not _is_number(line.get("t_s")):
+            if type(line.get("t_s")) not in {float, int}:
                 raise RecordError(f"{path}:{number + 1}: t_s is {line.get('t_s')!r}, no time [s]", COPY_HINT)
-            if name == FRAME_LINES and (
-                line.get("frame") != number or locate_picture(self.path, line) is None
-            ):
-                raise RecordError(f"{path}:{number + 1}: it is not the line of picture {number}", COPY_HINT)
-        return lines if name == TRUTH_LINES else [line for line in lines if line["t_s"] < self._until_s]
+        return [line for line in lines if line["t_s"] < self._until_s]
 
     def read_events(self, *models: type[_Event]) -> tuple[_Event, ...]:
         """Return the events of the models' kinds, in the order of the record.
@@ -222,11 +177,14 @@ class Run:
 
         Raises as `read_events`.
         """
-        trials: tuple[RecordedTrial[_Start, _Stop], ...] = join_trials(
-            parse_events(self.path, self.lines("events"), (start, stop))
-        )
-        left_out = self.decisions.explain_left_out
-        return tuple(replace(trial, left_out=left_out(trial.start.trial)) for trial in trials)
+        trials: dict[int, RecordedTrial[_Start, _Stop]] = {}
+        for event in self.read_events(start, stop):
+            if isinstance(event, start):
+                left_out = self.decisions.explain_left_out(event.trial)
+                trials[event.trial] = RecordedTrial(event, None, left_out)
+            elif isinstance(event, stop) and event.trial in trials:
+                trials[event.trial] = replace(trials[event.trial], stop=event)
+        return tuple(trials.values())
 
     @cached_property
     def decisions(self) -> Decisions:
@@ -240,18 +198,18 @@ class Run:
 
     def read_truth(self, model: type[_Truth]) -> Mapping[int, _Truth]:
         """Return what a simulated world drew, by trial; none of a real rig. Raises as `read_events`."""
-        return {line.trial: line for line in parse_truth_lines(self.path, self.lines("truth"), model)}
+        path = self.path / layout.TRUTH_LINES
+        return {line.trial: line for line in parse_lines(path, self.lines("truth"), model)}
 
     @cached_property
     def frame_lines(self) -> tuple[FrameLine, ...]:
         """The line of each picture, by its number. Raises `RecordError` as `read_events`."""
-        return tuple(parse_frame_lines(self.path, self.lines("frames")))
+        return tuple(picture.line for picture in self.pictures.places)
 
     @property
     def withdraws(self) -> str | None:
         """Name of the run whose needle this run withdrew; None if this is no withdrawal."""
-        name = self.manifest.get(WITHDRAWS)
-        return name if isinstance(name, str) else None
+        return self.manifest.get(layout.WITHDRAWS)
 
     @property
     def annotations(self) -> Annotations:
@@ -274,38 +232,22 @@ class Run:
     @property
     def protocol_path(self) -> Path:
         """The file of that protocol. Raises `RecordError` when it is missing or was changed."""
-        return self._require_unchanged(PROTOCOL)
+        return self._require_unchanged(layout.PROTOCOL)
 
     @property
     def plugin_packages(self) -> Mapping[str, str]:
         """The package and version that experiment, drives and camera of the run came from, by what each is."""
-        packages = self.manifest.get("plugins")
-        return (
-            {str(name): str(package) for name, package in packages.items()}
-            if isinstance(packages, Mapping)
-            else {}
-        )
+        return dict(self.manifest.get("plugins") or {})
 
     @property
     def rig_path(self) -> Path | None:
         """The rig file as resolved for this run; None without a rig. Raises as `protocol_path`."""
-        return self._require_unchanged(RIG) if RIG in self.hashes else None
-
-    @property
-    def can_frames(self) -> Iterator[CanFrame]:
-        """The CAN frames sent and received, in order; none without a bus. Raises `RecordError` for another line."""
-        path = inside(self.path, CAN_LOG)
-        for number, line in enumerate(split_whole_lines(path) if path.exists() else (), start=1):
-            found = _CAN_LINE.fullmatch(line)
-            if found is None:
-                raise RecordError(f"{path}:{number}: the line is no CAN frame", COPY_HINT)
-            t_s, can_id, data, way = found.groups()
-            yield CanFrame(float(t_s), int(can_id, 16), bytes.fromhex(data.decode()), way.decode())
+        return self._require_unchanged(layout.RIG) if layout.RIG in self.hashes else None
 
     @cached_property
     def states(self) -> pd.DataFrame:
         """The readings of the axes, one row each, with `t_s` [s] of rig time."""
-        return self._read_table(STATE_LINES)
+        return self._read_table("states")
 
     @cached_property
     def events(self) -> pd.DataFrame:
@@ -313,18 +255,17 @@ class Run:
 
         Names of positions and speeds carry the unit of the axis: `position_mm`, `position_rad`.
         """
-        rows = [add_axis_units(line) for line in self.lines("events")]
-        return _make_table(rows, _COLUMNS[EVENT_LINES], self.path / EVENT_LINES)
+        return self._make_table("events", [add_axis_units(line) for line in self.lines("events")])
 
     @cached_property
     def truth(self) -> pd.DataFrame:
         """What a simulated world drew; empty on a real rig."""
-        return self._read_table(TRUTH_LINES)
+        return self._read_table("truth")
 
     @cached_property
     def frame_table(self) -> pd.DataFrame:
         """The line of each picture; the row number is the number of the picture."""
-        return self._read_table(FRAME_LINES)
+        return self._read_table("frames")
 
     @cached_property
     def trials(self) -> pd.DataFrame:
@@ -333,18 +274,19 @@ class Run:
         Columns `trial`, `start_t_s`, `stop_t_s` [s], `exit_status` (`incomplete` while there is no stop),
         `final_frame` and the further fields of the two events. The last start of a repeated trial counts.
         """
-        rows = _join_trial_rows(self.lines("events"))
-        return _make_table(rows, _TRIAL_COLUMNS, self.path / EVENT_LINES)
+        trials: dict[object, dict[str, object]] = {}
+        for event in self.lines("events"):
+            fields = {key: value for key, value in event.items() if key not in {"kind", "t_s", "seq"}}
+            if event["kind"] == TrialStart.kind:
+                trials[event["trial"]] = {"start_t_s": event["t_s"], "exit_status": INCOMPLETE, **fields}
+            elif event["kind"] == TrialStop.kind and event["trial"] in trials:
+                trials[event["trial"]] |= {"stop_t_s": event["t_s"], **fields}
+        return self._make_table("trials", list(trials.values()))
 
     @cached_property
     def pictures(self) -> "Pictures":
         """The pictures in order, each an array (H, W) or (H, W, 3) of uint8, read and verified on access."""
-        places = (locate_picture(self.path, line) for line in self.lines("frames"))
-        return Pictures(tuple(place for place in places if place is not None))
-
-    def frame_line(self, frame: int) -> FrameLine:
-        """Return the line of the picture with this number. Raises `RecordError` when it is not in the record."""
-        return self.frame_lines[self._require_frame(frame)]
+        return Pictures(locate_pictures(self.path, self.lines("frames")))
 
     def read_frame(self, frame: int) -> NDArray[np.uint8]:
         """Return the picture with this number, an array (H, W) or (H, W, 3) of uint8.
@@ -354,18 +296,15 @@ class Run:
         RecordError
             When it is not in the record, is missing on disk, or was changed.
         """
-        return self.pictures[self._require_frame(frame)]
-
-    def _require_frame(self, frame: int) -> int:
         if 0 <= frame < len(self.pictures):
-            return frame
-        holds = f"{self.path / FRAME_LINES} holds no frame {frame}; it holds {len(self.pictures)}"
-        raise RecordError(holds, "it was interrupted before")
+            return self.pictures[frame]
+        held = f"{self.path / layout.FRAME_LINES} holds no frame {frame}; it holds {len(self.pictures)}"
+        raise RecordError(held, "it was interrupted before")
 
     @cached_property
     def hashes(self) -> Mapping[str, str]:
         """The SHA-256 of each file that the run or a later session began with, by its name in the run."""
-        return {name: sha256 for name, sha256 in read_sums(self.path)[0].items() if is_opening_file(name)}
+        return {name: sha256 for name, sha256 in read_sums(self.path).items() if is_opening_file(name)}
 
     @property
     def checksum(self) -> str | None:
@@ -412,10 +351,6 @@ class Run:
         """
         return inside(self.path, relative)
 
-    def new_result_dir(self) -> Path:
-        """Make and return the next of analysis/001, 002 ... Raises `DiskError`."""
-        return new_result_dir(self.path)
-
     @property
     def result_numbers(self) -> tuple[int, ...]:
         """The numbers of the results in order."""
@@ -425,14 +360,11 @@ class Run:
         """Return the folder of a result. Raises `RecordError` when a file in it was changed or added; names it."""
         return open_result(self.path, number)
 
-    def finish_result(self, folder: Path) -> None:
-        """Write the checksums of a result that is complete; until then it is not used. Raises `DiskError`."""
-        finish_result(folder)
-
     @property
     def result(self) -> Mapping[str, Any] | None:
         """The newest result, a document; None without one. Raises `RecordError` when it is damaged."""
-        return latest_result(self.path)
+        folder = self._newest_result_dir()
+        return None if folder is None else read_result(folder)
 
     @property
     def measurements(self) -> pd.DataFrame:
@@ -462,11 +394,23 @@ class Run:
         return self.result_dir(numbers[-1]) if numbers else None
 
     def _read_table(self, name: str) -> pd.DataFrame:
-        return _make_table(self.lines(name.removesuffix(".jsonl")), _COLUMNS[name], self.path / name)
+        return self._make_table(name, self.lines(name))
+
+    def _make_table(self, name: str, rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
+        """Make a table with at least its columns; further ones follow in the order of the lines."""
+        names = dict.fromkeys((*_COLUMNS[name], *(key for row in rows for key in row)))
+        table = pd.DataFrame({key: [row.get(key) for row in rows] for key in names})
+        whole = {key: "Int64" for key in _WHOLE_NUMBERS if key in names}
+        try:
+            return table.astype(whole)
+        except (TypeError, ValueError) as error:
+            what = f"{self.path}: {name}: {' or '.join(whole)} is no whole number: {error}"
+            raise RecordError(what, COPY_HINT) from error
 
     def _require_unchanged(self, relative: str) -> Path:
-        for problem in check_file(self.path, relative, self.hashes.get(relative, ""), SHA256SUMS):
-            raise RecordError(f"{self.path / problem.where}: {problem.message}", problem.hint)
+        for problem in self.damage:
+            if problem.where == relative:
+                raise RecordError(f"{self.path / problem.where}: {problem.message}", problem.hint)
         return inside(self.path, relative)
 
 
@@ -505,30 +449,3 @@ def read_result_table(path: Path) -> pd.DataFrame:
         name: table[name].map(lambda cell: unescape_formula(cell) if isinstance(cell, str) else cell)
         for name in texts
     })  # fmt: skip
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _make_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:
-    """Make a table with at least these columns; further ones follow in the order of the lines."""
-    names = dict.fromkeys((*columns, *(name for row in rows for name in row)))
-    table = pd.DataFrame({name: [row.get(name) for row in rows] for name in names})
-    whole = {name: "Int64" for name in _WHOLE_NUMBERS if name in names}
-    try:
-        return table.astype(whole)
-    except (TypeError, ValueError) as error:
-        raise RecordError(f"{path}: {' or '.join(whole)} is no whole number: {error}", COPY_HINT) from error
-
-
-def _join_trial_rows(events: Iterable[dict[str, object]]) -> list[dict[str, object]]:
-    trials: dict[object, dict[str, object]] = {}
-    for event in events:
-        fields = {key: value for key, value in event.items() if key not in {"kind", "t_s", "seq"}}
-        trial = event.get("trial")
-        if event.get("kind") == TRIAL_START:
-            trials[trial] = {"start_t_s": event.get("t_s"), "exit_status": "incomplete", **fields}
-        elif event.get("kind") == TRIAL_STOP and trial in trials:
-            trials[trial] |= {"stop_t_s": event.get("t_s"), **fields}
-    return list(trials.values())

@@ -15,10 +15,8 @@ _PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
 _INTERVAL = "ci95"
 _BUDGET = "_budget_mm"
 _AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
-_OF_THE_AXIS = ("position", "asked_position")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _NUMBERS = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?(; [-+]?\d+(\.\d+)?(e[-+]?\d+)?)*", re.ASCII)
-_SPEED_OF_THE_AXIS = ("speed", "asked_speed")
 
 
 def add_axis_units(event: Mapping[str, object]) -> dict[str, object]:
@@ -26,9 +24,8 @@ def add_axis_units(event: Mapping[str, object]) -> dict[str, object]:
     unit = _AXIS_UNITS.get(str(event.get("axis")))
     if unit is None:
         return dict(event)
-    names = {name: f"{name}_{unit}" for name in _OF_THE_AXIS}
-    names |= {name: f"{name}_{unit}_s" for name in _SPEED_OF_THE_AXIS}
-    return {names.get(key, key): value for key, value in event.items()}
+    units = {"position": unit, "asked_position": unit, "speed": f"{unit}_s", "asked_speed": f"{unit}_s"}
+    return {f"{key}_{units[key]}" if key in units else key: value for key, value in event.items()}
 
 
 def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
@@ -39,20 +36,18 @@ def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
     such as `radius_budget_mm` becomes `sigma_radius_lens_mm` and so on.
     """
     columns: dict[str, Any] = {}
-    for name in table.columns:
-        budgets = [value for value in table[name] if isinstance(value, Mapping)]
-        if is_budget(str(name)) and budgets:
-            for source, column in zip(budgets[0], name_budget_columns(str(name), budgets[0]), strict=True):
-                sigmas = [value.get(source) if isinstance(value, Mapping) else None for value in table[name]]
-                columns[column] = pd.Series(sigmas, index=table.index, dtype="float64")
-            continue
-        parts = _name_parts(str(name), list(table[name]))
-        if not parts:
-            columns[str(name)] = table[name]
-            continue
-        for index, part in enumerate(parts):
-            numbers = [value[index] if isinstance(value, Sequence) else None for value in table[name]]
+    for name in map(str, table.columns):
+        values: list[Any] = list(table[name])
+        budget = next((value for value in values if isinstance(value, Mapping)), None)
+        if is_budget(name) and budget is not None:
+            parts = dict(zip(name_budget_columns(name, budget), budget, strict=True))
+        else:
+            parts = {part: number for number, part in enumerate(_name_parts(name, values))}
+        for part, key in parts.items():
+            numbers = [value[key] if isinstance(value, list | tuple | Mapping) else None for value in values]
             columns[part] = pd.Series(numbers, index=table.index, dtype="float64")
+        if not parts:
+            columns[name] = table[name]
     return pd.DataFrame(columns, index=table.index)
 
 

@@ -3,22 +3,22 @@
 import hashlib
 import math
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field
-from datetime import datetime
-from functools import partial
+from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from threading import Lock
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.durable import (
     disk_errors,
+    find_temporaries,
     free_bytes,
     open_descriptor,
     sync_directory,
@@ -27,99 +27,78 @@ from labrig.durable import (
 )
 from labrig.errors import DiskError, InputError, LabrigError, OutputExistsError, RecordError
 from labrig.input_file import read_file
-from labrig.record.decisions import count_trials_done
-from labrig.record.events import Event
-from labrig.record.json_lines import LineFile, encode_line
-from labrig.record.layout import (
-    ALWAYS_PRESENT,
-    CALIBRATION,
-    CAN_LOG,
-    CODE_DIFF,
-    DEVICE_LINES,
-    EVENT_LINES,
-    FRAME_LINES,
-    FRAMES,
-    LOCK,
-    MANIFEST,
-    PROTOCOL,
-    RESERVE,
-    RIG,
-    SCHEMA_VERSION,
-    SEQUENCED,
-    SHA256SUMS,
-    STATE_LINES,
-    TRUTH_LINES,
-    require_name,
-    session_diff,
-)
+from labrig.record import layout
+from labrig.record.check import find_damage
+from labrig.record.events import Event, count_trials_done
+from labrig.record.json_lines import LineFile, encode_line, encode_manifest, read_lines
 from labrig.record.lock import FileLock
-from labrig.record.manifest import INCOMPLETE, encode_manifest, encode_sums
 from labrig.record.pictures import PictureWriter, Store
-from labrig.record.syncing import Rounds, sync_in_order
+from labrig.record.rounds import Rounds
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 
 # How many periods the disk may take for one round of fsyncs. A wait holds up the procedure, and a disk that other
 # programs keep busy is usually fast again after some seconds.
 _MOST_PERIODS_BEHIND = 10
+_PICTURE = re.compile(r"\d{6,}\.(png|pgm|ppm)")
 _RESERVE_BYTES = 2**20
-_OF_A_PICTURE = frozenset({"frame", "file", "sha256", "t_s"})
-# Only the recorder knows these.
-_OWN_KEYS = ("schema_version", "run", "exit_status", "reason", "ended", "recording", "summary")
+"""On a full disk this still holds the last lines, SHA256SUMS (83 bytes a picture), and the manifest with the cause."""
 
 _Created = TypeVar("_Created")
 
 
-@dataclass(frozen=True)
-class OpenRecord:
-    """A run on disk, locked and open for appending.
+def opening_files(
+    protocol_yaml: str,
+    rig_yaml: str | None = None,
+    calibration: Mapping[str, Path | bytes] | None = None,
+    code_diff: bytes = b"",
+) -> dict[str, bytes]:
+    """Return what a run begins with, by its name in the run.
 
-    It holds `frames` pictures and `events` already, and `sums`, the SHA-256 of what is final; rig time goes on from
-    `t0_s` [s], and the order of its lines from `seq`.
+    Parameters
+    ----------
+    protocol_yaml, rig_yaml : str
+        As resolved; None without a rig.
+    calibration : Mapping
+        File name to content, or to the file to copy.
+    code_diff : bytes
+        Changes of the code, as from `collect_code_diff`.
+
+    Raises
+    ------
+    InputError
+        When a name is invalid or a file cannot be read.
     """
+    files = {layout.PROTOCOL: protocol_yaml.encode()}
+    if rig_yaml is not None:
+        files[layout.RIG] = rig_yaml.encode()
+    if code_diff:
+        files[layout.CODE_DIFF] = code_diff
+    for name, source in (calibration or {}).items():
+        file = f"{layout.CALIBRATION}/{layout.require_name(name, 'the calibration file name')}"
+        files[file] = source if isinstance(source, bytes) else _read_source(source)
+    return files
 
-    manifest: Mapping[str, object]
-    sums: dict[str, str]
-    lines: dict[str, LineFile]
-    lock: FileLock
-    pictures: PictureWriter
-    t0_s: float = 0.0
-    frames: int = 0
-    events: tuple[Mapping[str, object], ...] = ()
-    seq: int = 0
 
-
-@dataclass(frozen=True)
-class RunFiles:
-    """What a run begins with: protocol and rig as resolved (None without a rig), calibration, changes of the code.
-
-    `calibration` is file name to content, or to the file to copy; `code_diff` is as from `collect_code_diff`.
-    """
-
-    protocol_yaml: str
-    rig_yaml: str | None = None
-    calibration: Mapping[str, Path | bytes] = field(default_factory=dict)
-    code_diff: bytes = b""
-
-    def read(self) -> dict[str, bytes]:
-        """Return the content of each file by its name in the run. Raises `InputError`."""
-        files = {PROTOCOL: self.protocol_yaml.encode()}
-        files |= {} if self.rig_yaml is None else {RIG: self.rig_yaml.encode()}
-        files |= {CODE_DIFF: self.code_diff} if self.code_diff else {}
-        for name, source in self.calibration.items():
-            file = f"{CALIBRATION}/{require_name(name, 'the calibration file name')}"
-            files[file] = source if isinstance(source, bytes) else _read_source(source)
-        return files
+def _read_source(source: Path) -> bytes:
+    try:
+        return read_file(source)
+    except OSError as error:
+        message = f"cannot read the calibration file {source}: {error.strerror}"
+        raise InputError(message, "check the rig file") from error
 
 
 class Recorder:
-    """The record of a running experiment; made by `Recorder.create`, ended by `close`.
+    """The record of a running experiment, locked and open for appending; made by `create`, ended by `close`.
 
     What can be lost. A line is in the kernel before its call returns, and a picture is complete under its name before
     its line is written: killing the process loses nothing that was acknowledged. A thread of its own fsyncs pictures,
     then lines, whenever the rig time of a call passes a multiple of `fsync_period_s`, and on closing. So a power cut
     loses at most the lines and pictures of the last two periods, and may tear the last line. If the disk takes longer
     than a period, it loses that much more; after `_MOST_PERIODS_BEHIND` the call waits.
+
+    It goes on from the lines that stand in the folder: rig time from the next whole second, pictures and lines from the
+    next number.
 
     Attributes
     ----------
@@ -129,23 +108,25 @@ class Recorder:
         Its name.
     """
 
-    def __init__(self, path: Path, record: OpenRecord) -> None:
+    def __init__(self, path: Path, lock: FileLock, manifest: Mapping[str, Any]) -> None:
         self.path = path
         self.run_name = path.name
-        self._manifest = record.manifest
-        self._sums = record.sums
-        self._lines = record.lines
-        self._lock = record.lock
-        self._pictures = record.pictures
-        recording = record.manifest["recording"]
-        assert isinstance(recording, Mapping)
-        self._fsync_period_s = float(recording["fsync_period_s"])
-        self._least_free_bytes = int(recording["least_free_bytes"])
-        self._t0_s = record.t0_s
-        self._period = int(record.t0_s // self._fsync_period_s)
-        self._frames = record.frames
-        self._events = list(record.events)
-        self._seq = record.seq
+        self._lock = lock
+        self._manifest = dict(manifest)
+        self._recording = self._manifest["recording"]
+        self._pictures = PictureWriter(path, self._recording["picture_store"])
+        _make_reserve(path)
+        optional = [name for name in (layout.TRUTH_LINES, layout.CAN_LOG) if (path / name).exists()]
+        names = (*layout.ALWAYS_PRESENT, layout.DEVICE_LINES, *optional)
+        self._lines = {name: LineFile(path / name) for name in names}
+        frames = read_lines(path / layout.FRAME_LINES)
+        sequenced = [name for name in names if name in layout.SEQUENCED]
+        lines: list[dict[str, Any]] = [line for name in sequenced for line in read_lines(path / name)]
+        self._sums = layout.read_sums(path) | {str(line["file"]): str(line["sha256"]) for line in frames}
+        self._frames = len(frames)
+        self._seq = 1 + max((line["seq"] for line in lines), default=-1)
+        self._t0_s = 1.0 + math.floor(max((line.get("t_s", -1.0) for line in lines), default=-1.0))
+        self._period = int(self._t0_s // self._recording["fsync_period_s"])
         self._appending = Lock()
         self._rounds = Rounds(_MOST_PERIODS_BEHIND)
         self._closed = False
@@ -155,8 +136,8 @@ class Recorder:
         cls,
         runs_dir: Path,
         run_name: str,
-        manifest: Mapping[str, object],
-        files: RunFiles,
+        manifest: Mapping[str, Any],
+        files: Mapping[str, bytes],
         *,
         fsync_period_s: float = 1.0,
         least_free_bytes: int = 0,
@@ -171,10 +152,10 @@ class Recorder:
         run_name : str
             Name of the new folder in it.
         manifest : Mapping
-            `experiment` and `started` (an aware datetime or ISO text) at least; `title`, `trials_planned`, `seed`,
-            `operator`, `protocol` and `provenance` are expected, others are kept. `devices` goes into devices.jsonl.
-        files : RunFiles
-            What the run begins with.
+            `experiment` and `started` (ISO 8601) at least; `title`, `trials_planned`, `seed`, `operator`, `protocol`
+            and `provenance` are expected, others are kept. `devices` goes into devices.jsonl.
+        files : Mapping
+            What the run begins with, as from `opening_files`.
         fsync_period_s : float
             Rig time between two fsyncs [s].
         least_free_bytes : int
@@ -185,41 +166,40 @@ class Recorder:
         Raises
         ------
         InputError
-            When a name is invalid, the manifest lacks its two keys, or a calibration file cannot be read.
+            When the name is invalid, or the manifest holds what JSON cannot hold.
         OutputExistsError
             When the folder exists; it is not touched.
         DiskError
             When it cannot be written; nothing is left behind.
         """
-        contents = files.read()
-        if not (math.isfinite(fsync_period_s) and fsync_period_s > 0):
-            raise InputError(f"fsync_period_s is {fsync_period_s}; it must be finite and above 0")
-        if missing := [key for key in ("experiment", "started") if not manifest.get(key)]:
-            raise InputError(f"the manifest of {run_name} lacks {' and '.join(missing)}")
-        path = runs_dir / require_name(run_name, "the run name")
-        sums = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
         recording = {
             "fsync_period_s": fsync_period_s,
             "least_free_bytes": least_free_bytes,
             "picture_store": picture_store,
         }
         opening = _make_opening_manifest(run_name, manifest, recording)
-        document, devices = encode_manifest(opening), encode_line(_at_begin(manifest.get("devices")))
+        document = encode_manifest(opening)
+        path = runs_dir / layout.require_name(run_name, "the run name")
         _make_run_directory(path)
         try:
             with disk_errors(path):
-                lock = FileLock(path / LOCK).acquire("labrig run")
-                _write_opening_files(path, contents)
-                write_atomically(path / SHA256SUMS, encode_sums(sums))
-                lines = {name: LineFile.create(path / name) for name in (*ALWAYS_PRESENT, DEVICE_LINES)}
-                lines[DEVICE_LINES].append(devices)
+                lock = FileLock(path / layout.LOCK).acquire("labrig run")
+                for folder in (layout.FRAMES, layout.CALIBRATION):
+                    (path / folder).mkdir()
+                for name, content in files.items():
+                    write_and_rename(path / name, content)
+                sync_directory(path / layout.CALIBRATION)
+                sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+                write_atomically(path / layout.SHA256SUMS, layout.encode_sums(sums))
+                recorder = cls(path, lock, opening)
+                recorder._begin_devices(manifest.get("devices"))
                 # Written last, so that a folder with a manifest has everything else.
-                write_atomically(path / MANIFEST, document)
+                write_atomically(path / layout.MANIFEST, document)
                 sync_directory(runs_dir)
-        except DiskError:
+        except LabrigError:
             shutil.rmtree(path, ignore_errors=True)
             raise
-        return cls(path, OpenRecord(opening, sums, lines, lock, PictureWriter(path, picture_store)))
+        return recorder
 
     def begin_session(
         self, started: datetime, *, code_diff: bytes = b"", devices: object = None, **fields: object
@@ -231,7 +211,7 @@ class Recorder:
         started : datetime
             Aware.
         code_diff : bytes
-            As in `RunFiles`; stored as code.002.diff, 003 ...
+            As in `opening_files`; stored as code.002.diff, 003 ...
         devices : object
             What the devices say of themselves.
         **fields
@@ -242,26 +222,20 @@ class Recorder:
         DiskError
             When it cannot be written; the run stays `incomplete`, and readable.
         """
-        sessions = self._manifest.get("sessions", ())
-        assert isinstance(sessions, list | tuple)
-        session = {"started": started, "t0_s": self._t0_s, **fields, **self._write_session_diff(code_diff)}
-        self._manifest = {**self._manifest, "sessions": [*sessions, session]}
+        sessions = self._manifest.get("sessions", [])
+        session = {"started": _format_utc(started), "t0_s": self._t0_s, **fields}
         with self._guard_disk(self.path):
-            write_atomically(self.path / MANIFEST, encode_manifest(self._manifest))
-        self._write_line(DEVICE_LINES, _at_begin(devices, self._t0_s))
+            if code_diff:
+                name = session["code_diff"] = f"code.{len(sessions) + 2:03d}.diff"
+                write_atomically(self.path / name, code_diff)
+                self._sums[name] = hashlib.sha256(code_diff).hexdigest()
+            self._manifest["sessions"] = [*sessions, session]
+            write_atomically(self.path / layout.MANIFEST, encode_manifest(self._manifest))
+        self._begin_devices(devices)
         return self._t0_s
 
-    def _write_session_diff(self, code_diff: bytes) -> dict[str, str]:
-        """Write the code.diff of a later session and return its member in the manifest."""
-        if not code_diff:
-            return {}
-        # A number is skipped if a process was killed before its manifest named the file.
-        names = (session_diff(number) for number in count(2))
-        name = next(name for name in names if not os.path.lexists(self.path / name))
-        with self._guard_disk(self.path):
-            write_atomically(self.path / name, code_diff)
-        self._sums[name] = hashlib.sha256(code_diff).hexdigest()
-        return {"code_diff": name}
+    def _begin_devices(self, devices: object) -> None:
+        self._write_line(layout.DEVICE_LINES, {"when": "begin", "t_s": self._t0_s, "devices": devices or {}})
 
     def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
         """Record a picture and return its number.
@@ -283,28 +257,17 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._require_open()
-        if clash := sorted(_OF_A_PICTURE & fields.keys()):
-            raise InputError(f"the recorder itself writes {', '.join(clash)}", "give the field another name")
         number = self._frames
         with self._guard_disk(self.path):
-            place = self._pictures.write(number, image)
-        file = str(place["file"])
-        try:
-            self._append(FRAME_LINES, t_s, {"frame": number, **place, "t_s": self._t0_s + t_s, **fields})
-        except LabrigError:
-            # A picture that no line lists is no part of the record.
-            with self._guard_disk(self.path):
-                (self.path / file).unlink()
-            raise
-        self._sums[file] = str(place["sha256"])
+            file, sha256 = self._pictures.write(number, image)
+        self._append(layout.FRAME_LINES, t_s, {"frame": number, "file": file, "sha256": sha256}, fields)
+        self._sums[file] = sha256
         self._frames += 1
-        self._sync_each_period(t_s)
         return number
 
     def state(self, t_s: float, **fields: object) -> None:
         """Append a reading of the axes at rig time `t_s` [s]. Raises as `event` does."""
-        self._append(STATE_LINES, t_s, {"t_s": self._t0_s + t_s, **fields})
-        self._sync_each_period(t_s)
+        self._append(layout.STATE_LINES, t_s, {}, fields)
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
         """Append an event at rig time `t_s` [s]; `trial_start` and `trial_stop` delimit the trials.
@@ -314,9 +277,7 @@ class Recorder:
         DiskError
             When it cannot be written; the record stays whole.
         """
-        self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
-        self._events.append({"kind": kind, **fields})
-        self._sync_each_period(t_s)
+        self._append(layout.EVENT_LINES, t_s, {"kind": kind}, fields)
 
     def record_event(self, event: Event, t_s: float) -> None:
         """Append an event at rig time `t_s` [s]. Raises as `event` does."""
@@ -324,7 +285,7 @@ class Recorder:
 
     def truth(self, **fields: object) -> None:
         """Append what a simulated world drew; the first line makes the file. Raises as `event` does."""
-        self._write_line(TRUTH_LINES, fields)
+        self._write_line(layout.TRUTH_LINES, fields)
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
         """Append CAN frames to can.log in candump's format; the first makes the file.
@@ -344,7 +305,7 @@ class Recorder:
             for t_s, i, data, way in frames
         )
         if lines:
-            self._write(CAN_LOG, lines.encode())
+            self._write(layout.CAN_LOG, lines.encode())
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
         """End the run: write SHA256SUMS of everything, then the manifest that says how it ended.
@@ -372,11 +333,11 @@ class Recorder:
         if self._closed:
             return
         after = manifest_updates.pop("devices_after", None)
-        ending = {"exit_status": exit_status, "reason": reason, "ended": ended}
+        ending = {"exit_status": exit_status, "reason": reason, "ended": _format_utc(ended)}
         try:
             if after is not None:
-                self._write_line(DEVICE_LINES, {"when": "end", "devices": after})
-            self._finish({**self._manifest, **ending, **manifest_updates, "summary": self._summarise()})
+                self._write_line(layout.DEVICE_LINES, {"when": "end", "devices": after})
+            self._finish(self._manifest | ending | manifest_updates)
         finally:
             self._closed = True
             self._rounds.close()
@@ -384,55 +345,48 @@ class Recorder:
                 lines.close()
             self._lock.release()
 
-    def _summarise(self) -> dict[str, object]:
-        """Return what a list of runs shows beside how the run ended."""
-        return {"trials_done": count_trials_done(self._events), "pictures": self._frames}
-
-    def _finish(self, manifest: Mapping[str, object]) -> None:
+    def _finish(self, manifest: dict[str, Any]) -> None:
         with self._guard_disk(self.path):
             self._rounds.finish()
-            self._make_round()()
+            self._sync()
         self._release_reserve()
-        document = encode_manifest(manifest)
+        done = count_trials_done(self.path, read_lines(self.path / layout.EVENT_LINES))
+        document = encode_manifest(manifest | {"summary": {"trials_done": done, "pictures": self._frames}})
         sums = self._sums | {name: lines.sha256 for name, lines in self._lines.items()}
-        sums[MANIFEST] = hashlib.sha256(document).hexdigest()
-        write_atomically(self.path / SHA256SUMS, encode_sums(sums))
-        write_atomically(self.path / MANIFEST, document)
+        sums[layout.MANIFEST] = hashlib.sha256(document).hexdigest()
+        write_atomically(self.path / layout.SHA256SUMS, layout.encode_sums(sums))
+        write_atomically(self.path / layout.MANIFEST, document)
 
-    def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
-        """Append a line of rig time `t_s`."""
+    def _append(
+        self, name: str, t_s: float, first: Mapping[str, object], fields: Mapping[str, object]
+    ) -> None:
+        """Append a line of rig time `t_s`, and start an fsync when that begins a new period."""
         if not math.isfinite(t_s):
             raise InputError(f"a line of {name} has the time {t_s}; rig time is a finite number of seconds")
-        self._write_line(name, fields)
-
-    def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
-        self._write(name, encode_line({**fields, "seq": self._seq} if name in SEQUENCED else fields))
-        self._seq += name in SEQUENCED
-
-    def _write(self, name: str, lines: bytes) -> None:
-        """Append lines to a file, which the first of them makes."""
-        if self._closed:
-            self._require_open()
-        held = self._appending if name == FRAME_LINES else nullcontext()
-        file = self._lines.get(name)
-        path = self.path / name if file is None else file.path
-        with self._guard_disk(path), held:
-            if file is None:
-                file = self._lines[name] = LineFile.create(path)
-            file.append(lines)
-
-    def _sync_each_period(self, t_s: float) -> None:
-        """Start an fsync when rig time `t_s` begins a new period."""
-        period = int((self._t0_s + t_s) // self._fsync_period_s)
+        self._write_line(name, {**first, "t_s": self._t0_s + t_s, **fields})
+        period = int((self._t0_s + t_s) // self._recording["fsync_period_s"])
         if period > self._period:
             self._period = period
             with self._guard_disk(self.path):
                 self._require_free_space()
-                self._rounds.begin(self._make_round())
+                self._rounds.begin(self._sync)
+
+    def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
+        self._write(name, encode_line({**fields, "seq": self._seq} if name in layout.SEQUENCED else fields))
+        self._seq += name in layout.SEQUENCED
+
+    def _write(self, name: str, lines: bytes) -> None:
+        """Append lines to a file, which the first of them makes."""
+        self._require_open()
+        held = self._appending if name == layout.FRAME_LINES else nullcontext()
+        with self._guard_disk(self.path / name), held:
+            if name not in self._lines:
+                self._lines[name] = LineFile(self.path / name)
+            self._lines[name].append(lines)
 
     def _require_free_space(self) -> None:
         """Stop the run before the disk is so full that other programs on this computer cannot write either."""
-        free, least = free_bytes(self.path), self._least_free_bytes
+        free, least = free_bytes(self.path), self._recording["least_free_bytes"]
         if free < least:
             raise DiskError(
                 f"the disk of {self.path} has {free / 1e6:.1f} MB free; a run ends below {least / 1e6:.1f} MB",
@@ -453,22 +407,98 @@ class Recorder:
             self._release_reserve()
             raise
 
-    def _make_round(self) -> Callable[[], None]:
-        """Return the call that forces everything written so far to disk; files begun later wait for the next round."""
-        others = tuple(lines for name, lines in self._lines.items() if name != FRAME_LINES)
-        return partial(sync_in_order, self._pictures, self._lines[FRAME_LINES], others, self._appending)
+    def _sync(self) -> None:
+        """Force everything written so far to disk, no line of a picture before the picture.
+
+        Pictures are forced first, while more are taken. Then no picture's line is appended while the last pictures and
+        those lines follow; all other lines go on.
+        """
+        frames = self._lines[layout.FRAME_LINES]
+        others = [lines for lines in list(self._lines.values()) if lines is not frames]
+        self._pictures.sync()
+        with self._appending:
+            self._pictures.sync()
+            frames.sync()
+        for lines in others:
+            lines.sync()
 
     def _release_reserve(self) -> None:
         # If even this fails, the fault of the disk is being raised already.
         with suppress(OSError):
-            (self.path / RESERVE).unlink()
+            (self.path / layout.RESERVE).unlink()
+
+
+def reopen_run(path: Path, doing: str) -> Recorder:
+    """Open the record of an interrupted run for appending.
+
+    Rig time goes on from the next whole second after the last one recorded.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of a run that has not ended in success.
+    doing : str
+        The command that asks, as others read it in the lock.
+
+    Raises
+    ------
+    RecordError
+        When it is no run, has succeeded, or is damaged; nothing is changed.
+    LockedError
+        When another process writes it.
+    DiskError
+        When it cannot be written.
+    """
+    layout.read_manifest(path)
+    lock = FileLock(layout.inside(path, layout.LOCK)).acquire(doing)
+    try:
+        return _reopen(path, lock)
+    except LabrigError:
+        lock.release()
+        raise
+
+
+def close_interrupted_run(path: Path, doing: str, ended: datetime) -> None:
+    """Close a run that was interrupted after its last trial, as a success. Raises as `reopen_run`."""
+    recorder = reopen_run(path, doing)
+    recorder.event("run_stop", 0.0, exit_status="success", reason="")
+    recorder.close("success", "", ended)
+
+
+def _reopen(path: Path, lock: FileLock) -> Recorder:
+    manifest = layout.read_manifest(path)
+    for problem in find_damage(path, manifest, read_pictures=True):
+        message = f"{path} is damaged: {problem.where}: {problem.message}"
+        raise RecordError(message, "labrig runs check lists all; nothing was changed")
+    if manifest["exit_status"] == "success":
+        raise RecordError(f"{path} has come to its end; nothing can be added to it")
+    reopened = manifest | {"exit_status": layout.INCOMPLETE, "reason": None, "ended": None, "summary": None}
+    opening = {
+        name: sha256 for name, sha256 in layout.read_sums(path).items() if layout.is_opening_file(name)
+    }
+    with disk_errors(path):
+        _drop_leftovers(path)
+        write_atomically(path / layout.MANIFEST, encode_manifest(reopened))
+        write_atomically(path / layout.SHA256SUMS, layout.encode_sums(opening))
+        return Recorder(path, lock, reopened)
+
+
+def _drop_leftovers(path: Path) -> None:
+    """Remove temporary files, and pictures whose lines were not written: nothing of them was acknowledged."""
+    for folder in (path, path / layout.CALIBRATION, path / layout.FRAMES):
+        for left in find_temporaries(folder):
+            left.unlink()
+    listed = {line["file"] for line in read_lines(path / layout.FRAME_LINES)}
+    for picture in sorted((path / layout.FRAMES).iterdir()):
+        if _PICTURE.fullmatch(picture.name) and f"{layout.FRAMES}/{picture.name}" not in listed:
+            picture.unlink()
 
 
 def require_free_name(runs_dir: Path, run_name: str) -> None:
     """Refuse the name of a run that exists already, before any work. Raises `OutputExistsError`, `InputError`."""
-    path = runs_dir / require_name(run_name, "the run name")
+    path = runs_dir / layout.require_name(run_name, "the run name")
     if path.exists():
-        raise _make_name_error(path)
+        raise OutputExistsError(f"{path} exists already", "give the run another name")
 
 
 def create_under_free_name(started: datetime, what: str, create: Callable[[str], _Created]) -> _Created:
@@ -488,58 +518,32 @@ def create_under_free_name(started: datetime, what: str, create: Callable[[str],
     raise AssertionError("count() has no end")
 
 
-def make_reserve(path: Path) -> None:
-    """Reserve disk space for the end of the run.
-
-    When the disk is full, it still holds the last lines, SHA256SUMS (83 bytes a picture) and the manifest, so that the
-    record states that the run failed and why.
-    """
-    with open_descriptor(path / RESERVE, os.O_WRONLY | os.O_CREAT) as descriptor:
+def _make_reserve(path: Path) -> None:
+    with open_descriptor(path / layout.RESERVE, os.O_WRONLY | os.O_CREAT) as descriptor:
         os.posix_fallocate(descriptor, 0, _RESERVE_BYTES)
 
 
 def _make_opening_manifest(
-    run_name: str, given: Mapping[str, object], recording: Mapping[str, object]
-) -> dict[str, object]:
-    """Return the manifest that a run begins with, in the order of the file."""
-    defaults = {
-        "schema_version": SCHEMA_VERSION,
+    run_name: str, given: Mapping[str, Any], recording: Mapping[str, object]
+) -> dict[str, Any]:
+    """Return the manifest that a run begins with. What a list of runs shows stands first, and has no long texts."""
+    devices = given.get("devices") or {}
+    opening = {
+        "schema_version": layout.SCHEMA_VERSION,
         "run": run_name,
-        "experiment": None,
-        "title": "",
-        "exit_status": INCOMPLETE,
-        "reason": None,
-        "started": None,
-        "ended": None,
-        "trials_planned": None,
-        "summary": None,
-        "seed": None,
-        "operator": None,
+        "experiment": given["experiment"],
+        "exit_status": layout.INCOMPLETE,
+        **dict.fromkeys(
+            ("started", "ended", "trials_planned", "summary", "seed", "operator", "title", "reason")
+        ),
         "recording": recording,
-        "rig": _name_rig(given.get("devices")),
+        "rig": {"name": devices.get("rig"), "kind": devices.get("kind")} if devices else None,
     }
-    chosen = {key: value for key, value in given.items() if key != "devices"}
-    return defaults | chosen | {key: defaults[key] for key in _OWN_KEYS}
+    return opening | {key: value for key, value in given.items() if key != "devices"}
 
 
-def _name_rig(devices: object) -> dict[str, object] | None:
-    """Return name and kind of the rig, of all that the devices say; None without a rig."""
-    known = devices if isinstance(devices, Mapping) and devices else None
-    return None if known is None else {"name": known.get("rig"), "kind": known.get("kind")}
-
-
-def _at_begin(devices: object, t_s: float = 0.0) -> dict[str, object]:
-    """Return the line of devices.jsonl of a session that begins at rig time `t_s` [s]."""
-    return {"when": "begin", "t_s": t_s, "devices": devices or {}}
-
-
-def _read_source(source: Path) -> bytes:
-    try:
-        return read_file(source)
-    except OSError as error:
-        raise InputError(
-            f"cannot read the calibration file {source}: {error.strerror}", "check the rig file"
-        ) from error
+def _format_utc(moment: datetime) -> str:
+    return moment.astimezone(UTC).isoformat(timespec="seconds")
 
 
 def _make_run_directory(path: Path) -> None:
@@ -549,18 +553,4 @@ def _make_run_directory(path: Path) -> None:
         try:
             path.mkdir()
         except FileExistsError as error:
-            raise _make_name_error(path) from error
-
-
-def _make_name_error(path: Path) -> OutputExistsError:
-    return OutputExistsError(f"{path} exists already", "give the run another name")
-
-
-def _write_opening_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write what is known before anything moves, except the manifest."""
-    (path / FRAMES).mkdir()
-    (path / CALIBRATION).mkdir()
-    for name, content in contents.items():
-        write_and_rename(path / name, content)
-    sync_directory(path / CALIBRATION)
-    make_reserve(path)
+            raise OutputExistsError(f"{path} exists already", "give the run another name") from error

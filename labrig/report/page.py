@@ -20,8 +20,8 @@ from labrig.analysis.pictures import load_lens
 from labrig.analysis.result import AnyResult
 from labrig.durable import write_atomically
 from labrig.errors import RecordError
-from labrig.record.events import INCOMPLETE, INTERRUPTED, TrialStart, TrialStop
-from labrig.record.manifest import is_simulated
+from labrig.record.events import INTERRUPTED, TrialStart, TrialStop
+from labrig.record.layout import INCOMPLETE, is_simulated
 from labrig.record.notes import Annotations
 from labrig.record.reader import Run
 from labrig.report.event_words import list_decisions

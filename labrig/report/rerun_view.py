@@ -26,8 +26,9 @@ from labrig.analysis.result import CentreLines
 from labrig.clock import Clock
 from labrig.durable import disk_errors, require_free_bytes, sync_directory, sync_file, temporary_file
 from labrig.record.events import FrameLine
-from labrig.record.following import GrowingRun, LinedPicture, RecordLines, list_lines
-from labrig.record.layout import TRIAL_START, VIEW
+from labrig.record.following import GrowingRun, RecordLines, list_lines
+from labrig.record.layout import VIEW
+from labrig.record.pictures import RecordedPicture
 from labrig.record.reader import Run
 from labrig.report.event_words import describe_event
 from labrig.report.palette import mark
@@ -106,7 +107,7 @@ def write_view(run: Run, lines: CentreLines, view: View, describe_status: Descri
     """
     path = run.path / VIEW
     # rerun does not report a full disk. JPEG needs less space than the lossless pictures.
-    files = {run.path / picture.file for picture in run.pictures.places}
+    files = {run.path / picture.line.file for picture in run.pictures.places}
     require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
     with disk_errors(path), temporary_file(path) as unfinished:
         # Made here, because rerun does not report a folder that it cannot write either.
@@ -166,8 +167,8 @@ def show_live(
 
 
 def choose_pictures(
-    waiting: Sequence[LinedPicture], needs: Callable[[FrameLine], bool], most: int = _MOST_WAITING
-) -> list[LinedPicture]:
+    waiting: Sequence[RecordedPicture], needs: Callable[[FrameLine], bool], most: int = _MOST_WAITING
+) -> list[RecordedPicture]:
     """Return the pictures to draw, in order: the newest `most` of those that wait, and all that are needed."""
     newest = max(0, len(waiting) - most)
     return [picture for index, picture in enumerate(waiting) if index >= newest or needs(picture.line)]
@@ -244,9 +245,9 @@ class _RecordDrawing:
         for event in lines.events:
             entry = describe_event(event, self._view.words)
             self._log(EVENTS, rr.TextLog(entry.text, level=entry.level), _time_of(event))
-        told: list[LinedPicture | Mapping[str, Any]] = [*lines.pictures, *lines.states]
+        told: list[RecordedPicture | Mapping[str, Any]] = [*lines.pictures, *lines.states]
         for line in sorted(told, key=_time_of):
-            if isinstance(line, LinedPicture):
+            if isinstance(line, RecordedPicture):
                 self._draw_picture(line)
             else:
                 self._draw_state(line)
@@ -287,7 +288,7 @@ class _RecordDrawing:
             self._log(f"{CAMERA}/old/words", words, _time_of(state))
             self._shown = None
 
-    def _draw_picture(self, picture: LinedPicture) -> None:
+    def _draw_picture(self, picture: RecordedPicture) -> None:
         image = picture.read()
         self._shown = (picture.line, size_of(image))
         set_time(self._stream, picture.line.t_s)
@@ -355,12 +356,12 @@ def _find_motion(lines: RecordLines) -> tuple[float, float] | None:
 
     Of a run with trials, those are meant, and not what was found out before.
     """
-    from_s = min((_time_of(event) for event in lines.events if event["kind"] == TRIAL_START), default=0.0)
+    from_s = min((_time_of(event) for event in lines.events if event["kind"] == "trial_start"), default=0.0)
     states: Sequence[Mapping[str, Any]] = lines.states
     out_s = [_time_of(state) for state in states if (state.get("insertion_mm") or 0.0) > _OUT_MM]
     out_s = [t_s for t_s in out_s if t_s >= from_s]
     return (out_s[0], out_s[-1]) if len(out_s) > 1 else None
 
 
-def _time_of(line: LinedPicture | Mapping[str, Any]) -> float:
-    return line.line.t_s if isinstance(line, LinedPicture) else float(line["t_s"])
+def _time_of(line: RecordedPicture | Mapping[str, Any]) -> float:
+    return line.line.t_s if isinstance(line, RecordedPicture) else float(line["t_s"])

@@ -18,7 +18,8 @@ from labrig.errors import (
 )
 from labrig.protocol.conditions import Condition
 from labrig.protocol.sections import ExperimentProtocol, JudgedProtocol
-from labrig.record.events import INCOMPLETE, INTERRUPTED, RunResume, RunStart, RunStop, TrialStop
+from labrig.record.events import INTERRUPTED, RunResume, RunStart, RunStop, TrialStop
+from labrig.record.layout import INCOMPLETE
 from labrig.record.sink import RecordSink
 from labrig.runner.experiment import Experiment
 from labrig.runner.session import Session

@@ -6,15 +6,7 @@ from dataclasses import dataclass, field, replace
 from labrig.devices.operator import Choice, Offer, OperatorRequest
 from labrig.errors import AnswerIsNoError, Problem, TrialsFailedError
 from labrig.protocol.conditions import Condition
-from labrig.record.decisions import DECISIONS, Decisions
-from labrig.record.events import (
-    ConditionMet,
-    Event,
-    Move,
-    TrialStart,
-    TrialStop,
-    Undo,
-)
+from labrig.record.events import DECISIONS, ConditionMet, Decisions, Event, Move, TrialStart, TrialStop, Undo
 from labrig.runner.pausing import PauseRequests
 from labrig.runner.trials import NO_PAST, BegunTrial, Past
 from labrig.text import format_count

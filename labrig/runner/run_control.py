@@ -10,9 +10,8 @@ from typing import Literal
 from labrig.durable import disk_errors, write_and_rename
 from labrig.errors import InputError
 from labrig.input_file import read_file
-from labrig.record.layout import run_control, run_lock
+from labrig.record.layout import read_manifest, run_control, run_lock
 from labrig.record.lock import read_lock_owner
-from labrig.record.manifest import read_manifest
 
 Order = Literal["pause", "continue"]
 

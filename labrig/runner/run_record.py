@@ -10,7 +10,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.provenance import collect_code_diff, collect_provenance
-from labrig.record.writer import Recorder, RunFiles, create_under_free_name
+from labrig.record.writer import Recorder, create_under_free_name, opening_files
 from labrig.runner.experiment import Experiment
 
 
@@ -75,7 +75,7 @@ def open_record(order: RunOrder, trials: int, clock: Clock, devices: Mapping[str
         "protocol": order.protocol.model_dump(mode="json", exclude_none=True),
         "devices": devices,
     }
-    files = RunFiles(
+    files = opening_files(
         dump_yaml(order.protocol),
         None if rig is None else dump_yaml(rig),
         {} if rig is None else rig.calibration_files(),

@@ -22,19 +22,14 @@ from labrig.devices.operator import Answer, Choice, OperatorRequest, Paused, req
 from labrig.devices.rig_calls import RigCalls
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.state_line import write_state_line
-from labrig.errors import (
-    AnswerIsNoError,
-    ConditionMetError,
-    InputError,
-    OperatorDeclinedError,
-    Problem,
-)
-from labrig.record.decisions import RESCHEDULING, Decisions
+from labrig.errors import AnswerIsNoError, ConditionMetError, InputError, OperatorDeclinedError, Problem
 from labrig.record.events import (
+    RESCHEDULING,
     AxesReferenced,
     AxesStopped,
     ConditionMet,
     Continue,
+    Decisions,
     Event,
     MarkBad,
     Move,

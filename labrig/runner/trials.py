@@ -10,8 +10,8 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.past_insertion import PastInsertion
-from labrig.record.decisions import NO_DECISIONS, Decisions
-from labrig.record.events import INCOMPLETE, INTERRUPTED
+from labrig.record.events import INTERRUPTED, NO_DECISIONS, Decisions
+from labrig.record.layout import INCOMPLETE
 
 T = TypeVar("T")
 

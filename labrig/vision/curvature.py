@@ -28,11 +28,7 @@ from scipy.special import stdtrit
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.text import round_down
 from labrig.vision.circle import Circle, fit_circle
-from labrig.vision.error_budget import (
-    LEAST_LIGHT_SHIFT_PX,
-    ErrorBudget,
-    propagate_map,
-)
+from labrig.vision.error_budget import LEAST_LIGHT_SHIFT_PX, ErrorBudget, propagate_map
 from labrig.vision.out_of_plane import BendingPlane, combine_turns
 from labrig.vision.picture import Mask, Picture, require_size
 from labrig.vision.plane import PlaneMap

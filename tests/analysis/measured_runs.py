@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.results import finish_result, new_result_dir
+from labrig.record.writer import Recorder, opening_files
 from tests.record.runs import ENDED, STARTED, picture
 
 COLUMNS = [
@@ -54,7 +55,7 @@ def write_measured_run(
     manifest = {"experiment": "import", "started": STARTED, "title": name, "trials_planned": 3, "seed": 7}
     blocks = ", ".join(f'{{block: {{name: "{specimen}"}}}}' for specimen in with_file)
     protocol = f"{PROTOCOL_YAML}specimens: [{blocks}]\n" if with_file else PROTOCOL_YAML
-    recorder = Recorder.create(runs_dir, name, manifest, RunFiles(protocol, None, calibration))
+    recorder = Recorder.create(runs_dir, name, manifest, opening_files(protocol, None, calibration))
     rows: list[list[object]] = []
     for (specimen, gelatin), values in radii_mm.items():
         for hole, radius_mm in enumerate(values):
@@ -86,7 +87,7 @@ def add_result(
 ) -> None:
     """Write a result with its tables, and the link over it."""
     opened = open_run(run)
-    folder = opened.new_result_dir()
+    folder = new_result_dir(opened.path)
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
     (folder / "measurements.csv").write_text(text.getvalue(), encoding="utf-8")
@@ -95,4 +96,4 @@ def add_result(
     (folder / "tables.json").write_text(json.dumps(listed), encoding="utf-8")
     document = {"settings": dict(settings), "overrides": list(overrides), "not_in_interval": ["surface"]}
     (folder / "result.json").write_text(json.dumps(document), encoding="utf-8")
-    opened.finish_result(folder)
+    finish_result(folder)

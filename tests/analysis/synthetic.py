@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 from labrig.vision.calibration_file import save_plane
@@ -121,7 +121,7 @@ def record_sweep(folder: Path, sweep: SyntheticSweep | None = None) -> Run:
         },
     }  # fmt: skip
     calibration = {"plane.json": plane_file(folder)} if sweep.plane else {}
-    recorder = Recorder.create(folder, "run", manifest, RunFiles(dump_yaml(protocol), None, calibration))
+    recorder = Recorder.create(folder, "run", manifest, opening_files(dump_yaml(protocol), None, calibration))
     trial = 0
     for name, percent in specimens.items():
         for hole, radius_mm in enumerate(sweep.radii_mm[name]):
@@ -171,7 +171,7 @@ analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_s
 """
     protocol = load_text(text)
     manifest = {"experiment": "import", "started": NOW, "title": "Loose pictures", "provenance": PROVENANCE}
-    recorder = Recorder.create(folder, "import", manifest, RunFiles(dump_yaml(protocol)))
+    recorder = Recorder.create(folder, "import", manifest, opening_files(dump_yaml(protocol)))
     for number, radius_mm in enumerate(radii_mm):
         recorder.frame(
             needle_picture(radius_mm), float(number), trial=None, role="imported", source=f"photo{number}.jpg"
@@ -195,7 +195,7 @@ roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 1
     manifest = {"experiment": "roll-zero", "started": NOW, "title": "Roll zero", "provenance": PROVENANCE}
     protocol = dump_yaml(load_text(text))
     recorder = Recorder.create(
-        folder, "roll-zero", manifest, RunFiles(protocol, None, {"plane.json": plane_file(folder)})
+        folder, "roll-zero", manifest, opening_files(protocol, None, {"plane.json": plane_file(folder)})
     )
     for step in range(6):
         roll_rad = step * np.pi / 3
@@ -253,7 +253,7 @@ plane: {{pitch_mm: 1, distance_mm: {distance}, origin_px: [320, 200], insertion:
         folder,
         "calibration",
         manifest,
-        RunFiles(dump_yaml(load_text(text)), None, {} if last is None else {"plane.json": last}),
+        opening_files(dump_yaml(load_text(text)), None, {} if last is None else {"plane.json": last}),
     )
     for view in range(views):
         if hold_board:

@@ -22,6 +22,7 @@ from labrig.errors import DiskError, FileFormatError, InputError, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
+from labrig.record.results import finish_result
 from tests.analysis.conftest import MeasuredRun, measure
 from tests.analysis.synthetic import (
     LENGTH_MM,
@@ -167,6 +168,7 @@ import os, signal, sys
 from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.reader import open_run
+from labrig.record.results import finish_result
 from tests.analysis.synthetic import NOW
 
 def die(done, total):
@@ -239,7 +241,7 @@ def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
     document = json.loads(content)
     file.write_text(json.dumps({**document, "schema_version": 2}))
     (result.path / "SHA256SUMS").unlink()
-    run.finish_result(result.path)
+    finish_result(result.path)
     with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
         load_run_result(run)
 

@@ -26,7 +26,7 @@ from labrig.devices.rig import open_rig
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.reopen import reopen_run
+from labrig.record.writer import reopen_run
 from labrig.runner.conduct import conduct_remainder
 from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past

@@ -20,7 +20,7 @@ from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import conduct
 from labrig.runner.session import Session
 from tests.cli.example_runs import SHORTENED
@@ -97,7 +97,7 @@ def run_once(name: str, folder: Path) -> None:
                 "seed": protocol.seed,
                 "devices": opened.describe(),
             },
-            RunFiles(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
+            opening_files(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
         )
         conduct(
             find_experiment(protocol.experiment),

@@ -14,7 +14,7 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.events import TrialStart
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from labrig.runner.session import Session
 
 SWEEP = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
@@ -38,7 +38,7 @@ def main(rig_file: Path, runs_dir: Path) -> None:
         rig.reference_axes()
         manifest = {"experiment": "steerability", "started": rig.clock.utc()}
         protocol, text = dump_yaml(load_protocol(SWEEP, PROTOCOL_MODELS)), dump_yaml(description)
-        recorder = Recorder.create(runs_dir, "crashed", manifest, RunFiles(protocol, text))
+        recorder = Recorder.create(runs_dir, "crashed", manifest, opening_files(protocol, text))
         session = Session(rig, recorder, lambda _done, _doing: None)
         session.record(TrialStart(trial=0))
         rig.needle.mark_in_tissue(recorder.run_name)

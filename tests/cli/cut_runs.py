@@ -4,7 +4,8 @@ import json
 import shutil
 from pathlib import Path
 
-from labrig.record.manifest import encode_manifest, encode_sums, is_opening_file, read_sums
+from labrig.record.json_lines import encode_manifest
+from labrig.record.layout import encode_sums, is_opening_file, read_sums
 
 
 def cut_short(run: Path, to: Path, after_s: float) -> Path:
@@ -43,7 +44,7 @@ def _cut_can(run: Path, after_s: float) -> None:
 
 def open_again(run: Path) -> None:
     """Take manifest and sums back to what they are before a run is closed."""
-    sums = {name: sha256 for name, sha256 in read_sums(run)[0].items() if is_opening_file(name)}
+    sums = {name: sha256 for name, sha256 in read_sums(run).items() if is_opening_file(name)}
     (run / "SHA256SUMS").write_bytes(encode_sums(sums))
     document = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
     document |= {"exit_status": "incomplete", "reason": None, "ended": None, "summary": None, "run": run.name}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.record.manifest import encode_manifest
+from labrig.record.json_lines import encode_manifest
 from tests.cli.conftest import Labrig
 from tests.record.runs import closed_run, flip_bit
 

@@ -20,7 +20,7 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from tests.cli.conftest import ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.served import Served, served_drives
 
@@ -146,7 +146,7 @@ def _leave_in_tissue(folder: Path) -> Path:
     """Leave the record of a run that was killed with its needle in tissue, its bevel turned on the way."""
     protocol = load_protocol(SWEEP, PROTOCOL_MODELS)
     manifest = {"experiment": "steerability", "started": "2026-11-20T10:00:00+00:00"}
-    recorder = Recorder.create(folder, "killed", manifest, RunFiles(dump_yaml(protocol)))
+    recorder = Recorder.create(folder, "killed", manifest, opening_files(dump_yaml(protocol)))
     recorder.event("trial_start", 0.0, trial=0)
     path = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.5, 0.0, 1.0), (0.5, 0.5, 1.0), (1.0, 0.5, 1.0))
     for second, (insertion_mm, rotation_rad, linear_mm) in enumerate(path):

@@ -72,7 +72,7 @@ def test_a_decision_that_was_altered_by_hand_is_different(tmp_path: Path, labrig
     events = run / "events.jsonl"
     lines = read_lines(events)
     number = next(n for n, line in enumerate(lines) if line["kind"] == "operator" and line["details"])
-    details = dict(lines[number]["details"])  # type: ignore[call-overload]
+    details = dict(lines[number]["details"])
     key = next(iter(details))
     lines[number] |= {"details": details | {key: f"{details[key]} other"}}
     events.write_bytes(b"".join(map(encode_line, lines)))

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from labrig.record.json_lines import decode_line, encode_line
-from labrig.record.manifest import encode_manifest, encode_sums, read_sums
+from labrig.record.json_lines import decode_line, encode_line, encode_manifest
+from labrig.record.layout import encode_sums, read_sums
 from tests.cli.conftest import ROOT, Labrig, SweepRun
 from tests.cli.cut_runs import open_again
 
@@ -89,7 +89,7 @@ def _enlarge_calibration(run: Path) -> None:
     path = run / "calibration" / "intrinsics.json"
     lens = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps(lens | {"image_size": [704, 448]}), encoding="utf-8")
-    sums = {**read_sums(run)[0], "calibration/intrinsics.json": sha256(path.read_bytes()).hexdigest()}
+    sums = {**read_sums(run), "calibration/intrinsics.json": sha256(path.read_bytes()).hexdigest()}
     (run / "SHA256SUMS").write_bytes(encode_sums(sums))
 
 

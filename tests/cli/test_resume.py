@@ -10,9 +10,10 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
+from labrig.record.events import RunStop
 from labrig.record.lock import FileLock
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, SweepRun
 from tests.cli.cut_runs import cut_short
 from tests.record.runs import ENDED, killed_run
@@ -90,10 +91,7 @@ def test_a_run_that_failed_goes_on_without_its_fault(
     run = open_run(tmp_path / "a run")
     assert (run.path / "view.rrd").stat().st_size > 50_000
     assert list(run.trials["exit_status"]) == ["interrupted", "success"]
-    endings = run.manifest["earlier_endings"]
-    assert isinstance(endings, list)
-    (ending,) = endings
-    assert ending["exit_status"] == "failed"
+    assert [stop.exit_status for stop in run.read_events(RunStop)] == ["failed", "success"]
 
 
 def test_a_run_that_had_only_to_be_closed_is_closed(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
@@ -162,7 +160,7 @@ def test_a_needle_of_a_run_that_cannot_be_continued_has_a_way_out(labrig: Labrig
             "started": "2026-03-02T09:30:00+00:00",
             "devices": {"kind": kind},
         }
-        recorder = Recorder.create(tmp_path, f"{kind} rig", manifest, RunFiles(protocol))
+        recorder = Recorder.create(tmp_path, f"{kind} rig", manifest, opening_files(protocol))
         recorder.event("trial_start", 0.0, trial=0)
         recorder.state(1.0, insertion_mm=5.0, rotation_rad=0.0, linear_mm=1.0)
         done = labrig("resume", recorder.path)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.engine import CORES
-from labrig.record.processor import describe_change
+from labrig.record.provenance import describe_change
 from tests.benchmarks.table import print_rows
 from tests.processors.environments import DEFAULT, Environment, list_environments
 from tests.processors.probes import EXAMPLE, EXAMPLES, REPLAYED

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from labrig.record.processor import describe_processor
+from labrig.record.provenance import describe_processor
 
 DEFAULT = "default"
 _BLAS = "OPENBLAS_CORETYPE"

@@ -18,7 +18,7 @@ from labrig.analysis.run import analyze_run
 from labrig.campaign.tasks import compute_task
 from labrig.experiments.hinge_design.protocol import DesignTolerances
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
-from labrig.record.processor import describe_processor
+from labrig.record.provenance import describe_processor
 from labrig.record.reader import open_run
 from labrig.runner.replay import replay_run
 from tests.analysis.synthetic import NOW, PROVENANCE

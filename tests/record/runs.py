@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.record.pictures import Store
-from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.results import finish_result, new_result_dir
+from labrig.record.writer import Recorder, opening_files
 
 STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 ENDED = datetime(2026, 3, 2, 9, 45, tzinfo=UTC)
@@ -29,9 +29,15 @@ def begin(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: o
     return Recorder.create(
         runs_dir,
         name,
-        {"experiment": "import", "title": "Größe", "started": STARTED, "trials_planned": 3, "seed": 7}
+        {
+            "experiment": "import",
+            "title": "Größe",
+            "started": STARTED.isoformat(),
+            "trials_planned": 3,
+            "seed": 7,
+        }
         | manifest,
-        RunFiles(PROTOCOL_YAML, "world: {}\n", {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"}),
+        opening_files(PROTOCOL_YAML, "world: {}\n", {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"}),
         picture_store=store,
     )
 
@@ -60,10 +66,9 @@ def fill(recorder: Recorder, trials: int = 2) -> None:
 
 def add_result(run: Path, content: bytes) -> Path:
     """Write a result, as an analysis does, and return its folder."""
-    opened = open_run(run)
-    folder = opened.new_result_dir()
+    folder = new_result_dir(run)
     (folder / "result.json").write_bytes(content)
-    opened.finish_result(folder)
+    finish_result(folder)
     return folder
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from labrig.errors import LabrigError
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
+from labrig.record.results import finish_result
 from tests.record.runs import add_result, begin, closed_run, fill, killed_run
 
 CHANGES = int(os.environ.get("LABRIG_CHANGES", "60"))
@@ -27,7 +28,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder = add_result(run, json.dumps({"value": number, "list": list(range(50))}).encode())
         (folder / "SHA256SUMS").unlink()
         (folder / "measurements.csv").write_text("radius_mm\n27.5\n")
-        open_run(run).finish_result(folder)
+        finish_result(folder)
     return run
 
 
@@ -45,7 +46,6 @@ def read_all(run: Run) -> list[object]:
         run.manifest,
         run.result,
         run.devices,
-        list(run.can_frames),
         *(table.to_json() for table in tables),
         *(file.read_bytes() for file in files if file is not None),
         *(picture.tobytes() for picture in run.pictures),
@@ -148,7 +148,7 @@ def test_sums_that_lead_out_of_the_run_are_refused(tmp_path: Path) -> None:
     run = closed_run(tmp_path)
     with (run / "SHA256SUMS").open("a") as sums:
         sums.write(f"{'0' * 64}  ../secret\n")
-    assert [problem.where for problem in check_run(run).damage] == ["SHA256SUMS:16"]
+    assert [problem.where for problem in check_run(run).damage] == ["SHA256SUMS"]
 
 
 def test_sha256sum_verifies_a_result(whole: Path) -> None:
@@ -172,4 +172,4 @@ def test_a_run_that_is_being_written_is_sound(tmp_path: Path) -> None:
     fill(recorder)
     found = check_run(recorder.path)
     assert (found.damage, found.notices) == ((), ())
-    assert (found.writer is None, found.frames, found.trials_done) == (False, 4, 2)
+    assert (found.writer is None, found.holds["frames"], found.holds["trials_done"]) == (False, 4, 2)

@@ -1,12 +1,15 @@
 """fsyncs by a thread of its own: what is durable when, and what happens when the disk is slow or refuses."""
 
 from collections.abc import Callable
-from threading import Event, Lock
-from typing import Self
+from pathlib import Path
+from threading import Event
+from typing import Any, Self
 
 import pytest
 
-from labrig.record.syncing import Rounds, sync_in_order
+from labrig.record.rounds import Rounds
+from labrig.record.writer import Recorder
+from tests.record.runs import begin
 
 
 class Disk:
@@ -53,26 +56,36 @@ class Latch:
         return self
 
 
-def test_no_line_is_durable_before_its_picture() -> None:
+def record_on(disk: Disk, runs_dir: Path) -> Recorder:
+    """Return the record of a run on a disk that tells what is durable."""
+    recorder: Any = begin(runs_dir)
+    recorder._pictures = Part(disk, "pictures")
+    recorder._lines = {name: Part(disk, "lines") for name in ("states.jsonl", "frames.jsonl", "can.log")}
+    return recorder
+
+
+def test_no_line_is_durable_before_its_picture(tmp_path: Path) -> None:
     """Pictures that come while the disk is at it wait for the next round with their lines, or are durable first."""
-    disk, appending = Disk(), Lock()
+    disk = Disk()
+    recorder = record_on(disk, tmp_path)
 
     def camera() -> None:
-        if not appending.locked():
+        if not recorder._appending.locked():
             disk.take()
 
     disk.take()
     disk.meanwhile = camera
-    sync_in_order(Part(disk, "pictures"), Part(disk, "lines"), [], appending)
+    del recorder._lines["can.log"], recorder._lines["states.jsonl"]
+    recorder._sync()
     assert disk.durable == {"pictures": 2, "lines": 2}
 
 
-def test_only_the_lines_of_pictures_wait_for_the_disk() -> None:
+def test_only_the_lines_of_pictures_wait_for_the_disk(tmp_path: Path) -> None:
     """States, events and CAN frames are appended while theirs or others are being made durable."""
-    disk, appending, held = Disk(), Lock(), []
-    disk.meanwhile = lambda: held.append(appending.locked())
-    pictures, lines = Part(disk, "pictures"), Part(disk, "lines")
-    sync_in_order(pictures, lines, [lines, lines], appending)
+    disk, held = Disk(), list[bool]()
+    recorder = record_on(disk, tmp_path)
+    disk.meanwhile = lambda: held.append(recorder._appending.locked())
+    recorder._sync()
     assert held == [False, True, True, False, False]
 
 

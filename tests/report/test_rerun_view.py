@@ -16,7 +16,7 @@ from labrig.devices.drives.states import describe_statusword
 from labrig.errors import MachineError, RecordError
 from labrig.experiments.registry import follow_run
 from labrig.record.events import FrameLine
-from labrig.record.following import GrowingRun, LinedPicture
+from labrig.record.following import GrowingRun
 from labrig.record.pictures import RecordedPicture
 from labrig.record.reader import open_run
 from labrig.report.local_server import LOCALHOST
@@ -83,9 +83,9 @@ def test_curves_of_a_plot_differ_in_colour(tmp_path: Path) -> None:
         assert len(set(shown)) == len(shown), plot
 
 
-def _picture(frame: int) -> LinedPicture:
+def _picture(frame: int) -> RecordedPicture:
     line = FrameLine(t_s=float(frame), frame=frame, file="", role="final" if frame == 1 else "advance")
-    return LinedPicture(line, RecordedPicture(Path(), "", ""))
+    return RecordedPicture(Path(), line)
 
 
 @pytest.mark.parametrize(("waiting", "drawn"), [(2, [0, 1]), (6, [1, 4, 5])])

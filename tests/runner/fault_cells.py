@@ -54,7 +54,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
@@ -469,7 +469,7 @@ def _conduct(
         folder,
         "run",
         {"experiment": protocol.experiment, "started": cell.rig.clock.utc(), "trials_planned": 1},
-        RunFiles(dump_yaml(protocol), dump_yaml(description)),
+        opening_files(dump_yaml(protocol), dump_yaml(description)),
     )
     cell.folder = recorder.path
     cell.rig.operator = _Slow(
@@ -658,7 +658,10 @@ def _withdrawal_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str
     run = open_run(cell.folder)
     manifest = {"experiment": run.manifest["experiment"], "started": rig.clock.utc(), "trials_planned": 0}
     recorder = Recorder.create(
-        cell.folder.parent, "withdrawal", manifest, RunFiles(run.protocol_path.read_text(encoding="utf-8"))
+        cell.folder.parent,
+        "withdrawal",
+        manifest,
+        opening_files(run.protocol_path.read_text(encoding="utf-8")),
     )
     path = read_needle_path(run)
     outcome = conduct_withdrawal(Session(rig, recorder, Told()), run_name, path, path[-1])

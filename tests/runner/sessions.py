@@ -18,7 +18,7 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import RunPlan
@@ -128,7 +128,7 @@ def bench(
                 "trials_planned": 1,
                 "devices": opened.rig.describe(),
             },
-            RunFiles(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
+            opening_files(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
         )
         yield RunBench(opened, recorder, Told())
 
@@ -161,6 +161,6 @@ def record_example(folder: Path, name: str) -> Run:
         return record_run(folder, protocol)
     clock = SimulatedClock()
     manifest = {"experiment": "design", "started": clock.utc()}
-    recorder = Recorder.create(folder, "run", manifest, RunFiles(dump_yaml(protocol)))
+    recorder = Recorder.create(folder, "run", manifest, opening_files(dump_yaml(protocol)))
     conduct_without_rig(find_experiment("design"), recorder, clock)
     return open_run(recorder.path)

@@ -25,8 +25,7 @@ from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.events import Event
 from labrig.record.reader import Run, open_run
-from labrig.record.reopen import reopen_run
-from labrig.record.writer import Recorder
+from labrig.record.writer import Recorder, reopen_run
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_withdrawal
 from labrig.runner.past import read_past
 from labrig.runner.replay import replay_run

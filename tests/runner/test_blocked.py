@@ -9,7 +9,7 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.json_lines import LineFile
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, RunFiles
+from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Session
 from tests.devices.beats import listening, require_no_fault
@@ -51,7 +51,7 @@ def record(folder: Path, rig: Rig) -> Recorder:
         folder,
         "run",
         {"experiment": protocol.experiment, "started": rig.clock.utc(), "trials_planned": 1},
-        RunFiles(dump_yaml(protocol), dump_yaml(rig.description)),
+        opening_files(dump_yaml(protocol), dump_yaml(rig.description)),
     )
 
 
@@ -65,7 +65,7 @@ def slow_down(recorder: Recorder, blockade: Blockade) -> None:
     """Make every fsync of a record's lines slow."""
     for name, lines in recorder._lines.items():
         lines.close()
-        slow = SlowLines.reopen(lines.path)
+        slow = SlowLines(lines.path)
         slow.blockade = blockade
         recorder._lines[name] = slow
 

@@ -12,7 +12,7 @@ from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialSt
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.events import ConditionMet, Pause, ValueMeasured
 from labrig.record.reader import open_run
-from labrig.record.reopen import reopen_run
+from labrig.record.writer import reopen_run
 from labrig.report.event_words import list_decisions
 from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.past import read_past

@@ -17,7 +17,7 @@ from labrig.protocol.load import load_protocol
 from labrig.record.agreement import Deviation, Verdict
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
 from labrig.record.reader import Run, open_run
-from labrig.record.reopen import reopen_run
+from labrig.record.writer import reopen_run
 from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.past import read_past
 from labrig.runner.replay import Replay, replay_run

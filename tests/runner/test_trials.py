@@ -1,7 +1,6 @@
 """Which trials of a run remain."""
 
-from labrig.record.decisions import NO_DECISIONS, fold_decisions
-from labrig.record.events import Repeat, Skip
+from labrig.record.events import NO_DECISIONS, Repeat, Skip, fold_decisions
 from labrig.runner.trials import BegunTrial, Trial, list_remaining
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from labrig.errors import RecordError
-from labrig.record.events import INCOMPLETE, RunStop, TrialStart
-from labrig.record.layout import COPY_HINT
+from labrig.record.events import RunStop, TrialStart
+from labrig.record.layout import COPY_HINT, INCOMPLETE
 from labrig.record.reader import Run
 
 _STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}

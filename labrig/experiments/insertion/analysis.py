@@ -44,12 +44,7 @@ from labrig.experiments.insertion.events import (
 from labrig.experiments.insertion.marker_history import MarkerHistory, follow_recorded
 from labrig.experiments.insertion.marker_view import find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import (
-    InsertionResult,
-    InsertionStep,
-    InsertionTrial,
-    SightingNoise,
-)
+from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial, SightingNoise
 from labrig.experiments.insertion.settings import (
     make_insertion_settings,
     make_out_of_plane,
@@ -57,7 +52,8 @@ from labrig.experiments.insertion.settings import (
     with_observation_sd,
 )
 from labrig.record.agreement import SHARE_OF_SD
-from labrig.record.events import INCOMPLETE, INTERRUPTED
+from labrig.record.events import INTERRUPTED
+from labrig.record.layout import INCOMPLETE
 from labrig.record.reader import Run
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem

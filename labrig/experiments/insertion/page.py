@@ -178,7 +178,7 @@ def _list_panels(
             occasion = _OCCASIONS.get(event.because, event.because)
             yield from _draw_panel(run, frame, strokes, plane, title=title, occasion=occasion)
     if trial.final_frame is not None:
-        seconds = run.frame_line(trial.final_frame).t_s - trial.start_t_s
+        seconds = run.frame_lines[trial.final_frame].t_s - trial.start_t_s
         strokes = (
             *scene.draw_places(),
             *former,

@@ -48,7 +48,7 @@ def _send(run: Run, content: InsertionResult, stream: rr.RecordingStream, _timel
         _draw(stream, scene, event)
     for trial in content.insertions:
         if trial.final_frame is not None:
-            set_time(stream, run.frame_line(trial.final_frame).t_s)
+            set_time(stream, run.frame_lines[trial.final_frame].t_s)
             error_mm = trial.target_error_mm
             error = "not measured" if error_mm is None else f"{error_mm:.2f} mm from the target"
             told = f"insertion {trial.trial + 1}: {trial.outcome}, {error}"

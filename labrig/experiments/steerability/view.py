@@ -20,9 +20,9 @@ from labrig.experiments.steerability.analysis import make_order
 from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_recorded_protocol
-from labrig.record.decisions import NO_DECISIONS, READ, Decisions
-from labrig.record.events import Event, FrameLine, TrialStop, parse_events
-from labrig.record.following import LinedPicture, RecordLines
+from labrig.record.events import NO_DECISIONS, READ, Decisions, Event, FrameLine, TrialStop, parse_events
+from labrig.record.following import RecordLines
+from labrig.record.pictures import RecordedPicture
 from labrig.record.reader import Run
 from labrig.report.palette import mark
 from labrig.report.rerun_view import draw_shaft, set_time
@@ -112,7 +112,7 @@ def _send(
     drawing.decisions = run.decisions
     for measured in content.measurements:
         if measured.role == NeedleRole.FINAL:
-            drawing.draw_final(stream, measured, run.frame_line(measured.frame).t_s)
+            drawing.draw_final(stream, measured, run.frame_lines[measured.frame].t_s)
 
 
 class _Measuring:
@@ -128,7 +128,7 @@ class _Measuring:
     def draw(self, stream: rr.RecordingStream, _timeline: str, lines: RecordLines) -> None:
         """Measure the pictures of the needle, and draw shaft and radius."""
         events = parse_events(self._run.path, lines.events, (SweepTrialStart, *READ))
-        told_in_order: list[Event | LinedPicture] = [*events, *lines.pictures]
+        told_in_order: list[Event | RecordedPicture] = [*events, *lines.pictures]
         for told in sorted(told_in_order, key=_time_of):
             match told:
                 case SweepTrialStart():
@@ -136,14 +136,14 @@ class _Measuring:
                 case Event():
                     self._drawing.decisions = self._drawing.decisions.add(told)
                     self._drawing.draw_gels(stream, told.t_s)
-                case LinedPicture() if told.line.role in MEASURED_ROLES:
+                case RecordedPicture() if told.line.role in MEASURED_ROLES:
                     self._draw_measured(stream, told)
-                case LinedPicture():
+                case RecordedPicture():
                     set_time(stream, told.line.t_s)
                     draw_shaft(stream, [])
 
-    def _draw_measured(self, stream: rr.RecordingStream, picture: LinedPicture) -> None:
-        measured = measure_picture(picture.place, self._plane, self._settings, self._mask)
+    def _draw_measured(self, stream: rr.RecordingStream, picture: RecordedPicture) -> None:
+        measured = measure_picture(picture, self._plane, self._settings, self._mask)
         line_px = [measured.centre_line_px] if isinstance(measured, CurvatureMeasurement) else []
         set_time(stream, picture.line.t_s)
         draw_shaft(stream, [px for px in line_px if len(px)])
@@ -153,8 +153,8 @@ class _Measuring:
             self._drawing.draw_final(stream, result, picture.line.t_s)
 
 
-def _time_of(told: Event | LinedPicture) -> float:
-    return told.line.t_s if isinstance(told, LinedPicture) else told.t_s
+def _time_of(told: Event | RecordedPicture) -> float:
+    return told.line.t_s if isinstance(told, RecordedPicture) else told.t_s
 
 
 def _find_trial(trials: Iterable[SweepTrialStart], number: int | None) -> SweepTrialStart | None:

@@ -10,7 +10,7 @@ from labrig.protocol.load import load_protocol
 from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.reader import open_run
-from labrig.record.reopen import reopen_run
+from labrig.record.writer import reopen_run
 from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past

@@ -17,7 +17,7 @@ from labrig.experiments.steerability.holes import (
     sort_holes,
 )
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.record.decisions import NO_DECISIONS
+from labrig.record.events import NO_DECISIONS
 from labrig.runner.trials import BegunTrial, Trial, list_remaining
 from tests.protocol.specimens import make_section, make_track
 from tests.runner.sessions import sweep

@@ -16,6 +16,7 @@ from labrig.devices.operator import (
 )
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.record.json_lines import read_lines
 from tests.runner.sessions import Watched, bench, sweep
 
 
@@ -37,7 +38,7 @@ def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
     with bench(tmp_path, protocol) as rig:
         before: Any = rig.opened.rig.snapshot()
         _, run = rig.conduct(protocol)
-    after = run.devices_after
+    after = read_lines(run.path / "devices.jsonl")[-1]["devices"]
     assert isinstance(after, dict)
     assert set(before["axes"]["rotation"]) == {"position_rad"}
     assert set(after["axes"]["rotation"]) == {"position_rad", "statusword"}

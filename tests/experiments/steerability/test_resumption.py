@@ -14,7 +14,7 @@ from labrig.devices.operator import (
 from labrig.experiments.registry import find_experiment
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run, open_run
-from labrig.record.reopen import reopen_run
+from labrig.record.writer import reopen_run
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder
 from labrig.runner.past import read_past
 from labrig.runner.session import Session

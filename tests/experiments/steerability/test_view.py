@@ -10,7 +10,7 @@ from labrig.devices.drives.states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
 from labrig.record.events import MarkBad
 from labrig.record.reader import open_run
-from labrig.record.reopen import reopen_run
+from labrig.record.writer import reopen_run
 from labrig.report.rerun_view import write_view
 from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 from tests.rerun_files import read_view

@@ -14,7 +14,7 @@ from labrig.protocol.yaml_tree import load_yaml_values
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "labrig").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
-LONGEST_FUNCTION = 40
+LONGEST_FUNCTION = 50
 
 
 def _tree(path: Path) -> ast.Module:
@@ -61,7 +61,7 @@ def _body_lines(function: ast.FunctionDef) -> int:
 
 
 def test_functions_fit_on_a_screen() -> None:
-    """No function of labrig is longer than forty lines, its signature and docstring left out."""
+    """No function of labrig is longer than fifty lines, its signature and docstring left out."""
     lengths = {
         f"{path}:{function.lineno} {function.name}": _body_lines(function)
         for path in SOURCES

@@ -3,10 +3,12 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
+import can
 import pytest
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
+from labrig.devices.camera import CameraContext
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
@@ -14,11 +16,13 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.drives.states import DriveState, decode_state
+from labrig.devices.exclusive import acquire_rig
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.bus import attach
+from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
 from labrig.devices.stop import read_stop_target, stop_drives, stop_rig
-from labrig.errors import BusError, SafetyStopError
+from labrig.errors import BusError, LockedError, SafetyStopError
 from labrig.vision.calibration_file import save_intrinsics
 from labrig.vision.intrinsics import Intrinsics
 from tests.devices.rigs import (
@@ -62,6 +66,19 @@ def test_the_simulated_rig_is_in_order() -> None:
     assert results["reference insertion"].status is CheckStatus.WARN
 
 
+def test_other_software_of_a_drive_is_warned_of() -> None:
+    """The check names the version, and those whose objects labrig knows."""
+    with one_drive(software=0x2126) as one:
+        link = attach(one.wire, one.clock, ANSWER_TIMEOUT_S)
+        found = next(check_axis(link, one.driver.section, "insertion", one.clock))
+        assert found.status is CheckStatus.WARN
+        assert (
+            "serial 1001, fingerprint [0, 0]; labrig knows the objects of software 0x2110 and 0x2122"
+            in found.value
+        )
+        link.close()
+
+
 def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
     """Nothing is raised: each missing part is a FAIL with a remedy."""
     results = check_rig(load_rig(BENCH))
@@ -70,6 +87,20 @@ def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
         assert failed[name].solution
     assert "type can bitrate 1000000" in failed["bus"].solution
     assert all(result.solution for result in results if result.status is not CheckStatus.PASS)
+
+
+def test_a_camera_that_ignores_a_setting_fails_the_check() -> None:
+    """The row names the setting."""
+    results = _by_name(check_rig(large_rig("world.ignores=[exposure_us]")))
+    assert results["camera"].status is CheckStatus.FAIL
+    assert "exposure_us" in results["camera"].value
+
+
+def test_a_simulated_rig_with_unknown_entries_fails_the_check() -> None:
+    """It cannot be simulated, and the missing entry is named."""
+    results = _by_name(check_rig(large_rig("axes.linear.lead_mm=null")))
+    assert results["axes.linear.lead_mm"].status is CheckStatus.FAIL
+    assert results["rig"].status is CheckStatus.FAIL
 
 
 def test_a_wrong_encoder_fails_the_check() -> None:
@@ -177,6 +208,14 @@ def test_a_camera_that_reports_another_focus_fails_the_check(tmp_path: Path) -> 
     )
 
 
+def test_a_damaged_calibration_fails_the_check(tmp_path: Path) -> None:
+    """A damaged file is a FAIL with the reason, not an exception."""
+    (tmp_path / "simulated-intrinsics.json").write_text("{}", encoding="utf-8")
+    result = _by_name(check_rig(large_rig().placed_in(tmp_path)))["calibration intrinsics"]
+    assert result.status is CheckStatus.FAIL
+    assert result.solution
+
+
 def test_stopping_from_outside_stops_every_drive() -> None:
     """Every quick stop is sent before one is answered; all are seen to stand still, and put into NMT STOPPED."""
     with opened_rig() as opened:
@@ -262,6 +301,20 @@ def test_an_interface_that_cannot_be_opened_is_a_bus_error(interface: str, chann
     assert hint in refusal.value.hint
 
 
+def test_a_real_python_can_bus_serves_as_well() -> None:
+    """The link over python-can's own virtual interface opens, sends and closes."""
+    link = open_can(
+        CanDescription(interface="virtual", channel="labrig-test", bitrate=1_000_000), SystemClock()
+    )
+    other = can.Bus(interface="virtual", channel="labrig-test")
+    link.send(0x000, b"\x02\x00")
+    message = other.recv(1.0)
+    assert message is not None
+    assert bytes(message.data) == b"\x02\x00"
+    other.shutdown()
+    link.close()
+
+
 def test_the_fingerprint_is_checked() -> None:
     """It is told, to be entered into the rig file; another one than there fails."""
     with opened_rig() as opened:
@@ -291,6 +344,25 @@ def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
     assert results["rig"].status is CheckStatus.WARN
     assert "labrig run x.yaml" in results["rig"].value
     assert "bus" not in results
+
+
+class _Intruder(SimulatedCameraDescription):
+    """A camera that is opened while another labrig wants the rig."""
+
+    def open(self, context: CameraContext) -> SimulatedSource:
+        """Want it."""
+        rig = large_rig("state_file=state.json").placed_in(context.folder)
+        with pytest.raises(LockedError, match="labrig devices check"), acquire_rig(rig, "labrig run x.yaml"):
+            pass
+        return super().open(context)
+
+
+def test_a_rig_that_is_checked_is_in_use(tmp_path: Path) -> None:
+    """Nobody opens it while its bus and camera are looked at."""
+    rig = large_rig("state_file=state.json")
+    camera = _Intruder.model_validate(rig.camera.model_dump())
+    results = _by_name(check_rig(rig.model_copy(update={"camera": camera}).placed_in(tmp_path)))
+    assert results["camera picture"].status is CheckStatus.PASS
 
 
 def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:

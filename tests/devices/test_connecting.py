@@ -11,7 +11,7 @@ from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.epos2 import HOMING_DIRECTIONS
 from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
-from labrig.errors import DriveError, DriveRefusedError
+from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 QUADCOUNTS_PER_MM = 4000
@@ -145,6 +145,24 @@ def test_each_homing_method_has_its_direction(method: int) -> None:
         assert first * HOMING_DIRECTIONS[method] > 0
         assert opened.rig.insertion.referenced
         assert opened.rig.read_states()["insertion"].position == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_signal_ends_a_homing() -> None:
+    """The axis halts, stands still and has no reference, and the run counts as interrupted."""
+    with _rig() as opened:
+        opened.rig.connect()
+        opened.hardware.clock.on_advance(
+            lambda: (
+                setattr(opened.signal, "name", "SIGTERM") if opened.drives["insertion"].is_homing else None
+            )
+        )
+        with pytest.raises(InterruptedRunError, match="SIGTERM"):
+            opened.rig.home("insertion", Homing(-3, timeout_s=60.0))
+        homing = opened.drives["insertion"].journal.last("homing")
+        assert homing is not None
+        assert homing.text == "stopped"
+        assert not opened.rig.insertion.referenced
+        assert "insertion" not in opened.rig.state.referenced
 
 
 def test_a_homing_method_that_the_drive_lacks_is_refused() -> None:

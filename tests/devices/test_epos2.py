@@ -5,14 +5,18 @@ from collections.abc import Iterator
 from itertools import cycle
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.cia402 import still_time_s
+from labrig.devices.drives.drive import STILL_COUNTS, Homing
 from labrig.devices.drives.states import (
     ENABLE,
     FAULT_RESET,
+    HALT,
     NEW_SETPOINT,
     SETPOINT_ACKNOWLEDGED,
     DriveState,
@@ -107,6 +111,17 @@ def test_a_wrong_encoder_is_refused_and_never_written(bench: OneDrive) -> None:
     assert bench.driver.upload(od.ENCODER_PULSES) == 500
 
 
+def test_enabling_moves_nothing(bench: OneDrive) -> None:
+    """The actual position replaces the target of another program, and Halt is set."""
+    _configure(bench)
+    bench.driver.download(co.TARGET_POSITION, 1_000_000)
+    bench.driver.enable()
+    assert bench.driver.upload(co.TARGET_POSITION) == 0
+    assert bench.driver.upload(co.CONTROLWORD) & HALT
+    bench.clock.sleep(1.0)
+    assert bench.drive.shaft_counts == 0
+
+
 def test_connecting_stops_a_moving_axis(ready: OneDrive) -> None:
     """A drive that a crashed program left moving stands still before it is configured."""
     ready.driver.start_profile(100_000, 120)
@@ -151,6 +166,21 @@ def test_a_creep_does_not_count_as_standstill(rpm: int, ready: OneDrive) -> None
         ready.driver.settle(2.0)
 
 
+def test_standstill_is_noticed_in_time(ready: OneDrive) -> None:
+    """With 500 pulses per turn standstill is certain within 0.2 s, so a stop meets its deadline."""
+    before_s = ready.clock.now_s()
+    ready.driver.settle(0.5)
+    assert 0.15 <= ready.clock.now_s() - before_s <= 0.2
+
+
+@given(pulses=st.integers(188, 65_535), phase=st.floats(0, 1))
+def test_a_creep_moves_farther_than_a_servo_at_rest(pulses: int, phase: float) -> None:
+    """In the waiting time, 1 rpm turns any encoder by more than the dither, at any start."""
+    turned = 4 * pulses / 60 * still_time_s(4 * pulses / 60)
+    assert math.floor(phase + turned) - math.floor(phase) > STILL_COUNTS
+    assert still_time_s(4 * pulses / 60) <= still_time_s(None)
+
+
 # Faults
 
 
@@ -166,6 +196,14 @@ def test_a_refusal_names_object_value_and_reason(bench: OneDrive) -> None:
         match=r"profile velocity \(0x6081:00\) = 1: .*the present device state .*0x08000022",
     ):
         bench.driver.download(co.PROFILE_VELOCITY, 1)
+
+
+def test_a_silent_drive_is_named(bench: OneDrive) -> None:
+    """An absent node does not answer; on this bus that is certain at once."""
+    bench.drive.unplug()
+    with pytest.raises(DriveError, match=r"drive of axis insertion \(node 1\) did not answer") as silence:
+        bench.driver.statusword()
+    assert "node id" in silence.value.hint
 
 
 def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from labrig.devices.check import check_rig
 from labrig.devices.exclusive import acquire_rig, find_owner, name_bus
+from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.stop import StopTarget, read_stop_target, stop_rig
@@ -271,3 +272,13 @@ def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, co
     assert (tmp_path / "state.json").read_text() == content
     found = {result.check: result for result in check_rig(_make_rig(tmp_path))}
     assert found["rig state"].status == "FAIL"
+
+
+@pytest.mark.parametrize("content", ["", '{"kind": "labrig-rig-state", "schema_version": 1'])
+def test_an_empty_or_torn_state_file_is_replaced(tmp_path: Path, content: str) -> None:
+    """A file that labrig wrote, or an empty one, is replaced by the first change."""
+    (tmp_path / "state.json").write_text(content)
+    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()) as opened:
+        assert opened.state.needle_in_tissue is None
+        opened.needle.mark_out()
+    assert NeedleState(tmp_path / "state.json").state.needle_in_tissue is False

@@ -123,6 +123,13 @@ def test_an_axis_at_its_greatest_speed_has_a_drives_cycle_of_margin() -> None:
     assert leap.fault is POSITION_JUMPED
 
 
+def test_nothing_is_expected_of_an_axis_that_homes() -> None:
+    """Nobody can tell where it has to be, and afterwards its positions count from another zero."""
+    watch = PositionWatch("insertion", AXIS)
+    for expected, position in ((AtRest(), 7.0), (None, 9.0), (None, -3.0), (AtRest(), 0.0)):
+        assert watch.judge(expected, PositionReading(0.0, 0.0, position)) is None
+
+
 def test_a_move_that_replaces_another_goes_on_from_where_the_axis_is() -> None:
     """Onwards at the same speed, and back: the axis brakes first."""
     for target in (30.0, 0.0):

@@ -10,6 +10,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import wait_for_all
 from labrig.devices.drives.states import DriveState, decode_state
+from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.hardware import SimulatedHardware
@@ -81,6 +82,15 @@ def test_a_move_beyond_a_limit_sends_nothing(position: float, speed: float, word
         with pytest.raises(LimitError, match=words):
             opened.rig.insertion.start_move(position, speed)
         assert _still(opened)
+
+
+def test_the_whole_range_can_be_driven() -> None:
+    """The limits are inside the range: rounding does not trip those of the drive."""
+    with opened_rig() as opened:
+        _ready(opened)
+        for position in (120.0, -2.0):
+            _go(opened, "insertion", position, 20.0)
+            assert opened.rig.read_states()["insertion"].position == position
 
 
 def test_an_axis_without_reference_does_not_move() -> None:
@@ -222,3 +232,18 @@ def test_a_reference_that_the_drive_lacks_does_not_count(tmp_path: Path) -> None
 
 
 # Camera, operator, truth
+
+
+def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
+    """Its requests set needle, specimen and hole; no person is asked."""
+    with opened_rig() as opened:
+        _ready(opened)
+        assert not opened.rig.needs_person
+        for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 2, 20.0)):
+            assert opened.rig.ask(request).confirmed
+        _go(opened, "linear", 15.0, 5.0)
+        _go(opened, "insertion", 10.0, 5.0)
+        (truth,) = opened.rig.truth()
+        assert (truth["needle_id"], truth["specimen"], truth["hole"]) == ("N7", "A", 2)
+        assert truth["arc_length_mm"] == pytest.approx(10.0)
+        assert opened.person.asked == []

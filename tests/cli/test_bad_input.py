@@ -169,9 +169,14 @@ def test_a_named_pipe_holds_up_no_command(labrig: Labrig, tmp_path: Path) -> Non
     deep.write_text("[" * 200_000)  # a list of brackets, which a parser would recurse into
     rows = labrig("runs", "--runs-dir", tmp_path / "runs", "--json").json()
     assert [row["exit_status"] for row in rows] == ["damaged", "damaged"]
-    for command, code in (("check", 2), ("report", 4), ("plan", 2)):
-        done = labrig(command, pipe.parent if command == "report" else pipe)
-        assert (done.exit_code, "a pipe, a device" in done.err) == (code, True), command
+    refused = (
+        ("check", pipe, 2, "a pipe"),
+        ("report", pipe.parent, 4, "is no run"),
+        ("plan", pipe, 2, "a pipe"),
+    )
+    for command, path, code, words in refused:
+        done = labrig(command, path)
+        assert (done.exit_code, words in done.err) == (code, True), command
 
 
 def _fail(error: BaseException) -> int:

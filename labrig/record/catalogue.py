@@ -7,7 +7,7 @@ condition reads whole manifests, and results only where it names what no manifes
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -79,7 +79,7 @@ class RunSummary:
 
     def document(self) -> dict[str, object]:
         """Return it as JSON."""
-        return {**asdict(self), "run": str(self.run)}
+        return {**vars(self), "run": str(self.run)}
 
 
 def list_runs(runs_dir: Path, where: str | None = None) -> list[RunSummary]:

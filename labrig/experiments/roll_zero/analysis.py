@@ -10,7 +10,7 @@ from labrig.analysis.origin import find_origins, lateral_offset_mm
 from labrig.analysis.pictures import load_plane_map, measure_pictures
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
-from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
+from labrig.errors import InputError, LabrigError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, TorsionHoleResult, TorsionResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole
@@ -76,11 +76,11 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     return Findings(result)
 
 
-def _try(fit: Callable[[], _Fit], reasons: list[str]) -> _Fit | None:
-    """Return a fit; None if it is refused, which is added to the reasons."""
+def _try(fit: Callable[[], _Fit], reasons: list[str], *more: type[LabrigError]) -> _Fit | None:
+    """Return a fit; None if it is refused, or for more errors, which is added to the reasons."""
     try:
         return fit()
-    except (InputError, MeasurementRefusedError) as error:
+    except (MeasurementRefusedError, *more) as error:
         reasons.append(error.message)
         return None
 
@@ -96,7 +96,8 @@ def _analyze_torsion(
         (hole, *_measure_hole(run, hole, protocol, plane, request)) for hole in run.read_events(TorsionHole)
     ]
     bends = [bend for _, bend, _ in measured if bend is not None]
-    fit = _try(lambda: fit_torsion(bends, find_lengths(steps), protocol.needle.design_radius_mm), reasons)
+    radius_mm = protocol.needle.design_radius_mm
+    fit = _try(lambda: fit_torsion(bends, find_lengths(steps), radius_mm), reasons, InputError)
     if fit is not None and (doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg)):
         reasons.append(doubt)
     holes = (

@@ -55,7 +55,11 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
     steps, radius_mm, reasons = protocol.roll_zero, protocol.needle.design_radius_mm, list[str]()
-    fit = _try(lambda: fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, radius_mm), reasons)
+    fit = _try(
+        lambda: fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, radius_mm),
+        reasons,
+        (MeasurementRefusedError,),
+    )
     if fit is not None and (doubt := explain_doubt("the roll zero", fit.sd_rad, steps.max_sd_deg)):
         reasons.append(doubt)
     if sentinel is not None and not sentinel.accepted:
@@ -76,11 +80,11 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     return Findings(result)
 
 
-def _try(fit: Callable[[], _Fit], reasons: list[str], *more: type[LabrigError]) -> _Fit | None:
-    """Return a fit; None if it is refused, or for more errors, which is added to the reasons."""
+def _try(fit: Callable[[], _Fit], reasons: list[str], refusals: tuple[type[LabrigError], ...]) -> _Fit | None:
+    """Return a fit; None if it is refused by one of these errors, which is added to the reasons."""
     try:
         return fit()
-    except (MeasurementRefusedError, *more) as error:
+    except refusals as error:
         reasons.append(error.message)
         return None
 
@@ -97,7 +101,11 @@ def _analyze_torsion(
     ]
     bends = [bend for _, bend, _ in measured if bend is not None]
     radius_mm = protocol.needle.design_radius_mm
-    fit = _try(lambda: fit_torsion(bends, find_lengths(steps), radius_mm), reasons, InputError)
+    fit = _try(
+        lambda: fit_torsion(bends, find_lengths(steps), radius_mm),
+        reasons,
+        (InputError, MeasurementRefusedError),
+    )
     if fit is not None and (doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg)):
         reasons.append(doubt)
     holes = (

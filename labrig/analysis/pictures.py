@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,15 @@ def measure_pictures(
             answers = map_in_order(pool, _call, jobs)
         others = [next(answers) for _ in meanwhile]
         measured = _report(answers, len(pictures), progress)
-    film = refuse_cut_short([None if isinstance(one, Unreadable) else one for one in measured])
-    return [old if new is None else new for old, new in zip(measured, film, strict=True)], others
+    return list(_judge_films(pictures, measured)), others
+
+
+def _judge_films(pictures: Sequence[RecordedPicture], measured: Sequence[Measured]) -> Iterator[Measured]:
+    """Yield the measurements, refused where the pictures before and after of the same trial show the needle go on."""
+    for _, film in groupby(zip(pictures, measured, strict=True), lambda pair: pair[0].line.trial):
+        own = [one for _, one in film]
+        kept = refuse_cut_short([None if isinstance(one, Unreadable) else one for one in own])
+        yield from (old if new is None else new for old, new in zip(own, kept, strict=True))
 
 
 def _call(job: Callable[[], Any]) -> Any:

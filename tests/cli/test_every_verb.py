@@ -175,7 +175,7 @@ def test_what_a_run_found_is_adopted_or_refused(
         plane = tmp_path / "simulated-plane.json"
         assert (adopted.exit_code, plane.exists()) == (0, True)
         again = labrig("calibrate", "adopt", run, "--rig", rig)
-        assert (again.exit_code, "replace the old calibration with --force" in again.err) == (2, True)
+        assert (again.exit_code, "replace the old one with --force" in again.err) == (2, True)
         forced = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
         assert (forced.exit_code, "mm wide" in forced.out) == (0, True)
     else:

@@ -1,6 +1,6 @@
 """SIGKILL at random moments of a run: does the record open, is anything lost, is it repaired, can it resume?
 
-The kills are spread over a sweep, an insertion, a search for the roll zero and a calibration. Only a sweep goes on.
+The kills are spread over a sweep, an insertion, a search for the roll zero and a calibration. The first two go on.
 """
 
 import os
@@ -23,6 +23,7 @@ from time import perf_counter
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.rig import open_rig
+from labrig.errors import InputError
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
@@ -38,15 +39,15 @@ from tests.devices.rigs import Person
 MOMENTS = 200
 _BATCH = 10
 _STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
-_SWEEP = "steerability"
+_SWEEP, _INSERTION = "steerability", "insertion"
 _STREAMS = ("states", "events", "frames")
 
 
 @dataclass(frozen=True)
 class Survived:
-    """The state of a run after a SIGKILL; of other experiments than the sweep the last two are None.
+    """The state of a run after a SIGKILL; None for what is not tried.
 
-    A resumed sweep gives the radii of the unkilled one; a resumed insertion is made in another block.
+    A resumed sweep gives the radii of the unkilled one; an insertion is made again in another block.
     """
 
     opened: bool
@@ -149,6 +150,8 @@ def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
     repaired = _is_repaired(Path(shutil.copytree(path, folder / "repaired")), lines)
     if unkilled.name == _SWEEP:
         return Survived(opened, nothing_lost, unchanged, repaired, *_is_resumed(path, unkilled))
+    if unkilled.name == _INSERTION:
+        return Survived(opened, nothing_lost, unchanged, repaired, _goes_on(path), None)
     return Survived(opened, nothing_lost, unchanged, repaired, None, None)
 
 
@@ -170,6 +173,15 @@ def _is_resumed(path: Path, unkilled: RunSource) -> tuple[bool, bool]:
     resumed = again.manifest["exit_status"] == "success" and len(finished) == len(planned)
     same = all(radii[trial] == planned[trial] for trial in finished if trial in planned)
     return resumed and not check_run(path).damage, same and set(finished) <= set(radii)
+
+
+def _goes_on(path: Path) -> bool:
+    """Resume a killed insertion; return whether it came to an end, sound, or said why it cannot go on."""
+    try:
+        _resume(path, _INSERTION)
+    except InputError as refusal:
+        return bool(refusal.message and refusal.hint)
+    return open_run(path).manifest["exit_status"] != "incomplete" and not check_run(path).damage
 
 
 def _resume(path: Path, name: str) -> None:

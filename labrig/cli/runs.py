@@ -130,7 +130,8 @@ def check(runs: RunsArgument) -> int:
         print_problems(found.damage, "  damage: ")
         print_problems(found.notices, "  note: ")
         named = "; ".join(f"{problem.where}: {problem.message}" for problem in found.damage)
-        row = {**asdict(found), **found.holds, "run": str(path), "writer": writer}
+        told = {key: value for key, value in asdict(found).items() if key != "holds"}
+        row = {**told, **found.holds, "run": str(path), "writer": writer}
         return {**row, "ok": not found.damage, "reason": named or None}
 
     return do_for_each_run(runs, check_one)

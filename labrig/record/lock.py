@@ -70,7 +70,13 @@ class FileLock:
             except filelock.Timeout as error:
                 message = f"{self.path.parent} is in use by {_read_owner(self.path)}"
                 raise LockedError(message, "wait until it has ended, or stop it") from error
-            write_and_rename(_owner_path(self.path), json.dumps(asdict(owner)).encode() + b"\n", sync=False)
+            try:
+                write_and_rename(
+                    _owner_path(self.path), json.dumps(asdict(owner)).encode() + b"\n", sync=False
+                )
+            except BaseException:
+                self._lock.release()  # a lock without an owner is nobody's
+                raise
         return self
 
     def release(self) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.torsion import RolledStretch, TorsionalLag
+from labrig.steering.torsion import Bends, RolledStretch, TorsionalLag
 
 
 @dataclass(frozen=True)
@@ -138,16 +138,13 @@ def _displace(
     """
     if not 0.0 < radius_mm < math.inf:
         raise InputError(f"radius_mm is {radius_mm:g}, it must be above 0")
-    lengths_mm = np.array([stretch.length_mm for stretch in stretches])
-    for length_mm in lengths_mm:
-        if not 0.0 <= length_mm < math.inf:
-            raise InputError(f"length_mm of a stretch is {length_mm:g}, it must be 0 or more")
-    starts_mm = np.cumsum(lengths_mm) - lengths_mm
-    within_mm = np.clip(at_mm[:, None] - starts_mm, 0.0, lengths_mm)
-    leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
-    moves_mm = leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm)
+    for stretch in stretches:
+        if not 0.0 <= stretch.length_mm < math.inf:
+            raise InputError(f"length_mm of a stretch is {stretch.length_mm:g}, it must be 0 or more")
+    bends = Bends.of(stretches, radius_mm, at_mm)
+    leans, moves_mm = bends.leans, bends.moves_mm
     turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
-    growth = settings.lag.per_mm_sd_rad * (starts_mm - settings.lag.best_mm)
+    growth = settings.lag.per_mm_sd_rad * (bends.starts_mm - settings.lag.best_mm)
     lags = (
         _Displacement(moves_mm @ (signs * sd_rad), leans @ (signs * sd_rad))
         for signs in (-turned, (turned == 0.0).astype(np.float64))

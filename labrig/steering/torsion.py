@@ -139,27 +139,43 @@ class BaseTurn:
         return self.to_rad + self.overshoot_rad
 
 
-def find_lag_sd_mm(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_mm: float) -> float:
-    """Return by how much the error of the lag displaces the end of a path out of the plane, to first order.
+@dataclass(frozen=True, eq=False)
+class Bends:
+    """How the bends of stretches, each turned by a radian out of the plane, lead points of the needle out of it.
 
-    Stretches before which no turn is known do not count.
+    Attributes
+    ----------
+    starts_mm : ndarray (N,)
+        Where the stretches begin.
+    leans : ndarray (A, N)
+        The lean of each point by each stretch.
+    moves_mm : ndarray (A, N)
+        How far each point is moved: a bend at the arc length s moves the point at L by L - s times its angle.
     """
-    turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
-    return float(np.hypot(*(turned @ _displace_end(stretches, lag, radius_mm)))) if stretches else 0.0
+
+    starts_mm: FloatArray
+    leans: FloatArray
+    moves_mm: FloatArray
+
+    @classmethod
+    def of(cls, stretches: Sequence[RolledStretch], radius_mm: float, at_mm: FloatArray) -> "Bends":
+        """Return what the stretches do at arc lengths (A,), to first order."""
+        lengths_mm = np.array([stretch.length_mm for stretch in stretches])
+        starts_mm = np.cumsum(lengths_mm) - lengths_mm
+        within_mm = np.clip(at_mm[:, None] - starts_mm, 0.0, lengths_mm)
+        leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
+        return cls(starts_mm, leans, leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm))
 
 
 def _displace_end(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_mm: float) -> FloatArray:
     """Return by how much a lag at each stretch displaces the end of the path, (N, 2) [mm].
 
-    The two are standard deviations: of a lag that is the same at all depths, and of its growth. A bend at the arc
-    length s displaces the end at L by L - s times its angle.
+    The two are standard deviations: of a lag that is the same at all depths, and of its growth.
     """
-    lengths_mm, rolls_rad = np.array([(stretch.length_mm, stretch.roll_rad) for stretch in stretches]).T
-    starts_mm = np.cumsum(lengths_mm) - lengths_mm
-    levers_mm = starts_mm[-1] + lengths_mm[-1] - starts_mm - 0.5 * lengths_mm
-    moves_mm = -np.cos(rolls_rad) * lengths_mm / radius_mm * levers_mm
-    growth_rad = lag.per_mm_sd_rad * (starts_mm - lag.best_mm)
-    return np.column_stack((moves_mm * lag.best_sd_rad, moves_mm * growth_rad))
+    end_mm = np.array([sum(stretch.length_mm for stretch in stretches)])
+    bends = Bends.of(stretches, radius_mm, end_mm)
+    growth_rad = lag.per_mm_sd_rad * (bends.starts_mm - lag.best_mm)
+    return -np.column_stack((bends.moves_mm[0] * lag.best_sd_rad, bends.moves_mm[0] * growth_rad))
 
 
 def plan_turn(

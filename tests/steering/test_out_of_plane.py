@@ -7,7 +7,8 @@ import pytest
 
 from labrig.errors import InputError
 from labrig.steering.out_of_plane import OutOfPlaneSettings, budget_out_of_plane, covary_out_of_plane
-from labrig.steering.torsion import RolledStretch, TorsionalLag, find_lag_sd_mm
+from labrig.steering.torsion import RolledStretch, TorsionalLag
+from tests.steering.test_torsion import find_lag_sd_mm
 
 RADIUS_MM = 27.7
 STEP_MM = 0.5

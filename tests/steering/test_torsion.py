@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,9 +15,9 @@ from labrig.steering.torsion import (
     RolledStretch,
     TorsionalLag,
     TurnAhead,
+    _displace_end,
     centre_bevel,
     choose_turn,
-    find_lag_sd_mm,
 )
 
 RADIUS_MM = 28.0
@@ -31,6 +32,12 @@ lags = st.builds(
     st.floats(0.0, 0.05),
     st.floats(0.0, 0.001),
 )
+
+
+def find_lag_sd_mm(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_mm: float) -> float:
+    """Return by how much the error of a lag displaces the end; stretches before which no turn is known do not count."""
+    turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
+    return float(np.hypot(*(turned @ _displace_end(stretches, lag, radius_mm))))
 
 
 def turn_with(bevel_rad: float, turn: BaseTurn, lag_rad: float) -> float:

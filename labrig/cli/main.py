@@ -3,6 +3,7 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextvars import copy_context
 from functools import wraps
 from itertools import takewhile
 from typing import Annotated, Any
@@ -157,6 +158,10 @@ app = _make_app()
 
 def run_command(arguments: Sequence[str], app: typer.Typer = app) -> int:
     """Run a command line and return its exit code: 0 to 5 or 130, as the manual lists them."""
+    return copy_context().run(_run_command, arguments, app)  # what one command sets ends with it
+
+
+def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
     SPEAKS_JSON.set("--json" in arguments)
     try:
         with raise_on_signals():

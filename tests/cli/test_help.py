@@ -11,6 +11,7 @@ import pytest
 from typer.main import get_command
 
 from labrig.cli.main import app, run_command
+from labrig.cli.output import print_line
 from tests.cli.conftest import RIG, SWEEP
 
 HEAVY = (
@@ -110,3 +111,11 @@ def test_a_mistyped_line_is_named_as_it_was_typed(
     error = json.loads(capsys.readouterr().out)["error"]
     assert named in error["message"]
     assert error["hint"] == hint
+
+
+def test_json_is_of_one_command_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    """What the same process prints afterwards is text again."""
+    assert run_command(["rusn", "--json"]) == 2
+    json.loads(capsys.readouterr().out)
+    print_line("text")
+    assert capsys.readouterr().out == "text\n"

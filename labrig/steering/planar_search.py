@@ -28,7 +28,7 @@ from labrig.steering.planar import (
     thin_tips,
 )
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import pick_best_feasible
+from labrig.steering.score import ScoredPath, pick_best_feasible
 
 _SCORED, _RANKED = 160, 1000
 _ENDS = 8
@@ -57,8 +57,8 @@ _CLOSER = (
 )
 
 
-def search_plane(around: Surroundings) -> Iterator[FloatArray | None]:
-    """Yield the best path (n, 2) of a planar problem from each round, or None; later rounds take longer."""
+def search_plane(around: Surroundings) -> Iterator[ScoredPath | None]:
+    """Yield the best path of a planar problem from each round, or None; later rounds take longer."""
     field, target = Field.from_surroundings(around), target_in_plane(around)
     yield _search_first(around, field, target, _FIRST)
     tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
@@ -71,7 +71,7 @@ def search_plane(around: Surroundings) -> Iterator[FloatArray | None]:
             yield _search_mended(around, field.with_smaller_discs(smaller_mm), target)
 
 
-def _search_first(around: Surroundings, field: Field, target: complex, effort: Effort) -> FloatArray | None:
+def _search_first(around: Surroundings, field: Field, target: complex, effort: Effort) -> ScoredPath | None:
     """Return the best path of up to four arcs, or None."""
     tips, found = start_tree(), [_make_single_arcs(around, target)]
     for level in range(min(around.problem.max_arcs - 1, len(effort.samples) + 1)):
@@ -83,7 +83,7 @@ def _search_first(around: Surroundings, field: Field, target: complex, effort: E
 
 def _search_closer(
     around: Surroundings, field: Field, targets: NDArray[np.complex128], effort: Effort
-) -> FloatArray | None:
+) -> ScoredPath | None:
     """Return the best of the paths with the fewest arcs in a finer tree, or None."""
     tips = start_tree()
     for level in range(around.problem.max_arcs - 1):
@@ -96,7 +96,7 @@ def _search_closer(
     return None
 
 
-def _search_mended(around: Surroundings, field: Field, target: complex) -> FloatArray | None:
+def _search_mended(around: Surroundings, field: Field, target: complex) -> ScoredPath | None:
     """Return the best of the paths with the fewest arcs that were mended, or None; the field has smaller discs."""
     tips = start_tree()
     for level in range(around.problem.max_arcs - 1):
@@ -138,7 +138,7 @@ def _make_single_arcs(around: Surroundings, target: complex) -> FloatArray:
     return make_psi(np.mod(np.angle(ray) * signs, 2 * np.pi)[:, None], signs)
 
 
-def _pick_best(families: list[FloatArray], around: Surroundings) -> FloatArray | None:
+def _pick_best(families: list[FloatArray], around: Surroundings) -> ScoredPath | None:
     """Return the best feasible path of all families, checked again in three dimensions, or None."""
     arcs = max(family.shape[1] for family in families)
     padded = [np.pad(family, ((0, 0), (0, arcs - family.shape[1]), (0, 0))) for family in families]

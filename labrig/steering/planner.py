@@ -15,13 +15,7 @@ from labrig.steering.parameters import PlanMethod
 from labrig.steering.problem import Obstacle, PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
-from labrig.steering.score import (
-    ROUNDING,
-    cost_path,
-    find_cheapest,
-    find_worst_miss_and_gap,
-    pick_best_feasible,
-)
+from labrig.steering.score import ScoredPath, choose_cheaper, find_worst_miss_and_gap, pick_best_feasible
 
 Effort = Literal["quick", "closer", "thorough"]
 """How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
@@ -108,46 +102,21 @@ def plan_path(
         The path that the needle follows, from the problem's start, columns (theta, delta). Mended, it is compared with
         those that are found: a quick search finds paths of few arcs only.
     """
-    plan = None
-    for number, plan in enumerate(plan_in_rounds(problem, method, effort, present), start=1):
-        if plan is not None and number >= rounds:
-            break
-    assert plan is not None
-    return plan
-
-
-def plan_in_rounds(
-    problem: PlanProblem,
-    method: PlanMethod = "best",
-    effort: Effort = "thorough",
-    present: FloatArray | None = None,
-) -> Iterator[Plan | None]:
-    """Yield the best plan so far after each round of a search, and None while there is no path yet.
-
-    The caller stops when it has what it wants, or when its time is over. A search that ends without a path last yields
-    a plan with the reason. Parameters are those of `plan_path`.
-    """
     around = Surroundings(problem)
     reason = find_refusal(around)
     if reason is not None:
-        yield Plan(found=False, reason=reason)
-        return
-    plan = None
-    mended = None if present is None else _mend(present, around)
-    for found in _search_in_rounds(around, method, effort):
-        psi = _choose_cheaper(found, mended, around)
-        if plan is None and psi is not None and not _is_worth_making(psi, around):
+        return Plan(found=False, reason=reason)
+    best = None if present is None else _mend(present, around)
+    for number, found in enumerate(_search_in_rounds(around, method, effort), start=1):
+        best = choose_cheaper(found, best)
+        if best is not None and number >= rounds:
             break
-        if psi is not None and (
-            plan is None or cost_path(psi, around) < cost_path(plan.psi, around) - ROUNDING
-        ):
-            plan = make_plan(psi, around)
-        yield plan
-    if plan is None and np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
-        yield make_plan(np.zeros((0, 2)), around)
-    elif plan is None:
-        failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
-        yield Plan(found=False, reason=failed)
+    if best is not None and _is_worth_making(best.psi, around):
+        return make_plan(best.psi, around)
+    if np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
+        return make_plan(np.zeros((0, 2)), around)
+    failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
+    return Plan(found=False, reason=failed)
 
 
 def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:
@@ -158,24 +127,15 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
 
 
-def _mend(path: FloatArray, around: Surroundings) -> FloatArray | None:
+def _mend(path: FloatArray, around: Surroundings) -> ScoredPath | None:
     """Return a path (n, 2) changed so that it reaches the target and keeps off the obstacles, or None."""
     return pick_best_feasible(mend_paths(path[None], around, _MENDING_STEPS), around)
 
 
-def _choose_cheaper(
-    path: FloatArray | None, other: FloatArray | None, around: Surroundings
-) -> FloatArray | None:
-    """Return the path (n, 2) that costs less, the first if both cost the same; None counts as the most."""
-    if path is None or other is None:
-        return other if path is None else path
-    return (path, other)[find_cheapest(np.array([cost_path(path, around), cost_path(other, around)]))]
-
-
 def _search_in_rounds(
     around: Surroundings, method: PlanMethod, effort: Effort
-) -> Iterator[FloatArray | None]:
-    """Yield the best path (n, 2) of each round, or None."""
+) -> Iterator[ScoredPath | None]:
+    """Yield the best path of each round, or None."""
     if method == "paper":
         return iter([search_by_resolved_rate(around)])
     search = planar_search.search_plane if around.problem.planar else spatial_search.search_space

@@ -14,7 +14,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray, control_jacobians, control_points, path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import pick_best_feasible
+from labrig.steering.score import ScoredPath, pick_best_feasible
 
 _ITERATIONS = 150
 _CHECK_EVERY = 10
@@ -27,8 +27,8 @@ _LARGEST_STEP_RAD = 0.2
 _LARGEST_ANGLE_RAD = np.pi / 2
 
 
-def search_by_resolved_rate(around: Surroundings) -> FloatArray | None:
-    """Return the first feasible path (n, 2), with as few arcs as possible, or None."""
+def search_by_resolved_rate(around: Surroundings) -> ScoredPath | None:
+    """Return the first feasible path, with as few arcs as possible, or None."""
     for arcs in range(1, around.problem.max_arcs + 1):
         psi = _make_starts(arcs, around)
         for iteration in range(_ITERATIONS):

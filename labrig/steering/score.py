@@ -1,5 +1,7 @@
 """The best feasible path among many candidates."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +20,16 @@ _LIKELY = 8
 _CAVITY_PER_MM = 20.0
 
 
-def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
-    """Return the path (n, 2) of least cost among those of paths (M, n, 2) that are feasible, or None.
+@dataclass(frozen=True, eq=False)
+class ScoredPath:
+    """A feasible path (n, 2) and its cost."""
+
+    psi: FloatArray
+    cost: float
+
+
+def pick_best_feasible(psi: FloatArray, around: Surroundings) -> ScoredPath | None:
+    """Return the path of least cost among those of paths (M, n, 2) that are feasible, or None.
 
     A feasible path reaches the target, keeps off the obstacles, and stays within the limits; `PlanWeights` holds the
     costs. Empty arcs at the end of the path are dropped.
@@ -35,12 +45,15 @@ def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | No
         psi, gaps, frames = psi[clear], gaps[clear], frames.take(clear)
     if not len(psi):
         return None
-    least = _cost_lengths(psi, frames, gaps, around)
-    likely = np.argsort(least, kind="stable")[:_LIKELY]
+    costs = _cost_lengths(psi, frames, gaps, around)
+    likely = np.argsort(costs, kind="stable")[:_LIKELY]
     bound = _path_costs(psi[likely], frames.take(likely), gaps[likely], around).min()
-    kept = np.flatnonzero(least <= bound + ROUNDING)
-    cheapest = psi[kept[find_cheapest(_path_costs(psi[kept], frames.take(kept), gaps[kept], around))]]
-    return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > ROUNDING).max(initial=-1) + 1])
+    kept = np.flatnonzero(costs <= bound + ROUNDING)
+    costs = _path_costs(psi[kept], frames.take(kept), gaps[kept], around)
+    best = find_cheapest(costs)
+    cheapest = psi[kept[best]]
+    last = np.flatnonzero(cheapest[:, 0] > ROUNDING).max(initial=-1)
+    return ScoredPath(cheapest[: last + 1], float(costs[best]))
 
 
 def find_cheapest(costs: FloatArray) -> int:
@@ -51,15 +64,11 @@ def find_cheapest(costs: FloatArray) -> int:
     return int(np.argmax(costs <= costs.min() + ROUNDING))
 
 
-def cost_path(psi: FloatArray, around: Surroundings) -> float:
-    """Return the cost of a feasible path (n, 2), n > 0, as `pick_best_feasible` compares it."""
-    paths = psi[None]
-    frames = path_frames(paths, around.problem.radius_mm)
-    gaps = np.full(1, np.inf)
-    if len(around.centres_mm):
-        apart = arc_distances(paths, around.problem.radius_mm, around.centres_mm, frames).min(axis=1)
-        gaps = (apart - around.needle_and_obstacle_mm).min(axis=1)
-    return float(_path_costs(paths, frames, gaps, around)[0])
+def choose_cheaper(path: ScoredPath | None, other: ScoredPath | None) -> ScoredPath | None:
+    """Return the path that costs less, the first if they differ by rounding alone; None counts as the most."""
+    if path is None or other is None:
+        return other if path is None else path
+    return other if other.cost < path.cost - ROUNDING else path
 
 
 def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ from labrig.needle.kinematics import FloatArray, path_frames, path_jacobian
 from labrig.steering.mending import mend_paths, rank_by_lack
 from labrig.steering.problem import Surroundings
 from labrig.steering.resolved_rate import solve_damped
-from labrig.steering.score import pick_best_feasible
+from labrig.steering.score import ScoredPath, pick_best_feasible
 
 QUICK_ROUNDS = 3
 _ROUNDS = 36
@@ -40,8 +40,8 @@ class _Draw:
 _FIRST, _LATER = _Draw(1.3, 0.9, 24, 8), _Draw(1.6, 1.2, 64, 16)
 
 
-def search_space(around: Surroundings) -> Iterator[FloatArray | None]:
-    """Yield the best path (n, 2) with free rolls of each round, or None."""
+def search_space(around: Surroundings) -> Iterator[ScoredPath | None]:
+    """Yield the best path with free rolls of each round, or None."""
     rng = np.random.default_rng(0)
     problem = around.problem
     distance = float(np.linalg.norm(around.target_mm))

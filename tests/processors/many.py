@@ -15,7 +15,7 @@ from labrig.campaign.tasks import compute_task
 from labrig.steering.parameters import PlanMethod
 from labrig.steering.planner import plan_path
 from labrig.steering.problem import PlanProblem, Surroundings
-from labrig.steering.score import cost_path
+from labrig.steering.score import pick_best_feasible
 from labrig.vision import calibrate_intrinsics
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.tip import TIP_SIGMA_PX, locate_tip
@@ -50,7 +50,8 @@ def _plan(name: str, problem: PlanProblem, method: PlanMethod) -> Case:
     plan = plan_path(problem, method)
     if not plan.found:
         return Case(name, f"none: {plan.reason}", {})
-    cost = cost_path(plan.psi, Surroundings(problem)) if plan.arcs else 0.0
+    scored = pick_best_feasible(plan.psi[None], Surroundings(problem)) if plan.arcs else None
+    cost = 0.0 if scored is None else scored.cost
     arcs = [round(arc.length_mm, 3) for arc in plan.arcs]
     rolls = [round(arc.roll_rad, 3) for arc in plan.arcs]
     return Case(

@@ -34,7 +34,7 @@ def check(
 ) -> int:
     """Exit with 1 when a check failed."""
     from labrig.devices.check import check_rig
-    from labrig.devices.check_result import CheckResult, CheckStatus
+    from labrig.devices.check_result import CheckResult, CheckStatus, failed
     from labrig.devices.dead_man import try_dead_man
     from labrig.devices.rig_file import load_rig
     from labrig.library.plugin_faults import find_plugin_faults
@@ -43,7 +43,12 @@ def check(
     description = load_rig(find_rig_file(rig))
     results = check_rig(description)
     if move:
-        results += try_dead_man(description, lambda what: typer.confirm(f"{what}. Go on?", err=True))
+        for name, _ in description.axes.items():
+            try:
+                with _open_axes(rig, (name,), 0, "labrig devices check --move") as opened:
+                    results.append(try_dead_man(opened, name))
+            except WireError as error:
+                results.append(failed(f"silence {name}", error))
     results += [
         CheckResult("plugin", CheckStatus.WARN, fault.message, fault.hint)
         for fault in find_plugin_faults(DRIVES, CAMERAS, EXPERIMENTS)

@@ -420,6 +420,10 @@ class Rig:
         """Remember which axes have lost their reference. Raises `DiskError`."""
         self.needle.forget_references(self._supervisor.jumped | self._watch.without_zero)
 
+    def fall_silent(self) -> None:
+        """Send no more heartbeats: every drive has to stop by itself."""
+        self._heartbeat.silence()
+
     def locate_needle(self) -> NeedleLocation:
         """Return where the needle is: positions that are read now, also from drives in fault, or else the last ones."""
         return self._locate_needle(self._unknown_motion, ask=True)

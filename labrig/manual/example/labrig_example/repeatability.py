@@ -38,12 +38,9 @@ class Protocol(ExperimentProtocol):
 
 
 class AttachMarker(OperatorRequest):
-    """Attach the marker; there is no gel, so that an axis that moves in is not taken to be in tissue."""
+    """Attach the marker to the {axis} axis. Confirm that no needle is mounted, and that zero is here."""
 
-    brings_gel = False
-    sentence = (
-        "Attach the marker to the {axis} axis. Confirm that no needle is mounted, and that zero is here."
-    )
+    brings_gel = False  # an axis that moves in is not taken to be in tissue
 
     axis: str
 

@@ -9,7 +9,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
 from typer import Option
 
 from labrig.cli.options import RigOption, find_runs_dir
@@ -33,6 +32,7 @@ def check(
     ] = False,
 ) -> int:
     """Exit with 1 when a check failed."""
+    from labrig.devices.axis_description import AXES
     from labrig.devices.check import check_rig
     from labrig.devices.check_result import CheckResult, CheckStatus, failed
     from labrig.devices.dead_man import try_dead_man
@@ -43,7 +43,7 @@ def check(
     description = load_rig(find_rig_file(rig))
     results = check_rig(description)
     if move:
-        for name, _ in description.axes.items():
+        for name in AXES:
             try:
                 with _open_axes(rig, (name,), 0, "labrig devices check --move") as opened:
                     results.append(try_dead_man(opened, name))
@@ -66,9 +66,9 @@ def stop(rig: RigOption = None) -> None:
     """End the labrig that uses the rig, then stop every node over the bus; the file need not say more than those."""
     from labrig.devices.stop import read_stop_target, stop_rig
 
-    report = stop_rig(read_stop_target(find_rig_file(rig)))
-    print_json({"by": report.by, "done": list(report.done)})
-    for line in report.done:
+    done = stop_rig(read_stop_target(find_rig_file(rig)))
+    print_json({"done": list(done)})
+    for line in done:
         say(line)
 
 

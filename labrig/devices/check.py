@@ -1,6 +1,5 @@
 """Checks a rig and says what to do about problems; no power is switched on, and nothing moves."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from datetime import datetime
@@ -19,7 +18,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.needle_state import NeedleState, require_own_state
-from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
+from labrig.devices.rig_file import RigDescription, find_problems
 from labrig.errors import InputError, LabrigError, LockedError, OutputExistsError, SecondMasterError
 from labrig.text import format_count
 from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
@@ -27,31 +26,21 @@ from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import load_mask, require_size, size_of
 from labrig.vision.plane import PlaneMap
 
-_LOW_DISK_BYTES = 5e9
-_NO_DISK_BYTES = 5e8
 _DRAW_MASK = "name a picture of the camera's size, white where no needle is, or leave mask: out"
 _OLD_DAYS = 30
 
 
 def check_rig(rig: RigDescription) -> list[CheckResult]:
-    """Check bus, drives, camera, calibration, disk and state of a rig.
+    """Check bus, drives, camera, calibration and state of a rig.
 
     A device that cannot be reached is a failed result, not an error.
     """
-    results = [
-        CheckResult(key, CheckStatus.FAIL, "unknown", f"enter it: {w}")
-        for key, w in unknown_entries(rig).items()
-    ]
-    results += [
-        CheckResult(key, CheckStatus.FAIL, problem.message, problem.hint)
-        for key, problem in section_problems(rig)
-    ]
-    results += _check_devices(rig)
-    now = SystemClock().utc()
+    problems = find_problems(rig)
     return [
-        *results,
-        *check_calibration(rig, now),
-        _check_disk(),
+        *(CheckResult(each.where, CheckStatus.FAIL, each.message, each.hint) for each in problems),
+        *_check_devices(rig),
+        *check_calibration(rig),
+        *list_calibration_ages(rig, SystemClock().utc()),
         _check_state(rig),
     ]
 
@@ -113,13 +102,12 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
         yield failed("camera", error)
 
 
-def check_calibration(rig: RigDescription, now: datetime | None = None) -> Iterator[CheckResult]:
+def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
     """Check that the rig's calibration is there, was accepted, and is of this camera's picture size and settings."""
-    paths = rig.calibration_paths()
+    paths, intrinsics = rig.calibration_paths(), list[Intrinsics]()
     calibrate = (
         f"labrig run protocols/calibration.yaml {rig.option}, then labrig calibrate adopt RUN {rig.option}"
     )
-    intrinsics: list[Intrinsics] = []
 
     def lens(path: Path) -> str:
         found = load_intrinsics(path)
@@ -133,12 +121,8 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
         view = found.view_sentence()
         return f"{path.name}: {found.mm_per_px:.4f} mm/px" + ("" if view is None else f". {view}")
 
-    for name, describe in (("intrinsics.json", lens), ("plane.json", plane)):
-        which, path = name.removesuffix(".json"), paths.get(name)
-        result = _check_calibration_file(which, path, describe, calibrate)
-        yield result
-        if now is not None and path is not None and result.status is CheckStatus.PASS:
-            yield _check_age(which, path, now, moves=rig.kind != ONLY_SIMULATED)
+    yield _check_calibration_file("intrinsics", paths.get("intrinsics.json"), lens, calibrate)
+    yield _check_calibration_file("plane", paths.get("plane.json"), plane, calibrate)
     for path in rig.mask_paths().values():
         yield _check_calibration_file("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
 
@@ -152,24 +136,20 @@ def _describe_mask(rig: RigDescription, path: Path) -> str:
     return f"{path.name}: {share:.1f} % of the picture is not the needle"
 
 
-def list_calibration_ages(rig: RigDescription, now: datetime) -> tuple[CheckResult, ...]:
-    """Return the age of each file of a rig's calibration that is there."""
-    return tuple(
-        _check_age(name.removesuffix(".json"), path, now, moves=rig.kind != ONLY_SIMULATED)
-        for name, path in rig.calibration_paths().items()
-        if path.is_file()
-    )
-
-
-def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
-    """Check the age of a calibration; on a bench the camera is touched sooner or later."""
-    check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"
-    made = read_creation_time(path)
-    if made is None:
-        return warned(check, "when it was made is not known", again)
-    days = (now - made).days
-    value = f"{format_count(days, 'day')}, made {made:%Y-%m-%d}"
-    return warned(check, value, again) if moves and days > _OLD_DAYS else passed(check, value)
+def list_calibration_ages(rig: RigDescription, now: datetime) -> Iterator[CheckResult]:
+    """Yield the age of each file of a rig's calibration; on a bench the camera is touched sooner or later."""
+    again = "calibrate again where the camera or its lens has been touched"
+    for name, path in rig.calibration_paths().items():
+        check = f"calibration {name.removesuffix('.json')} age"
+        if not path.is_file():
+            continue
+        if (made := read_creation_time(path)) is None:
+            yield warned(check, "when it was made is not known", again)
+            continue
+        days = (now - made).days
+        value = f"{format_count(days, 'day')}, made {made:%Y-%m-%d}"
+        is_old = rig.kind != ONLY_SIMULATED and days > _OLD_DAYS
+        yield warned(check, value, again) if is_old else passed(check, value)
 
 
 def _check_calibration_file(
@@ -198,13 +178,6 @@ def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap, path: Pat
             "calibrate again at this size",
         )
     require_calibrated_camera(rig.camera, path, rig.camera.settings())
-
-
-def _check_disk() -> CheckResult:
-    free = shutil.disk_usage(Path.cwd()).free
-    bad = CheckStatus.FAIL if free < _NO_DISK_BYTES else CheckStatus.WARN
-    value = f"{free / 1e9:.1f} GB free here"
-    return passed("disk", value) if free >= _LOW_DISK_BYTES else CheckResult("disk", bad, value, "make room")
 
 
 def _check_state(rig: RigDescription) -> CheckResult:

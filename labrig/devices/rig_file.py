@@ -11,12 +11,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr
 
-from labrig.devices.axis_description import DEFAULT_DRIVER, AxisDescription
+from labrig.devices.axis_description import AXES, DEFAULT_DRIVER, AxisDescription
 from labrig.devices.camera import CameraDescription, RigKind
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.driver_section import DriverSection
 from labrig.devices.fault_script import FaultDescription
-from labrig.errors import InputError
+from labrig.errors import InputError, Problem
 from labrig.plugins import CAMERAS, DRIVES, Plugin, find_plugin
 from labrig.protocol.model import Conflict, Model, Name
 from labrig.protocol.schema import JsonSchema, model_schema
@@ -291,44 +291,25 @@ def rig_schema() -> JsonSchema:
     return model_schema(RigDescription, "labrig rig file")
 
 
-def unknown_entries(rig: RigDescription) -> dict[str, str]:
-    """Return each entry that is null because nobody has entered it yet -> where to find it."""
-    return {
-        f"axes.{name}.{entry}": axis.where_to_find[entry]
+def find_problems(rig: RigDescription, axes: Collection[str] = AXES) -> tuple[Problem, ...]:
+    """Return which entries of axes nobody has entered yet, and what is wrong with their files and settings."""
+    return tuple(
+        Problem(f"axes.{name}.{found.key}", found.message, found.hint)
         for name, axis in rig.axes.items()
-        for entry in axis.unknown
-    }
-
-
-def section_problems(rig: RigDescription) -> Iterator[tuple[str, Conflict]]:
-    """Yield what is wrong with files and settings of each axis, with the key at which it is."""
-    for name, axis in rig.axes.items():
-        for conflict in axis.problems():
-            yield f"axes.{name}.{conflict.key}", conflict
-
-
-def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
-    """Refuse a rig file with unknown entries of these axes, or with values that their drives or the bus do not take.
-
-    Raises
-    ------
-    InputError
-        Names each.
-    """
-    unknown = [entry for entry in unknown_entries(rig) if entry.split(".")[1] in axes]
-    if unknown:
-        raise InputError(
-            f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",
-            f"enter them in the rig file; labrig devices check {rig.option} says where to find each",
+        if name in axes
+        for found in (
+            *(Conflict(key, "unknown", f"enter it: {axis.where_to_find[key]}") for key in axis.unknown),
+            *axis.problems(),
         )
-    concerned = tuple(f"axes.{name}." for name in axes)
-    problems = [(key, problem) for key, problem in section_problems(rig) if key.startswith(concerned)]
-    if problems:
-        raise InputError(
-            f"rig {rig.name} cannot be opened: "
-            + "; ".join(f"{key}: {problem.message}" for key, problem in problems),
-            problems[0][1].hint,
-        )
+    )
+
+
+def require_complete(rig: RigDescription, axes: Collection[str] = AXES) -> None:
+    """Refuse a rig file with problems of these axes. Raises `InputError`, which names each."""
+    if problems := find_problems(rig, axes):
+        told = "; ".join(f"{problem.where}: {problem.message}" for problem in problems)
+        more = f"; labrig devices check {rig.option} says what to do about each" if len(problems) > 1 else ""
+        raise InputError(f"rig {rig.name} cannot be opened: {told}", f"{problems[0].hint}{more}")
 
 
 def check_axis_move(rig: RigDescription, axis_name: str, position: float, speed: float) -> None:

@@ -27,7 +27,6 @@ from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
 from labrig.plugins import DRIVES
 from labrig.protocol.yaml_file import validate_values
 from labrig.protocol.yaml_tree import load_tree
-from labrig.record.lock import LockOwner
 
 _STOP_TIME_S = 3.0
 _NMT_STOP_ALL = bytes([0x02, 0x00])
@@ -45,8 +44,6 @@ class StopTarget:
 
     Parameters
     ----------
-    name : str
-        Name of the rig.
     can : CanDescription
         Its bus.
     sections : mapping of str to AxisDescription
@@ -55,27 +52,9 @@ class StopTarget:
         State file of the rig, beside which its lock is.
     """
 
-    name: str
     can: CanDescription
     sections: Mapping[str, AxisDescription]
     state_path: Path | None
-
-
-@dataclass(frozen=True)
-class StopReport:
-    """How a rig was stopped.
-
-    Parameters
-    ----------
-    by : str
-        `bus` if it was stopped over the bus; of a simulated rig, whose drives cannot be reached, `run` if the labrig
-        that used it has ended, and `none` if it was asked to or there is none.
-    done : tuple of str
-        What was done, one sentence for each step.
-    """
-
-    by: str
-    done: tuple[str, ...]
 
 
 def read_stop_target(path: Path) -> StopTarget:
@@ -97,7 +76,6 @@ def read_stop_target(path: Path) -> StopTarget:
     written = axes if isinstance(axes, dict) else {}
     sections = {name: _make_section(written.get(name)) for name in AXES}
     return StopTarget(
-        str(values.get("name", path.stem)),
         can,
         {name: section for name, section in sections.items() if section is not None},
         path.parent / state_file if isinstance(state_file, str) else None,
@@ -115,8 +93,10 @@ def _make_section(values: object) -> AxisDescription | None:
     return None
 
 
-def stop_rig(target: StopTarget, clock: Clock | None = None) -> StopReport:
+def stop_rig(target: StopTarget, clock: Clock | None = None) -> tuple[str, ...]:
     """Ask the labrig that uses a rig to end (SIGTERM), then stop every drive over the bus.
+
+    Returns what was done, one sentence for each step.
 
     Raises
     ------
@@ -126,43 +106,36 @@ def stop_rig(target: StopTarget, clock: Clock | None = None) -> StopReport:
         When a drive may still move; names each such drive and what was done.
     """
     clock = clock or SystemClock()
-    owner = find_owner(target.can, target.state_path)
-    asked, has_ended = ("no labrig has the rig", False) if owner is None else _end(owner, target, clock)
+    asked = _end_owner(target.state_path, clock)
     if target.can.interface == ONLY_SIMULATED:
-        if owner is not None:
-            return StopReport("run" if has_ended else "none", (asked,))
-        where = "its drives are simulated inside the labrig that runs them, Ctrl+C there stops them"
-        return StopReport("none", (f"{target.name} has nothing to stop from here: {where}",))
+        return (asked, "its drives are simulated inside the labrig that runs them: Ctrl+C there stops them")
     try:
         link = open_can(target.can, clock)
     except BusError as error:
         message = f"{asked}; {error.message}"
         raise error.reword(message, f"press the emergency stop; then: {error.hint}") from error
     with closing(link):
-        return StopReport("bus", (asked, *stop_drives(target, link, clock)))
+        return (asked, *stop_drives(target, link, clock))
 
 
-def _ask_to_end(process: int, host: str) -> bool:
-    """Send SIGTERM to a process of a computer; return whether it was sent."""
-    if host != platform.node() or process in {0, os.getpid()}:
-        return False
+def _end_owner(state_path: Path | None, clock: Clock) -> str:
+    """Ask the labrig that uses a rig to end, wait until it lets go, and return what came of it."""
+    owner = find_owner(state_path)
+    if owner is None:
+        return "no labrig has the rig"
+    cannot = f"{owner} has the rig and cannot be asked to end from here"
+    if owner.host != platform.node() or owner.pid in {0, os.getpid()}:
+        return cannot
     try:
-        os.kill(process, signal.SIGTERM)
+        os.kill(owner.pid, signal.SIGTERM)
     except OSError:
-        return False
-    return True
-
-
-def _end(owner: LockOwner, target: StopTarget, clock: Clock) -> tuple[str, bool]:
-    """Ask the labrig that uses a rig to end; return what came of it, and whether it has let go of the rig."""
-    if not _ask_to_end(owner.pid, owner.host):
-        return f"{owner} has the rig and cannot be asked to end from here", False
+        return cannot
     deadline_s = clock.now_s() + LET_GO_WITHIN_S
-    while find_owner(target.can, target.state_path) == owner:
+    while find_owner(state_path) == owner:
         if clock.now_s() > deadline_s:
-            return f"asked {owner} to end, and it has not let go of the rig", False
+            return f"asked {owner} to end, and it has not let go of the rig"
         clock.sleep(_LOOK_S)
-    return f"asked {owner} to end, and it has let go of the rig", True
+    return f"asked {owner} to end, and it has let go of the rig"
 
 
 def stop_drives(target: StopTarget, link: CanLink, clock: Clock) -> tuple[str, ...]:

@@ -96,7 +96,7 @@ def check_sources(sources: Sources, runs_dir: Path) -> Checked:
         None if rig is None else rig.name,
         (*specimens.problems, *refused, *_find_full_disk(runs_dir, count_needed_bytes(plan, rig))),
         (*specimens.warnings, *plan.warnings, *_find_needle_in_tissue(rig)),
-        () if rig is None else list_calibration_ages(rig, now),
+        () if rig is None else tuple(list_calibration_ages(rig, now)),
     )
 
 

@@ -1,12 +1,13 @@
 """The moves, pictures and disk space of a run, checked and estimated before anything moves."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from labrig.devices.camera import require_calibrated_camera
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.rig import Rig
-from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
+from labrig.devices.rig_file import RigDescription, find_problems
 from labrig.errors import Problem
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.runner.experiment import RunPlan
@@ -18,10 +19,8 @@ _PNG_SHARE = 0.7
 
 def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
     """Yield the empty entries of a rig file, and the problems of the files that it names."""
-    for key, where in unknown_entries(rig).items():
-        yield Problem(f"rig {key}", "unknown", f"enter it: {where}")
-    for key, problem in section_problems(rig):
-        yield Problem(f"rig {key}", problem.message, problem.hint)
+    for problem in find_problems(rig):
+        yield replace(problem, where=f"rig {problem.where}")
 
 
 def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:

@@ -5,17 +5,18 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
 import pytest
 
+from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_rig
 from labrig.devices.exclusive import acquire_rig, find_owner, name_bus
 from labrig.devices.needle_state import NeedleState
-from labrig.devices.rig import open_rig
+from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.stop import StopTarget, read_stop_target, stop_rig
 from labrig.errors import FileFormatError, LockedError, OutputExistsError
@@ -27,27 +28,27 @@ def _make_rig(tmp_path: Path) -> RigDescription:
     return simulated_rig("state_file=state.json").placed_in(tmp_path)
 
 
+def _open(rig: RigDescription, doing: str = "labrig") -> AbstractContextManager[Rig]:
+    return open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing=doing)
+
+
 def _target(tmp_path: Path) -> StopTarget:
     return replace(read_stop_target(SIMULATED), state_path=tmp_path / "state.json")
-
-
-def _owner_of(rig: RigDescription) -> LockOwner | None:
-    return find_owner(rig.can, rig.state_path)
 
 
 def test_only_one_labrig_uses_a_rig_at_a_time(tmp_path: Path) -> None:
     """A second one is refused with the name of the first; the rig is free when that ends."""
     rig = _make_rig(tmp_path)
-    with open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run a.yaml"):
+    with _open(rig, "labrig run a.yaml"):
         with (
             pytest.raises(LockedError, match=r"in use by labrig run a.yaml \(process \d+ on ") as refused,
-            open_rig(rig, seed=1, person=Person(), interrupted=Signal()),
+            _open(rig),
         ):
             pass
         assert "labrig devices stop" in refused.value.hint
-        assert _owner_of(rig) == LockOwner("labrig run a.yaml", os.getpid(), os.uname().nodename)
-    assert _owner_of(rig) is None
-    with open_rig(rig, seed=1, person=Person(), interrupted=Signal()):
+        assert find_owner(rig.state_path) == LockOwner("labrig run a.yaml", os.getpid(), os.uname().nodename)
+    assert find_owner(rig.state_path) is None
+    with _open(rig):
         pass
 
 
@@ -58,8 +59,7 @@ def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
         f"FileLock(Path({str(tmp_path / 'state.json.lock')!r})).acquire('labrig run dead.yaml');os._exit(9)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
-    assert _owner_of(_make_rig(tmp_path)) is None
-    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()):
+    with _open(_make_rig(tmp_path)):
         pass
 
 
@@ -83,30 +83,18 @@ def test_looking_for_the_owner_refuses_nobody(tmp_path: Path) -> None:
         looking.join()
 
 
-@pytest.mark.parametrize(
-    ("changes", "same"),
-    [
-        (("state_file=other.json",), True),
-        (("can.options.receive_own_messages=false",), True),
-        (("axes.insertion.node_id=11",), True),
-        (("can.channel=can1",), False),
-    ],
-)
-def test_a_bus_is_known_by_its_channel(changes: tuple[str, ...], same: bool) -> None:
-    """Neither state file, options nor nodes make another bus of it; a simulated one is none."""
-    assert (name_bus(load_rig(BENCH).can) == name_bus(load_rig(BENCH, changes).can)) is same
-    assert name_bus(simulated_rig().can) == ""
-
-
-def test_a_link_to_a_serial_port_is_the_same_bus(tmp_path: Path) -> None:
-    """An adapter by its id and by its number is one bus."""
+def test_a_bus_is_known_by_its_channel(tmp_path: Path) -> None:
+    """Options make no other bus of it, nor does a link to a serial port; a simulated one is none."""
     (tmp_path / "ttyACM0").touch()
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
-    found = [
-        name_bus(load_rig(BENCH, ["can.interface=slcan", f"can.channel={tmp_path / name}"]).can)
-        for name in ("ttyACM0", "by-id")
-    ]
-    assert found[0] == found[1]
+
+    def name(interface: str, channel: str | Path, **options: bool) -> str:
+        return name_bus(CanDescription(interface=interface, channel=str(channel), options={**options}))
+
+    assert name("socketcan", "can0") == name("socketcan", "can0", receive_own_messages=False)
+    assert name("socketcan", "can0") != name("socketcan", "can1")
+    assert name("slcan", tmp_path / "ttyACM0") == name("slcan", tmp_path / "by-id")
+    assert name_bus(simulated_rig().can) == ""
 
 
 _HOLD = """
@@ -146,15 +134,12 @@ def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
     """A labrig of another account keeps the bus to itself until it has ended."""
     rig = load_rig(BENCH).placed_in(tmp_path)
     with tempfile.TemporaryDirectory() as theirs:
-        with _held(BENCH, Path(theirs), "state_file=other.json") as other:
-            owner = _owner_of(rig)
-            assert owner is not None
-            assert owner.pid == other.pid
-            with (
-                pytest.raises(LockedError, match=rf"in use by another labrig .*\(process {other.pid}"),
-                acquire_rig(rig, "labrig run mine.yaml"),
-            ):
-                pass
+        with (
+            _held(BENCH, Path(theirs), "state_file=other.json"),
+            pytest.raises(LockedError, match=r"its bus can-socketcan-can0 is in use by another labrig"),
+            acquire_rig(rig, "labrig run mine.yaml"),
+        ):
+            pass
         with acquire_rig(rig, "labrig run mine.yaml"):
             pass
 
@@ -189,10 +174,8 @@ with note_signals() as signals, open_rig(
 def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path) -> None:
     """The labrig that moves it gets SIGTERM, stops every axis, ends, and lets go of the rig."""
     with _held(Path(), tmp_path, "clock=real", "state_file=state.json", code=_MOVE) as moving:
-        report = stop_rig(_target(tmp_path))
-        assert report.by == "run"
         owner = LockOwner("labrig run b.yaml", moving.pid, os.uname().nodename)
-        assert report.done == (f"asked {owner} to end, and it has let go of the rig",)
+        assert stop_rig(_target(tmp_path))[0] == f"asked {owner} to end, and it has let go of the rig"
         assert moving.stdout is not None
         assert moving.stdout.read() == "interrupted by SIGTERM\n"
     assert moving.returncode == 0
@@ -219,11 +202,9 @@ def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
     code = code.replace("if os.getuid() == 0:", "if False:")
     target = _target(tmp_path)
     with _held(BENCH.with_name("rig-simulated.yaml"), tmp_path, "state_file=state.json", code=code):
-        report = stop_rig(target, _Quick())  # type: ignore[arg-type]
-        assert report.by == "none"
-        assert "and it has not let go of the rig" in report.done[0]
+        assert "and it has not let go of the rig" in stop_rig(target, _Quick())[0]  # type: ignore[arg-type]
     with acquire_rig(_make_rig(tmp_path), "labrig run here.yaml"):
-        assert "cannot be asked to end from here" in stop_rig(target).done[0]
+        assert "cannot be asked to end from here" in stop_rig(target)[0]
 
 
 @pytest.mark.parametrize(
@@ -262,23 +243,22 @@ def test_a_file_without_a_bus_says_to_press_the_emergency_stop(tmp_path: Path, t
 @pytest.mark.parametrize("content", ["Notes of today.\n", '{"kind": "labrig-plane"}', "{"])
 def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, content: str) -> None:
     """A rig whose state_file names notes is not opened, devices check fails, and the notes are as they were."""
-    (tmp_path / "state.json").write_text(content)
+    rig, path = _make_rig(tmp_path), tmp_path / "state.json"
+    path.write_text(content)
     with (
         pytest.raises(OutputExistsError, match=r"state\.json is named as the state file") as refused,
-        open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()),
+        _open(rig),
     ):
         pass
-    assert "state_file:" in refused.value.hint
-    assert (tmp_path / "state.json").read_text() == content
-    found = {result.check: result for result in check_rig(_make_rig(tmp_path))}
-    assert found["rig state"].status == "FAIL"
+    assert ("state_file:" in refused.value.hint, path.read_text()) == (True, content)
+    assert {result.check: result.status for result in check_rig(rig)}["rig state"] == "FAIL"
 
 
 @pytest.mark.parametrize("content", ["", '{"kind": "labrig-rig-state", "schema_version": 1'])
 def test_an_empty_or_torn_state_file_is_replaced(tmp_path: Path, content: str) -> None:
     """A file that labrig wrote, or an empty one, is replaced by the first change."""
     (tmp_path / "state.json").write_text(content)
-    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()) as opened:
-        assert opened.state.needle_in_tissue is None
-        opened.needle.mark_out()
+    with _open(_make_rig(tmp_path)) as rig:
+        assert rig.state.needle_in_tissue is None
+        rig.needle.mark_out()
     assert NeedleState(tmp_path / "state.json").state.needle_in_tissue is False

@@ -7,10 +7,10 @@ import pytest
 from labrig.devices.rig_file import (
     RigDescription,
     check_axis_move,
+    find_problems,
     load_rig,
     require_complete,
     rig_schema,
-    unknown_entries,
 )
 from labrig.errors import FileFormatError, InputError, LimitError
 from labrig.protocol.schema import schema_text
@@ -77,7 +77,7 @@ def test_overrides_come_before_validation() -> None:
 
 def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:
     """Encoder, gear and lead of linear axes; a rotating axis has no lead."""
-    unknown = unknown_entries(load_rig(BENCH))
+    unknown = {problem.where: problem.hint for problem in find_problems(load_rig(BENCH))}
     assert len(unknown) == 8
     assert "axes.rotation.lead_mm" not in unknown
     assert "data sheet" in unknown["axes.linear.lead_mm"]

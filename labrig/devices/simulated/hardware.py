@@ -128,7 +128,7 @@ def make_drives(
         When entries of the rig file are unknown, or a drive cannot be simulated.
     """
     axes = dict(rig.axes.items())
-    require_complete(rig, axes)
+    require_complete(rig)
     drives = {
         name: axis.simulate(wire, clock, _make_mechanics(name, axis, world)) for name, axis in axes.items()
     }

@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 
 from labrig.cli.calibration_files import require_writable
@@ -56,9 +56,7 @@ def view_camera(rig: RigDescription, *, web: bool, save: Path | None) -> int:
     """
     _require_new_png(save)
     with note_signals() as interrupted, open_camera(rig, "labrig devices camera") as camera:
-        in_use = CameraInUse(
-            driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings.in_use
-        )
+        in_use = CameraInUse(driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings)
         shown = ShownPicture(0, NO_PICTURE, f"Camera of rig {rig.name}", camera=in_use)
         pictures = _take_pictures(camera, shown, interrupted)
         plane = partial(_load_valid_plane, rig, camera)
@@ -92,13 +90,15 @@ def _take_pictures(camera: Camera, shown: ShownPicture, interrupted: SignalNote)
     """Yield pictures with their scores until a signal has come."""
     times_s: deque[float] = deque(maxlen=_REMEMBERED)
     means: deque[float] = deque(maxlen=_REMEMBERED)
-    while interrupted() is None:
+    for number in count(1):
+        if interrupted() is not None:
+            return
         frame = camera.capture()
         quality = measure_quality(frame.image)
         times_s.append(frame.t_s)
         means.append(quality.mean_grey)
         scores = judge_quality(quality, measure_flicker(times_s, means))
-        yield replace(shown, number=frame.sequence + 1, image=frame.image, scores=scores)
+        yield replace(shown, number=number, image=frame.image, scores=scores)
 
 
 def _show(
@@ -130,7 +130,7 @@ def _require_new_png(save: Path | None) -> None:
 def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
     """Return the rig's plane map if the camera is set as it was then. Raises `InputError`."""
     for path in rig.calibration_paths().values():
-        require_calibrated_camera(rig.camera, path, camera.settings.in_use)
+        require_calibrated_camera(rig.camera, path, camera.settings)
     return load_plane_map(rig)
 
 

@@ -4,9 +4,9 @@ An entry point of the group `labrig.cameras` names the class of such a section.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
 
@@ -15,7 +15,6 @@ import numpy.typing as npt
 from pydantic import Field
 
 from labrig.clock import Clock
-from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.worker import SAME_THREAD, StillBusyError, Worker
 from labrig.errors import CameraError, InputError
 from labrig.plugins import INTERFACE
@@ -82,15 +81,6 @@ class CameraDescription(Model):
     def open(self, context: "CameraContext") -> "PictureSource":
         """Open the camera. Raises `CameraError` when there is none."""
         raise NotImplementedError
-
-    def check(self, camera: "Camera") -> Iterator[CheckResult]:
-        """Yield the results of `devices check` for the opened camera. Raises `CameraError`."""
-        frame = camera.capture()
-        height, width = frame.image.shape[:2]
-        yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
-        if frame.t_bound_s is not None:
-            value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
-            yield CheckResult("camera time", CheckStatus.PASS, value)
 
 
 class ControlledCameraDescription(CameraDescription):
@@ -190,43 +180,24 @@ class PictureSource(Protocol):
         """Release the camera; a second call changes nothing."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
-    """A picture, (H, W) or (H, W, 3) uint8, with the rig time [s] at which it was taken and its number.
-
-    `t_bound_s` is that of its `Exposure`, `fraction` its place between two readings of the encoders, 0 to 1.
-    """
+    """A picture, (H, W) or (H, W, 3) uint8, the rig time [s] at which it was taken, and the bound of its error."""
 
     image: Picture
     t_s: float
-    sequence: int
     t_bound_s: float | None = None
-    fraction: float | None = None
 
-    def between(self, before_s: float, after_s: float) -> "Frame":
-        """Return this frame with its place between two encoder readings at these rig times [s].
+    def place_between(self, before_s: float, after_s: float) -> tuple[float | None, float | None]:
+        """Return its place between two encoder readings at these rig times [s], 0 to 1, and the bound of its time [s].
 
-        If the exposure lies outside them, its distance to the nearer one is added to its bound.
+        If the exposure lies outside them, its distance to the nearer one is added to its bound. Both are None where its
+        time is that of the call.
         """
         if self.t_bound_s is None or after_s <= before_s:
-            return self
+            return None, self.t_bound_s
         nearest_s = min(max(self.t_s, before_s), after_s)
-        fraction = (nearest_s - before_s) / (after_s - before_s)
-        return replace(self, t_bound_s=self.t_bound_s + abs(self.t_s - nearest_s), fraction=fraction)
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """The requested settings of the camera, those that it read back, and those that it reports without a request."""
-
-    asked: Mapping[str, Setting]
-    readback: Mapping[str, Setting]
-    reported: Mapping[str, Setting] = field(default_factory=dict)
-
-    @property
-    def in_use(self) -> dict[str, Setting]:
-        """Every setting that is known."""
-        return {**self.reported, **self.readback}
+        return (nearest_s - before_s) / (after_s - before_s), self.t_bound_s + abs(self.t_s - nearest_s)
 
 
 class Camera:
@@ -242,6 +213,11 @@ class Camera:
         Stamps the frames.
     worker : Worker
         Asks the source from now on.
+
+    Attributes
+    ----------
+    settings : dict
+        Every setting that is known: those that were made, as read back, and those that it reports without a request.
 
     Raises
     ------
@@ -264,28 +240,25 @@ class Camera:
         self._hanging: CameraError | None = None
         self._shape = (description.height_px, description.width_px)
         self._description = description
-        self._sequence = 0
         self._shown: tuple[bytes, tuple[float, float]] | None = None
-        self.settings = _negotiate(source, description)
+        self.settings = _make_settings(source, description)
 
     def describe(self) -> dict[str, object]:
         """Return the camera and its settings, ready for JSON."""
+        asked = self._description.settings()
+        reported = {name: value for name, value in self.settings.items() if name not in asked}
         return {
             "driver": self._description.driver,
             "device": self._description.address,
             **({"recorded_pictures": True} if self._description.recorded else {}),
-            "asked": dict(self.settings.asked),
-            "readback": dict(self.settings.readback),
-            **({"reported": dict(self.settings.reported)} if self.settings.reported else {}),
+            "asked": asked,
+            "readback": {name: self.settings[name] for name in asked},
+            **({"reported": reported} if reported else {}),
         }
 
     def read_settings(self, meanwhile: Callable[[], None] = _do_nothing) -> dict[str, Setting | None]:
-        """Return the value in use of each setting that was requested or reported; None if the camera cannot tell.
-
-        Raises `CameraError`.
-        """
-        names = (*self.settings.asked, *self.settings.reported)
-        return self._ask(lambda: {name: self._source.get(name) for name in names}, meanwhile)
+        """Return each setting that is known as it is now; None if the camera cannot tell. Raises `CameraError`."""
+        return self._ask(lambda: {name: self._source.get(name) for name in self.settings}, meanwhile)
 
     def capture(self, meanwhile: Callable[[], None] = _do_nothing) -> Frame:
         """Take a picture, and call `meanwhile` again and again until it is there.
@@ -310,9 +283,7 @@ class Camera:
                 "check width_px, height_px and pixel_format in the rig file",
             )
         t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s, meanwhile)
-        frame = Frame(image, t_s, self._sequence, exposure.t_bound_s)
-        self._sequence += 1
-        return frame
+        return Frame(image, t_s, exposure.t_bound_s)
 
     def _ask(self, call: Callable[[], _T], meanwhile: Callable[[], None]) -> _T:
         """Ask the source; a camera that hung once is not asked again. Raises `CameraError`."""
@@ -373,19 +344,18 @@ def close_source(source: PictureSource, worker: Worker) -> None:
         worker.do(source.close, _do_nothing, _PATIENCE_S)
 
 
-def _negotiate(source: PictureSource, description: CameraDescription) -> CameraSettings:
+def _make_settings(source: PictureSource, description: CameraDescription) -> dict[str, Setting]:
     """Make every setting, then read all of them back: a later one may have changed an earlier one."""
     asked = description.settings()
     for name, value in asked.items():
         source.set(name, value)
-    readback = {name: _read_back(source, name, value) for name, value in asked.items()}
-    told = {name: source.get(name) for name in description.reported()}
-    reported = {name: value for name, value in told.items() if value is not None}
-    return CameraSettings(asked, readback, reported)
+    told = {name: source.get(name) for name in (*asked, *description.reported())}
+    for name, value in asked.items():
+        _require_made(name, value, told[name])
+    return {name: value for name, value in told.items() if value is not None}
 
 
-def _read_back(source: PictureSource, name: str, asked: Setting) -> Setting:
-    got = source.get(name)
+def _require_made(name: str, asked: Setting, got: Setting | None) -> None:
     if got is None:
         raise CameraError(
             f"the camera does not tell its {name}; {asked} was asked for",
@@ -393,16 +363,12 @@ def _read_back(source: PictureSource, name: str, asked: Setting) -> Setting:
             if name in CONTROL_NAMES
             else f"enter a {name} that the camera has in the rig file, or use another camera",
         )
-    if name == "rate_hz" and not isinstance(got, str) and not isinstance(asked, str):
-        same = abs(got - asked) <= _RATE_TOLERANCE * asked
-    else:
-        same = got == asked
-    if not same:
+    is_near = name == "rate_hz" and math.isclose(float(got), float(asked), rel_tol=_RATE_TOLERANCE)
+    if got != asked and not is_near:
         raise CameraError(
             f"the camera ignored {name}: {asked} was asked for, it uses {got}",
             f"enter a value that the camera has in the rig file, or write camera.{name}: {got}",
         )
-    return got
 
 
 @dataclass(frozen=True)

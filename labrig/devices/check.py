@@ -93,11 +93,18 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
         source = hardware.open_source()
         stack.callback(source.close)
         camera = Camera(source, rig.camera, hardware.clock)
-        settings = ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items())
-        yield passed("camera settings", settings)
-        yield from rig.camera.check(camera)
+        yield passed("camera settings", ", ".join(f"{k} {v}" for k, v in camera.settings.items()))
+        frame = camera.capture()
+        height, width = frame.image.shape[:2]
+        recorded = (
+            f", recorded pictures of {rig.camera.address}: they never steer" if rig.camera.recorded else ""
+        )
+        yield passed("camera picture", f"{width}x{height} px{recorded}")
+        if frame.t_bound_s is not None:
+            value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
+            yield passed("camera time", value)
         for path in rig.calibration_paths().values():
-            require_calibrated_camera(rig.camera, path, camera.settings.reported)
+            require_calibrated_camera(rig.camera, path, camera.settings)
     except LabrigError as error:
         yield failed("camera", error)
 

@@ -9,14 +9,12 @@ What is decided here
 """
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from labrig.devices.camera import (
-    Camera,
     CameraContext,
     CameraDescription,
     Exposure,
@@ -24,15 +22,8 @@ from labrig.devices.camera import (
     RigKind,
     Setting,
 )
-from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.errors import CameraError, PictureError
 from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture, size_of
-
-
-def _check_source(source: str) -> str:
-    if "://" in source:
-        raise ValueError("labrig takes no pictures over the network; name a folder of pictures")
-    return source
 
 
 class FilesCameraDescription(CameraDescription):
@@ -43,7 +34,7 @@ class FilesCameraDescription(CameraDescription):
 
     driver: Literal["files"]
     """files: recorded pictures in place of a camera."""
-    source: Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_check_source)]
+    source: Annotated[str, Field(min_length=1, max_length=1000)]
     """Folder of pictures, relative to the rig file."""
 
     @property
@@ -58,12 +49,6 @@ class FilesCameraDescription(CameraDescription):
     def open(self, context: CameraContext) -> "FilesSource":
         """Open the folder. Raises `CameraError`."""
         return FilesSource(context.folder / self.source)
-
-    def check(self, camera: Camera) -> Iterator[CheckResult]:
-        """Yield that pictures arrive and are recorded ones."""
-        height, width = camera.capture().image.shape[:2]
-        value = f"{width}x{height} px, recorded pictures of {self.address}: they never steer"
-        yield CheckResult("camera picture", CheckStatus.PASS, value)
 
 
 class FilesSource:

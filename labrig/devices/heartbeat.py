@@ -110,26 +110,20 @@ class HeartbeatClock:
         self._link.send(self._can_id, _OPERATIONAL)
 
     def explain(self, error: Ended) -> Ended:
-        """Blame what a gap in labrig's own heartbeat has caused on what held labrig up, not on wiring or drives."""
-        fault, gap_s = fault_of(error), self.find_gap_s()
-        if fault is None or fault.code != HEARTBEAT_LOST.code or not gap_s:
+        """Blame what a gap in labrig's own heartbeat has caused on what held labrig up, not on wiring or drives.
+
+        A program that is stopped, a computer that is suspended, and a labrig that waits for a disk show in it: a gap
+        now or just before, at which the drives stop.
+        """
+        fault, now_s = fault_of(error), self.now_s()
+        gap_s = max(self._since_beat_s(now_s), self._gap_s if now_s - self._gap_end_s <= _RECENT_S else 0.0)
+        if fault is None or fault.code != HEARTBEAT_LOST.code or gap_s <= self._timeout_s:
             return error
         return error.reword(
             f"labrig itself stood still for {gap_s:.1f} s, so the drives stopped by themselves: {error.message}",
             "find out what held labrig up: Ctrl+Z, a debugger, a suspended computer (systemd-inhibit keeps it awake), "
             "a disk that hangs; then start again",
         )
-
-    def find_gap_s(self) -> float:
-        """Return the gap in labrig's own heartbeat, now or just before; 0 if the drives do not stop at that [s].
-
-        A program that is stopped, a computer that is suspended, and a labrig that waits for a disk show in it.
-        """
-        now_s = self.now_s()
-        gap_s = self._since_beat_s(now_s)
-        if now_s - self._gap_end_s <= _RECENT_S:
-            gap_s = max(gap_s, self._gap_s)
-        return gap_s if gap_s > self._timeout_s else 0.0
 
     def _since_beat_s(self, now_s: float) -> float:
         """Return for how long no heartbeat was sent [s]; 0 before the first one."""

@@ -8,6 +8,7 @@ from the gel. With a needle in tissue nothing is homed.
 
 from collections.abc import Collection
 
+from labrig.devices.axis_description import AxisDescription
 from labrig.errors import LimitError, SafetyStopError
 
 HOMING_HERE = 35
@@ -25,18 +26,18 @@ ZEROS = {
 
 
 def require_homing_allowed(
-    axis: str, method: int, direction: int, *, needle_mounted: bool, referenced: Collection[str]
+    axis: AxisDescription, name: str, method: int, *, needle_mounted: bool, referenced: Collection[str]
 ) -> None:
     """Refuse a homing that could bend a needle or run the instrument into something.
 
     Parameters
     ----------
-    axis : str
+    axis : AxisDescription
+        Its section of the rig file.
+    name : str
         insertion, rotation or linear.
     method : int
         How its drive searches; `HOMING_HERE` moves nothing.
-    direction : int
-        Which way the axis goes in its search: -1 back, +1 forwards.
     needle_mounted : bool
         Whether a needle is in the clamp.
     referenced : collection of str
@@ -49,42 +50,35 @@ def require_homing_allowed(
     """
     if method == HOMING_HERE:
         return
-    if needle_mounted and axis != "linear":
+    refused = f"axis {name} is not homed by method {method}"
+    if needle_mounted and name != "linear":
         raise SafetyStopError(
-            f"axis {axis} is not homed by method {method} with a needle mounted: the search could bend it",
-            f"take the needle out, or set the zero where it stands: labrig devices home --axis {axis} --method 35",
+            f"{refused} with a needle mounted: the search could bend it",
+            f"take the needle out, or set the zero where it stands: labrig devices home --axis {name} --method 35",
         )
-    if needle_mounted and direction > 0:
+    if needle_mounted and axis.homing_direction(method) > 0:
         raise SafetyStopError(
-            f"axis {axis} is not homed by method {method} with a needle mounted: it would search towards the gel",
+            f"{refused} with a needle mounted: it would search towards the gel",
             "take the needle out, or give the axis a method that searches backwards",
         )
-    if axis != "linear" and "linear" not in referenced:
+    if name != "linear" and "linear" not in referenced:
         raise SafetyStopError(
-            f"axis {axis} is not homed by method {method} before the linear module: it might stand in the frame",
+            f"{refused} before the linear module: it might stand in the frame",
             "first: labrig devices home --axis linear",
         )
 
 
-def require_homing_current(axis: str, threshold_ma: int | None, limit_ma: int | None) -> None:
-    """Refuse a homing that could not end.
-
-    Parameters
-    ----------
-    axis : str
-        insertion, rotation or linear.
-    threshold_ma : int or None
-        Current by which the axis feels its stop [mA]; None if it does not.
-    limit_ma : int or None
-        Limit of its output current [mA]; None keeps the drive's own.
+def require_homing_current(axis: AxisDescription, name: str, method: int, limit_ma: int | None) -> None:
+    """Refuse a homing that could not end at a limit of the output current [mA]; None keeps the drive's own.
 
     Raises
     ------
     LimitError
     """
+    threshold_ma = axis.homing_current_ma(method)
     if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
         raise LimitError(
-            f"axis {axis} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
+            f"axis {name} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
             f"{limit_ma} mA (the lower one of --current-ma and max_current_ma of the rig file)",
             f"--current-ma {threshold_ma + threshold_ma // 2}, or a lower homing.current_threshold_ma",
         )

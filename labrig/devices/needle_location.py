@@ -3,21 +3,12 @@
 What is not known is said to be unknown.
 """
 
-from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 from labrig.devices.axis import Axis
 from labrig.devices.needle_state import RigState
-from labrig.errors import (
-    BusError,
-    BusPassiveError,
-    DriveError,
-    DriveRestartedError,
-    DriveSilentError,
-    MachineError,
-)
-
-LastPositions = Mapping[str, tuple[float, float]]
+from labrig.errors import BusError, BusPassiveError, DriveFaultError, DriveSilentError, MachineError
 
 _JUST_NOW_S = 0.1
 """A position that is no older is told without its age [s]."""
@@ -66,32 +57,23 @@ class NeedleLocation:
     ----------
     unknown_motion : str
         Why it is not known whether the axes stand still; empty if each was seen to stand.
-    in_tissue : bool or None
-        Whether the needle is in tissue; None if it is not known.
-    doubt : str
-        Why it is or may be in tissue.
-    axes : sequence of AxisLocation
+    state : RigState
+        Whether the needle is in tissue.
+    axes : tuple of AxisLocation
         The axes.
     """
 
     unknown_motion: str
-    in_tissue: bool | None
-    doubt: str
-    axes: Sequence[AxisLocation]
+    state: RigState
+    axes: tuple[AxisLocation, ...]
 
     @property
     def motion(self) -> str:
         """What the needle is doing, or that it is not known, and then what to do at once."""
+        doing = "every axis stands still"
         if self.unknown_motion:
-            doing = "what the needle is doing is not known"
-            return f"{self.unknown_motion}: press the emergency stop; {doing}; {self._place}"
-        return f"every axis stands still; {self._place}"
-
-    @property
-    def _place(self) -> str:
-        if self.in_tissue is None:
-            return f"whether a needle is in tissue is not known ({self.doubt})"
-        return "the needle is in tissue" if self.in_tissue else "no needle is in tissue"
+            doing = f"{self.unknown_motion}: press the emergency stop; what the needle is doing is not known"
+        return f"{doing}; {self.state.place}"
 
     @property
     def where(self) -> str:
@@ -103,7 +85,7 @@ class NeedleLocation:
         return {
             "motion": "unknown" if self.unknown_motion else "standing still",
             "unknown_because": self.unknown_motion or None,
-            "in_tissue": self.in_tissue,
+            "in_tissue": self.state.needle_in_tissue,
             "axes": [asdict(axis) for axis in self.axes],
         }
 
@@ -113,59 +95,32 @@ def are_drives_lost(error: Exception) -> bool:
     return isinstance(error, BusError | DriveSilentError) and not isinstance(error, BusPassiveError)
 
 
-def locate_needle(
-    axes: Sequence[Axis],
-    state: RigState,
-    last: LastPositions,
-    now_s: float,
-    unknown_motion: str,
-    *,
-    ask: bool,
-) -> NeedleLocation:
-    """Return where the needle is.
+def locate_axis(
+    axis: Axis, last: tuple[float, float] | None, now_s: float, *, referenced: bool, ask: bool
+) -> AxisLocation:
+    """Return where an axis is.
 
     Parameters
     ----------
-    axes : sequence of Axis
-        The open axes.
-    state : RigState
-        Whether it is in tissue, and which axes have their reference.
-    last : mapping of str to tuple of float
-        Axis -> when it was read last [s], and where it was [mm or rad].
+    axis : Axis
+        The axis.
+    last : tuple of float or None
+        When it was read last [s], and where it was [mm or rad].
     now_s : float
         Rig time [s].
-    unknown_motion : str
-        Why it is not known whether the axes stand still; empty if each was seen to stand.
+    referenced : bool
+        Whether the axis has its reference.
     ask : bool
-        Whether the drives are asked, those in fault too. Without it, and for a drive that does not answer or has lost
-        its position, the last reading counts.
+        Whether the drive is asked, also one in fault. Without it, and for a drive that does not answer or has lost its
+        position, the last reading counts.
     """
-
-    def locate(axis: Axis) -> AxisLocation:
-        (read_s, position), why_old = last.get(axis.name, (None, None)), ""
-        if ask:
-            try:
-                read_s, position = now_s, _read_position(axis)
-            except MachineError as error:
-                why_old = error.message
-        age_s = None if read_s is None else now_s - read_s
-        return AxisLocation(axis.name, axis.unit, position, age_s, axis.name in state.referenced, why_old)
-
-    return NeedleLocation(unknown_motion, state.needle_in_tissue, state.doubt, tuple(map(locate, axes)))
-
-
-def _read_position(axis: Axis) -> float:
-    """Return the position of an axis, also of a drive in fault. Raises `MachineError` where it has lost it."""
-    try:
-        axis.drive.check()
-    except (DriveRestartedError, DriveSilentError):
-        raise
-    except MachineError:
-        pass  # a drive in fault still answers
-    return axis.drive.position()
-
-
-def name_loss(error: Exception) -> str:
-    """Return what a person is told at once of drives that are lost."""
-    axis = error.axis if isinstance(error, DriveError) else ""
-    return f"the drive of axis {axis} does not answer" if axis else "the drives do not answer"
+    (read_s, position), why_old = last or (None, None), ""
+    if ask:
+        try:
+            with suppress(DriveFaultError):  # a drive in fault still answers
+                axis.drive.check()
+            read_s, position = now_s, axis.drive.position()
+        except MachineError as error:
+            why_old = error.message
+    age_s = None if read_s is None else now_s - read_s
+    return AxisLocation(axis.name, axis.unit, position, age_s, referenced, why_old)

@@ -83,6 +83,13 @@ class RigState:
     current_limits: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
+    def place(self) -> str:
+        """Whether a needle is in tissue, as the end of a sentence."""
+        if self.needle_in_tissue is None:
+            return f"whether a needle is in tissue is not known ({self.doubt})"
+        return "the needle is in tissue" if self.needle_in_tissue else "no needle is in tissue"
+
+    @property
     def doubt(self) -> str:
         """Why a needle may be in tissue; empty if none is."""
         if self.needle_in_tissue:
@@ -149,9 +156,9 @@ class NeedleState:
         if self.state.needle_in_tissue is not False:
             raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.find_way_out(rig_option))
 
-    def note_reference(self, axis: str, *, known: bool) -> None:
-        """Remember whether an axis has its reference."""
-        kept = {*self.state.referenced, axis} if known else {*self.state.referenced} - {axis}
+    def note_reference(self, axis: str) -> None:
+        """Remember that an axis has its reference."""
+        kept = {*self.state.referenced, axis}
         self.update(referenced=tuple(name for name in AXES if name in kept))
 
     def forget_references(self, axes: Iterable[str]) -> None:

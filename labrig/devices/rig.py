@@ -18,10 +18,10 @@ from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed, require_homing_current
-from labrig.devices.needle_location import NeedleLocation, are_drives_lost, locate_needle, name_loss
+from labrig.devices.needle_location import NeedleLocation, are_drives_lost, locate_axis
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
-from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
+from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest, Paused
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, check_axis_move, require_complete
@@ -29,6 +29,7 @@ from labrig.devices.supervisor import Interrupted, Supervisor
 from labrig.errors import (
     CameraError,
     DiskError,
+    DriveError,
     InputError,
     InterruptedRunError,
     LabrigError,
@@ -39,7 +40,6 @@ from labrig.errors import (
 
 _T = TypeVar("_T")
 
-_SYNC = 0x080
 _HOMING_LOOK_S = 0.005
 
 _PROMPT_S = 0.25
@@ -95,7 +95,6 @@ class Rig:
         self._alert = alert
         self.clock = hardware.clock
         self.operator = hardware.operator or person
-        self.needs_person = hardware.operator is None
         self.state_period_s = 1 / description.recording.state_rate_hz
         self.needle = NeedleState(description.state_path, do=self.do_aside)
         self._limits_found = self.needle.state.current_limits
@@ -128,26 +127,6 @@ class Rig:
         if name not in self._axes:
             raise InputError(f"axis {name} is not open", f"open are: {', '.join(self._axes)}")
         return self._axes[name]
-
-    @property
-    def referenced(self) -> frozenset[str]:
-        """The axes that have their reference."""
-        return frozenset(axis.name for axis in self.axes if axis.referenced)
-
-    @property
-    def insertion(self) -> Axis:
-        """The screw that pushes the needle out of the sheath."""
-        return self.axis("insertion")
-
-    @property
-    def rotation(self) -> Axis:
-        """The axis that turns the needle."""
-        return self.axis("rotation")
-
-    @property
-    def linear(self) -> Axis:
-        """The module that carries the instrument with the sheath."""
-        return self.axis("linear")
 
     @property
     def camera(self) -> Camera:
@@ -208,7 +187,7 @@ class Rig:
             When one of them cannot continue; all that answer have been stopped.
         """
         try:
-            return self._supervisor.read(Axis.read, lambda: self._link.send(_SYNC, b""))
+            return self._supervisor.read()
         except MachineError as error:
             self._stop_because_of(error)
 
@@ -228,9 +207,9 @@ class Rig:
         frame = self.camera.capture(self._make_meanwhile())
         after, after_s = collect_axis_positions(self.read_states()), self._supervisor.last_s
         self.camera.require_new(frame, (after.insertion_mm, after.linear_mm))
-        frame = frame.between(before_s, after_s)
-        positions = before.interpolate_to(after, 0.5 if frame.fraction is None else frame.fraction)
-        return Photograph(frame.image, frame.t_s, positions, frame.t_bound_s, frame.fraction)
+        fraction, bound_s = frame.place_between(before_s, after_s)
+        positions = before.interpolate_to(after, 0.5 if fraction is None else fraction)
+        return Photograph(frame.image, frame.t_s, positions, bound_s, fraction)
 
     def check_move(self, axis_name: str, position: float, speed: float) -> None:
         """Refuse a move that an axis may not make. Raises `LimitError`."""
@@ -327,25 +306,20 @@ class Rig:
         return supervise
 
     def ask(
-        self,
-        request: OperatorRequest,
-        offer: Offer = NO_OFFER,
-        *,
-        also: Callable[[], None] = lambda: None,
-        of_person: bool = False,
+        self, request: OperatorRequest, offer: Offer = NO_OFFER, also: Callable[[], None] = lambda: None
     ) -> Answer:
         """Let the operator do something; meanwhile the axes hold still and are supervised.
+
+        A pause is for the person, also where another operator answers, as on a simulated rig.
 
         Parameters
         ----------
         request : OperatorRequest
             What is asked.
         offer : Offer
-            What a person may choose instead; an operator that is no person is offered nothing.
+            What a person may choose instead; an operator that is no person chooses nothing.
         also : callable
             Called together with the supervision.
-        of_person : bool
-            Whether a person is asked even where another operator answers, as on a simulated rig.
 
         Raises
         ------
@@ -357,11 +331,9 @@ class Rig:
             self.supervise()
             also()
 
+        operator = self._person if isinstance(request, Paused) else self.operator
         try:
-            if of_person or self.needs_person:
-                operator = self._person if of_person else self.operator
-                return operator.ask(request, meanwhile, offer)
-            return self.operator.ask(request, meanwhile)
+            return operator.ask(request, meanwhile, offer)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
 
@@ -403,7 +375,9 @@ class Rig:
         if are_drives_lost(error):
             self._heartbeat.note_loss()
             if explained is error:
-                last = self._locate_needle(name_loss(error), ask=False)
+                axis = error.axis if isinstance(error, DriveError) else ""
+                lost = f"the drive of axis {axis} does" if axis else "the drives do"
+                last = self._locate_needle(f"{lost} not answer", ask=False)
                 self._alert(f"{last.motion}\nlast positions: {last.where}")
         self._is_ending = self._is_stopping = True
         for end in (self.stop, self._forget_lost_zeros):
@@ -429,8 +403,12 @@ class Rig:
         return self._locate_needle(self._unknown_motion, ask=True)
 
     def _locate_needle(self, unknown_motion: str, *, ask: bool) -> NeedleLocation:
-        last, now_s = self._supervisor.positions, self.clock.now_s()
-        return locate_needle(self.axes, self.state, last, now_s, unknown_motion, ask=ask)
+        last, now_s, known = self._supervisor.positions, self.clock.now_s(), self.state.referenced
+        axes = (
+            locate_axis(axis, last.get(name), now_s, referenced=name in known, ask=ask)
+            for name, axis in self._axes.items()
+        )
+        return NeedleLocation(unknown_motion, self.state, tuple(axes))
 
     # The needle
 
@@ -459,7 +437,7 @@ class Rig:
         """
         self.needle.refuse_in_tissue("no axis is homed", self.description.option)
         axis = self._axes[axis_name]
-        self.needle.note_reference(axis_name, known=False)
+        self.needle.forget_references([axis_name])
         try:
             for _ in axis.home(homing):
                 self.clock.sleep(_HOMING_LOOK_S)
@@ -467,7 +445,7 @@ class Rig:
             self.supervise()
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
-        self.needle.note_reference(axis_name, known=True)
+        self.needle.note_reference(axis_name)
 
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Refuse a homing that is not allowed, or cannot end with the current limit of this opening.
@@ -475,14 +453,11 @@ class Rig:
         Raises `SafetyStopError`, `LimitError`.
         """
         self.needle.refuse_in_tissue(f"axis {name} is not homed", self.description.option)
-        description = self.axis(name).description
-        direction = description.homing_direction(method)
+        axis, referenced = self.axis(name), self.state.referenced
         require_homing_allowed(
-            name, method, direction, needle_mounted=needle_mounted, referenced=self.state.referenced
+            axis.description, name, method, needle_mounted=needle_mounted, referenced=referenced
         )
-        require_homing_current(
-            name, description.homing_current_ma(method), self._opening.limit_ma(self.axis(name))
-        )
+        require_homing_current(axis.description, name, method, self._opening.limit_ma(axis))
 
     def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Home one axis by this method, with the settings of the rig file; the operator has confirmed it.

@@ -72,11 +72,7 @@ class RigCalls(Protocol):
 
     @property
     def needle(self) -> NeedleState:
-        """Where the needle is, and its roll zero, across runs."""
-
-    @property
-    def referenced(self) -> frozenset[str]:
-        """The axes that have their reference."""
+        """Where the needle is, its roll zero, and which axes have their reference, across runs."""
 
     def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis, all at one instant. Raises `DriveError`, `BusError`, `SafetyStopError`."""
@@ -103,12 +99,7 @@ class RigCalls(Protocol):
         """
 
     def ask(
-        self,
-        request: OperatorRequest,
-        offer: Offer = NO_OFFER,
-        *,
-        also: Callable[[], None] = lambda: None,
-        of_person: bool = False,
+        self, request: OperatorRequest, offer: Offer = NO_OFFER, also: Callable[[], None] = lambda: None
     ) -> Answer:
         """Let the operator do something; the axes hold still. Raises as `wait`."""
 

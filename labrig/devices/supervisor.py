@@ -40,6 +40,8 @@ from labrig.devices.position_supervision import InMotion, PositionReading, Posit
 from labrig.devices.stall import StallWatch
 from labrig.errors import POSITION_JUMPED, InterruptedRunError
 
+_SYNC = 0x080
+
 LOOK_S = 0.15
 """Axes that nobody has read for so long are read; targets are read back so often [s]."""
 
@@ -130,7 +132,7 @@ class Supervisor:
     def _look(self) -> None:
         """Read the axes that nobody has read of late, and look for stalls."""
         if self._heartbeat.now_s() - self.last_s >= LOOK_S:
-            self.read(_read_drive)
+            self.read(at_sync=False)
         for stall in self._stalls.values():
             stall.look(self._heartbeat.now_s())
 
@@ -139,27 +141,20 @@ class Supervisor:
         """How often the axes in motion have to be looked at [s]."""
         return min((stall.period_s for stall in self._stalls.values()), default=math.inf)
 
-    def read(
-        self, read: Callable[[Axis, float | None], DriveReading], sync: Callable[[], None] | None = None
-    ) -> dict[str, DriveReading]:
-        """Read every axis and judge what is read.
-
-        Parameters
-        ----------
-        read : callable
-            Reads an axis.
-        sync : callable or None
-            Sends the SYNC at which all are read, once the time was taken: a busy computer may be held up later.
+    def read(self, *, at_sync: bool = True) -> dict[str, DriveReading]:
+        """Read every axis and judge what is read; `at_sync` reads all at one instant, that of a SYNC.
 
         Raises
         ------
         DriveStrayedError, ForceGuardError, DriveError, BusError
         """
-        self.last_s = self._heartbeat.now_s()
-        if sync is not None:
-            sync()
-        since_s = None if sync is None else self.last_s
-        states = {name: read(axis, since_s) for name, axis in self._axes.items()}
+        self.last_s = self._heartbeat.now_s()  # before the SYNC: a busy computer may be held up later
+        if at_sync:
+            self._watch.link.send(_SYNC, b"")
+        states = {
+            name: axis.read(self.last_s) if at_sync else axis.drive.read()
+            for name, axis in self._axes.items()
+        }
         self.positions |= {name: (self.last_s, state.position) for name, state in states.items()}
         until_s = self._heartbeat.now_s()
         places = {name: PositionReading(self.last_s, until_s, each.position) for name, each in states.items()}
@@ -200,7 +195,3 @@ class Supervisor:
         ]
         if self._opening.hold_inputs:
             raise_together([excess for excess in excesses if excess is not None])
-
-
-def _read_drive(axis: Axis, since_s: float | None) -> DriveReading:
-    return axis.drive.read(since_s)

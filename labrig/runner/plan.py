@@ -73,7 +73,7 @@ def require_valid_calibration(plan: RunPlan, rig: Rig) -> None:
     """
     if plan.uses_calibration:
         for path in rig.description.calibration_paths().values():
-            require_calibrated_camera(rig.description.camera, path, rig.camera.settings.reported)
+            require_calibrated_camera(rig.description.camera, path, rig.camera.settings)
 
 
 def count_needed_bytes(plan: RunPlan, rig: RigDescription | None, share: float = 1.0) -> int:

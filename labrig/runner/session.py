@@ -203,7 +203,7 @@ class Session:
     @property
     def referenced(self) -> frozenset[str]:
         """The axes that have their reference."""
-        return self.rig.referenced
+        return frozenset(self.rig.needle.state.referenced)
 
     @property
     def is_referenced(self) -> bool:
@@ -450,10 +450,7 @@ class Session:
         offer = self.dialogue.make_offer(paused=paused)
         try:
             answer = self.rig.ask(
-                request,
-                offer,
-                also=self._look_for_continuation if paused else self._look_while_asking,
-                of_person=paused,
+                request, offer, self._look_for_continuation if paused else self._look_while_asking
             )
         except _ContinuedError as by:
             answer = Answer(confirmed=True, note=str(by))

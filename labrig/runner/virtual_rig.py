@@ -158,16 +158,10 @@ class VirtualRig(RigWithoutDevices):
         self.world = world
         self.refused: list[tuple[str, float, float, LimitError]] = []
         self._axes = {name: _Axis(axis) for name, axis in description.axes.items()}
-        self._referenced = frozenset(state.referenced)
         self._operator = SimulatedOperator(world, self._positions)
         self._picture_s = picture_s
         self._period_s = 1.0 / description.recording.state_rate_hz
         self._turned_at_mm = self._rotation_rad = 0.0
-
-    @property
-    def referenced(self) -> frozenset[str]:
-        """The axes that have their reference."""
-        return self._referenced
 
     def _positions(self) -> dict[str, float]:
         now_s = self.clock.now_s()
@@ -237,9 +231,7 @@ class VirtualRig(RigWithoutDevices):
         self,
         request: OperatorRequest,
         offer: Offer = NO_OFFER,
-        *,
         also: Callable[[], None] = lambda: None,  # noqa: ARG002 - never waits
-        of_person: bool = False,  # noqa: ARG002 - there is none
     ) -> Answer:
         """Let the simulated operator do it."""
         return self._operator.ask(request, lambda: None, offer)
@@ -250,7 +242,6 @@ class VirtualRig(RigWithoutDevices):
         for axis in self._axes.values():
             axis.set_zero(self.clock.now_s())
         self.clock.sleep(_REFERENCING_S)
-        self._referenced = frozenset(AXES)
         self.needle.update(referenced=AXES, roll_zero=None)
 
     def stop(self) -> None:

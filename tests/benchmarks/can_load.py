@@ -39,7 +39,7 @@ def open_served_rig() -> Iterator[Rig]:
             bus = {"interface": "slcan", "channel": channel, "sleep_after_open": 0}
             with bench_rig(bench_description(bus), Path(folder)) as rig:
                 rig.reference_axes()
-                rig.insertion.start_move(100.0, 1.0)
+                rig.axis("insertion").start_move(100.0, 1.0)
                 yield rig
                 rig.close()
         finally:

@@ -49,7 +49,7 @@ def main(rig_file: Path, runs_dir: Path) -> None:
             ("insertion", 0.8, 5.0),
         ):
             session.move(axis, position, session.axis(axis).nearest_speed(speed))
-        rig.insertion.start_move(40.0, 1.0)
+        rig.axis("insertion").start_move(40.0, 1.0)
         rig.wait(0.3)
         os.kill(os.getpid(), signal.SIGKILL)
 

@@ -23,7 +23,7 @@ def main(bus: str, folder: str) -> None:
     )
     with bench_rig(description, Path(folder)) as rig:
         rig.reference_axes()
-        rig.insertion.start_move(119.0, SPEED_MM_S)
+        rig.axis("insertion").start_move(119.0, SPEED_MM_S)
         sys.stdout.write("moving\n")
         sys.stdout.flush()
         while True:

@@ -52,8 +52,8 @@ def test_an_exchange_without_end_is_no_supervision() -> None:
     with opened_rig() as opened, listening(opened) as heard:
         opened.rig.connect()
         opened.rig.reference_axes()
-        opened.rig.insertion.start_move(100.0, 5.0)
-        drive, clock = opened.rig.insertion.drive, opened.hardware.clock
+        opened.rig.axis("insertion").start_move(100.0, 5.0)
+        drive, clock = opened.rig.axis("insertion").drive, opened.hardware.clock
         assert isinstance(drive, Cia402Drive)
         opened.rig.wait(0.1)
         began_s = clock.now_s()

@@ -221,8 +221,8 @@ def test_stopping_from_outside_stops_every_drive() -> None:
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
-        opened.rig.insertion.start_move(100.0, 1.0)
-        opened.rig.linear.start_move(100.0, 5.0)
+        opened.rig.axis("insertion").start_move(100.0, 1.0)
+        opened.rig.axis("linear").start_move(100.0, 5.0)
         opened.rig.wait(1.0)
         link = opened.hardware.open_link()
         done = stop_drives(TARGET, link, opened.hardware.clock)
@@ -260,7 +260,7 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
-        opened.rig.linear.start_move(100.0, 5.0)
+        opened.rig.axis("linear").start_move(100.0, 5.0)
         opened.rig.wait(1.0)
         opened.drives["insertion"].unplug()
         with pytest.raises(SafetyStopError, match=r"axis insertion \(node 1\) did not answer.*sent NMT stop"):

@@ -122,7 +122,7 @@ def test_a_referenced_drive_gets_changed_limits(tmp_path: Path) -> None:
         drive = opened.drives["insertion"]
         drive.objects.put(co.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
         opened.rig.connect()
-        assert opened.rig.insertion.referenced
+        assert opened.rig.axis("insertion").referenced
         assert _value(opened, co.UPPER_LIMIT) == 120 * QUADCOUNTS_PER_MM + 20
 
 
@@ -143,7 +143,7 @@ def test_each_homing_method_has_its_direction(method: int) -> None:
         )
         first = next(place for place in went if place)
         assert first * HOMING_DIRECTIONS[method] > 0
-        assert opened.rig.insertion.referenced
+        assert opened.rig.axis("insertion").referenced
         assert opened.rig.read_states()["insertion"].position == pytest.approx(0.0, abs=1e-3)
 
 
@@ -161,7 +161,7 @@ def test_a_signal_ends_a_homing() -> None:
         homing = opened.drives["insertion"].journal.last("homing")
         assert homing is not None
         assert homing.text == "stopped"
-        assert not opened.rig.insertion.referenced
+        assert not opened.rig.axis("insertion").referenced
         assert "insertion" not in opened.rig.state.referenced
 
 

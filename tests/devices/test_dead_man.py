@@ -214,12 +214,12 @@ def test_a_second_master_on_a_real_bus_is_told_from_ourselves(tmp_path: Path) ->
         description = bench_description(served.reached_by, *PATIENT)
         with served.open() as other, bench_rig(description, tmp_path) as rig:
             rig.reference_axes()
-            rig.insertion.start_move(100.0, 1.0)
+            rig.axis("insertion").start_move(100.0, 1.0)
             for _ in range(5):
                 rig.wait(0.1)
                 rig.read_states()
             other.send(can.Message(arbitration_id=RETARGET[0], data=RETARGET[1], is_extended_id=False))
             with pytest.raises(SecondMasterError, match="writes object 0x607A:00"):
                 rig.wait(30.0)
-            assert decode_state(rig.insertion.drive.read().statusword) is DriveState.OPERATION_ENABLED
+            assert decode_state(rig.axis("insertion").drive.read().statusword) is DriveState.OPERATION_ENABLED
             rig.close()

@@ -19,7 +19,7 @@ from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 def _moving(opened: OpenedRig) -> None:
     opened.rig.connect()
     opened.rig.reference_axes()
-    opened.rig.insertion.start_move(100.0, 5.0)
+    opened.rig.axis("insertion").start_move(100.0, 5.0)
     opened.rig.wait(1.0)
 
 
@@ -42,7 +42,7 @@ def test_backlash_is_always_taken_up_from_below() -> None:
         opened.rig.connect()
         opened.rig.reference_axes()
         for target in (10.0, 5.0):
-            opened.rig.insertion.start_move(target, 5.0)
+            opened.rig.axis("insertion").start_move(target, 5.0)
             reached = [_read(opened)]
             while not reached[-1].target_reached:
                 opened.rig.wait(0.05)

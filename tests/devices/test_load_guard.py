@@ -95,7 +95,7 @@ def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_wit
     with opened_rig(simulated_rig(LIMIT)) as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
-        opened.rig.linear.start_move(90.0, speed)
+        opened.rig.axis("linear").start_move(90.0, speed)
         opened.rig.wait(1.0)
         opened.drives["linear"].block()
         blocked_s = opened.hardware.clock.now_s()
@@ -105,7 +105,7 @@ def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_wit
         stopped_s = next(event.t_s for event in events if event.kind == "brake")
         assert stopped_s - blocked_s < told_within_s
         # From 20 mm/s it brakes over a whole millimetre, and its drive fails on the way.
-        assert bool(opened.rig.linear.drive.faults()) is (speed > 5)
+        assert bool(opened.rig.axis("linear").drive.faults()) is (speed > 5)
 
 
 def test_an_open_door_keeps_a_rig_from_opening() -> None:
@@ -139,7 +139,7 @@ def test_a_gel_that_resists_shows_in_current_and_force() -> None:
         world = opened.hardware.world
         world.place_specimen("gel-10", 10.0)
         world.mount_needle("N1")
-        opened.rig.insertion.start_move(100.0, 20.0)
+        opened.rig.axis("insertion").start_move(100.0, 20.0)
         opened.rig.wait(3.3)
         state = opened.rig.read_states()["insertion"]
         force_n = 0.5 + 0.02 * state.position

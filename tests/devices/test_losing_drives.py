@@ -22,14 +22,14 @@ def _moving() -> Iterator[OpenedRig]:
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
-        opened.rig.insertion.start_move(100.0, 5.0)
+        opened.rig.axis("insertion").start_move(100.0, 5.0)
         opened.rig.wait(0.5)
         yield opened
 
 
 def _move_on(rig: Rig) -> None:
     rig.reference_axes()
-    rig.linear.start_move(50.0, 5.0)
+    rig.axis("linear").start_move(50.0, 5.0)
     while True:
         rig.wait(0.1)
         rig.read_states()

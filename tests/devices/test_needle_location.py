@@ -25,7 +25,7 @@ def _moving(alerts: list[tuple[float, str]]) -> Iterator[OpenedRig]:
         rig.connect()
         rig.reference_axes()
         rig.needle.mark_in_tissue("run-1")
-        rig.insertion.start_move(100.0, 5.0)
+        rig.axis("insertion").start_move(100.0, 5.0)
         for _ in range(20):
             rig.wait(0.05)
             rig.read_states()

@@ -190,7 +190,7 @@ def require_still(opened: OpenedRig) -> None:
 def test_another_target_is_read_back_while_the_axis_moves() -> None:
     """A target of 60 instead of 24 mm is told within 0.2 s, long before the axis is there."""
     with opened_rig() as opened:
-        ready(opened).rig.insertion.start_move(24.0, 5.0)
+        ready(opened).rig.axis("insertion").start_move(24.0, 5.0)
         opened.rig.wait(1.0)
         retarget(opened, "insertion", 240_000)
         began_s = opened.rig.clock.now_s()
@@ -209,8 +209,8 @@ def test_another_target_is_read_back_while_the_axis_moves() -> None:
 def test_an_axis_that_idles_is_watched_while_the_rig_waits_and_asks(asking: bool) -> None:
     """Nobody reads states then: the rig does, and stops an axis that somebody drives away, within 0.2 s."""
     with opened_rig() as opened:
-        ready(opened).rig.linear.start_move(15.0, 10.0)
-        arrive(opened, opened.rig.linear)
+        ready(opened).rig.axis("linear").start_move(15.0, 10.0)
+        arrive(opened, opened.rig.axis("linear"))
         objects = opened.drives["linear"].objects
         for value in (-2000, 0x0F, 0x7F, 0x0F):
             objects.put(co.TARGET_POSITION if value < 0 else co.CONTROLWORD, value)
@@ -237,7 +237,7 @@ def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
     """A backlash compensated, a target changed on the way, a stop, a jog and a homing are what labrig does itself."""
     with opened_rig(simulated_rig("axes.insertion.backlash=0.2")) as opened:
         ready(opened)
-        insertion = opened.rig.insertion
+        insertion = opened.rig.axis("insertion")
         insertion.start_move(10.0, 5.0)
         opened.rig.wait(1.0)
         insertion.start_move(14.0, 2.0)
@@ -255,5 +255,5 @@ def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
         opened.rig.wait(1.0)
         opened.rig.assume_positions({"rotation": 1.0})
         opened.rig.wait(1.0)
-        opened.rig.rotation.start_move(0.0, math.pi)
-        arrive(opened, opened.rig.rotation)
+        opened.rig.axis("rotation").start_move(0.0, math.pi)
+        arrive(opened, opened.rig.axis("rotation"))

@@ -27,7 +27,7 @@ def test_a_pulled_adapter_is_a_bus_error_and_the_drive_stops_by_itself(tmp_path:
         drive = served.drives[1]
         with bench_rig(description, tmp_path) as rig:
             rig.reference_axes()
-            rig.insertion.start_move(119.0, SPEED_MM_S)
+            rig.axis("insertion").start_move(119.0, SPEED_MM_S)
             _pull(served)
             with pytest.raises(BusError, match=r"the CAN (adapter is gone|bus took no frame)"):
                 rig.wait(60.0)

@@ -24,7 +24,7 @@ def _opened() -> Iterator[OpenedRig]:
 def test_a_move_takes_the_time_that_it_takes_on_a_bench(opened: OpenedRig) -> None:
     """5 mm at 10 mm/s and 50 mm/s2: 0.5 s and the ramps, by another clock."""
     clock = SystemClock()
-    opened.rig.linear.start_move(5.0, 10.0)
+    opened.rig.axis("linear").start_move(5.0, 10.0)
     while not opened.rig.read_states()["linear"].target_reached:
         opened.rig.wait(0.02)
     assert 0.7 <= clock.now_s() < TIMEOUT_S
@@ -33,7 +33,7 @@ def test_a_move_takes_the_time_that_it_takes_on_a_bench(opened: OpenedRig) -> No
 
 def test_a_picture_has_the_time_at_which_the_axes_stood_as_it_shows(opened: OpenedRig) -> None:
     """While an axis moves, its time lies within the call, and it is known by far less than a period."""
-    opened.rig.linear.start_move(20.0, 5.0)
+    opened.rig.axis("linear").start_move(20.0, 5.0)
     before_s = opened.rig.clock.now_s()
     frame = opened.rig.camera.capture()
     assert before_s <= frame.t_s <= opened.rig.clock.now_s()
@@ -43,7 +43,7 @@ def test_a_picture_has_the_time_at_which_the_axes_stood_as_it_shows(opened: Open
 
 def test_a_labrig_that_hangs_stops_the_drives(opened: OpenedRig) -> None:
     """Time passes for the drives while labrig does nothing: they miss its heartbeat, as on a bench."""
-    opened.rig.linear.start_move(100.0, 5.0)
+    opened.rig.axis("linear").start_move(100.0, 5.0)
     opened.rig.wait(0.1)
     SystemClock().sleep(TIMEOUT_S + 0.5)
     with pytest.raises(DriveError):
@@ -61,7 +61,7 @@ def test_a_fault_comes_while_nobody_commands_anything() -> None:
         opened.rig.reference_axes()
 
         def move_and_wait() -> None:
-            opened.rig.linear.start_move(100.0, 5.0)
+            opened.rig.axis("linear").start_move(100.0, 5.0)
             opened.rig.wait(10.0)
 
         with pytest.raises(DriveError, match="0x8611"):
@@ -71,7 +71,6 @@ def test_a_fault_comes_while_nobody_commands_anything() -> None:
 def test_the_person_is_asked_and_the_world_does_what_their_hands_would(opened: OpenedRig) -> None:
     """A confirmed request is done; a reading is shown beside its question, since nobody could see it."""
     rig = opened.rig
-    assert rig.needs_person
     rig.ask(MountNeedle("N1"))
     rig.ask(PlaceSpecimen("gel", 13.0))
     assert opened.hardware.world.truth()["specimen"] == "gel"

@@ -12,7 +12,7 @@ SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
 def _moving(opened: OpenedRig) -> None:
     opened.rig.connect()
     opened.rig.reference_axes()
-    opened.rig.insertion.start_move(100.0, 5.0)
+    opened.rig.axis("insertion").start_move(100.0, 5.0)
     opened.rig.wait(1.0)
     opened.rig.take_can_frames()
 
@@ -69,7 +69,7 @@ def test_a_missing_report_is_requested_and_counted() -> None:
         opened.drives["rotation"].mute(1)
         states = opened.rig.read_states()
         assert states["rotation"].position == 0.0
-        assert opened.rig.rotation.drive.describe()["retries"] == 1
+        assert opened.rig.axis("rotation").drive.describe()["retries"] == 1
         assert 0x602 in _frames(opened)
 
 

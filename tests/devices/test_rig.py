@@ -19,7 +19,7 @@ from tests.devices.rigs import OpenedRig, Person, Signal, epos2_drives, opened_r
 
 
 def _go(opened: OpenedRig, axis: str, position: float, speed: float) -> None:
-    getattr(opened.rig, axis).start_move(position, speed)
+    opened.rig.axis(axis).start_move(position, speed)
     while not opened.rig.read_states()[axis].target_reached:
         opened.rig.wait(0.1)
 
@@ -58,7 +58,7 @@ def test_moves_arrive_in_millimetres_and_radians() -> None:
 def test_a_setpoint_has_requested_and_sent_values() -> None:
     """Position and speed are rounded on the wire; the rounded values are reported too."""
     with opened_rig(simulated_rig("axes.rotation.speed_tolerance_fraction=0.05")) as opened:
-        setpoint = _ready(opened).rig.rotation.start_move(1.0, 1.0)
+        setpoint = _ready(opened).rig.axis("rotation").start_move(1.0, 1.0)
         assert (setpoint.asked_position, setpoint.sent) == (1.0, {"sent_quadcounts": 5093, "sent_rpm": 153})
         assert setpoint.position == pytest.approx(1.0, abs=1e-4)
         assert setpoint.speed == pytest.approx(153 * 2 * math.pi / 960)
@@ -80,7 +80,7 @@ def test_a_move_beyond_a_limit_sends_nothing(position: float, speed: float, word
     with opened_rig() as opened:
         _ready(opened)
         with pytest.raises(LimitError, match=words):
-            opened.rig.insertion.start_move(position, speed)
+            opened.rig.axis("insertion").start_move(position, speed)
         assert _still(opened)
 
 
@@ -98,7 +98,7 @@ def test_an_axis_without_reference_does_not_move() -> None:
     with opened_rig() as opened:
         opened.rig.connect()
         with pytest.raises(SafetyStopError, match="not referenced"):
-            opened.rig.insertion.start_move(1.0, 1.0)
+            opened.rig.axis("insertion").start_move(1.0, 1.0)
 
 
 def test_a_reversed_axis_turns_its_motor_the_other_way() -> None:
@@ -116,7 +116,7 @@ def test_a_move_that_takes_far_too_long_is_an_error() -> None:
     with opened_rig() as opened:
         _ready(opened)
         opened.drives["insertion"].objects.put(co.POSITION_WINDOW_TIME, 60_000)
-        opened.rig.insertion.start_move(1.0, 1.0)
+        opened.rig.axis("insertion").start_move(1.0, 1.0)
         opened.rig.wait(2.0)
         assert not opened.rig.read_states()["insertion"].target_reached
         opened.rig.wait(3.0)
@@ -131,10 +131,13 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
     """An axis that starts again after the halt is quick-stopped."""
     with opened_rig() as opened:
         _ready(opened)
-        opened.rig.insertion.start_move(100.0, 1.0)
+        opened.rig.axis("insertion").start_move(100.0, 1.0)
         opened.rig.wait(1.0)
-        assert wait_for_all({"one": opened.rig.insertion.wait_until_still()}, opened.rig._heartbeat) == {}
-        driver = opened.rig.insertion.drive
+        assert (
+            wait_for_all({"one": opened.rig.axis("insertion").wait_until_still()}, opened.rig._heartbeat)
+            == {}
+        )
+        driver = opened.rig.axis("insertion").drive
         assert isinstance(driver, Cia402Drive)
         statusword = driver.statusword()
         assert _still(opened)
@@ -145,7 +148,7 @@ def test_three_axes_are_stopped_in_parallel() -> None:
     """It takes the deceleration and the standstill time once, not once per axis."""
     with opened_rig() as opened:
         _ready(opened)
-        opened.rig.insertion.start_move(100.0, 1.0)
+        opened.rig.axis("insertion").start_move(100.0, 1.0)
         opened.rig.wait(1.0)
         before_s = opened.rig.clock.now_s()
         opened.rig.stop()
@@ -160,7 +163,7 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
         with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
             opened.append(rig._hardware)
             rig.reference_axes()
-            rig.insertion.start_move(40.0, 1.0)
+            rig.axis("insertion").start_move(40.0, 1.0)
             rig.wait(1.0)
             raise ZeroDivisionError
 
@@ -228,7 +231,7 @@ def test_a_reference_that_the_drive_lacks_does_not_count(tmp_path: Path) -> None
     with opened_rig(description) as opened:
         opened.rig.connect()
         assert opened.rig.state.referenced == ()
-        assert not opened.rig.insertion.referenced
+        assert not opened.rig.axis("insertion").referenced
 
 
 # Camera, operator, truth
@@ -238,7 +241,6 @@ def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
     """Its requests set needle, specimen and hole; no person is asked."""
     with opened_rig() as opened:
         _ready(opened)
-        assert not opened.rig.needs_person
         for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 2, 20.0)):
             assert opened.rig.ask(request).confirmed
         _go(opened, "linear", 15.0, 5.0)

@@ -70,16 +70,17 @@ def test_a_picture_that_began_before_its_command_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("t_s", "fraction", "bound_s"),
-    [(1.25, 0.25, 0.04), (0.9, 0.0, 0.14), (2.1, 1.0, 0.14)],
+    ("t_s", "t_bound_s", "placed"),
+    [
+        (1.25, 0.04, (0.25, 0.04)),
+        (0.9, 0.04, (0.0, 0.14)),
+        (2.1, 0.04, (1.0, 0.14)),
+        (1.25, None, (None, None)),
+    ],
 )
-def test_a_frame_lies_between_two_readings(t_s: float, fraction: float, bound_s: float) -> None:
-    """It is placed by its own time; a time outside the readings widens its bound."""
-    frame = Frame(FakeCapture(Computer()).retrieve()[1], t_s, 0, t_bound_s=0.04).between(1.0, 2.0)
-    assert (frame.fraction, frame.t_bound_s) == (pytest.approx(fraction), pytest.approx(bound_s))
-
-
-def test_a_frame_of_exact_time_has_no_bound() -> None:
-    """A simulated picture has the time of the call."""
-    frame = Frame(FakeCapture(Computer()).retrieve()[1], 1.25, 0).between(1.0, 2.0)
-    assert (frame.t_bound_s, frame.fraction) == (None, None)
+def test_a_frame_lies_between_two_readings(
+    t_s: float, t_bound_s: float | None, placed: tuple[float | None, float | None]
+) -> None:
+    """It is placed by its own time; a time outside them widens its bound, that of a call has none."""
+    frame = Frame(FakeCapture(Computer()).retrieve()[1], t_s, t_bound_s)
+    assert frame.place_between(1.0, 2.0) == (placed if t_bound_s is None else pytest.approx(placed))

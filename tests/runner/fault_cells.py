@@ -667,5 +667,5 @@ def _withdrawal_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str
     outcome = conduct_withdrawal(Session(rig, recorder, Told()), run_name, path, path[-1])
     if outcome.exit_status != "success" or rig.state.needle_in_tissue is not False:
         yield f"withdrawal: {outcome.reason}"
-    if rig.insertion.referenced and abs(cell.drive.shaft_counts) > _OUT_COUNTS:
+    if rig.axis("insertion").referenced and abs(cell.drive.shaft_counts) > _OUT_COUNTS:
         yield f"withdrawal left the needle at {cell.drive.shaft_counts} counts"

@@ -92,7 +92,7 @@ def test_a_disk_that_takes_500_ms_for_everything_delays_no_beat(tmp_path: Path) 
         opened.rig.connect()
         opened.rig.needle.mark_out()
         opened.rig.reference_axes()
-        opened.rig.insertion.start_jog(1.0, 1.0)
+        opened.rig.axis("insertion").start_jog(1.0, 1.0)
         opened.rig.wait(1.5)
         opened.rig.close()
         assert heard.longest_gap_s <= LONGEST_GAP_S

@@ -143,8 +143,9 @@ def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path)
     """After a power cut the needle is withdrawn from confirmed positions."""
     with bench(tmp_path, sweep()) as rig:
         _turn_in_gel(rig)
-        axis = rig.opened.rig.insertion
+        axis = rig.opened.rig.axis("insertion")
         axis.referenced = False
+        rig.opened.rig.needle.forget_references(["insertion"])
         axis.assume_position(14.5)
         watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
         path = (

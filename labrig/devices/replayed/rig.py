@@ -106,12 +106,6 @@ class ReplayedRig(RigWithoutDevices):
                 f"the manifest of {run.path} does not say the state of its rig: {error}", COPY_HINT
             ) from error
         self.needle = NeedleState(None, state)
-        self._referenced = frozenset(state.referenced)
-
-    @property
-    def referenced(self) -> frozenset[str]:
-        """The axes that had their reference."""
-        return self._referenced
 
     def read_states(self) -> Mapping[str, DriveReading]:
         """Return the next recorded reading."""
@@ -149,9 +143,7 @@ class ReplayedRig(RigWithoutDevices):
         self,
         request: OperatorRequest,
         offer: Offer = NO_OFFER,  # noqa: ARG002 - what was chosen is recorded
-        *,
         also: Callable[[], None] = lambda: None,  # noqa: ARG002
-        of_person: bool = False,  # noqa: ARG002
     ) -> Answer:
         """Return the answer to the next recorded question, which has to be of this kind."""
         line = self._tape.expect(OperatorQuestion.kind, f"question {type(request).__name__}: {request.text}")
@@ -161,7 +153,6 @@ class ReplayedRig(RigWithoutDevices):
 
     def reference_axes(self) -> None:
         """Note that the axes stand at zero."""
-        self._referenced = frozenset(AXES)
         self.needle.update(referenced=AXES, roll_zero=None)
 
     def stop(self) -> None:

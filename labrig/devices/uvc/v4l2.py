@@ -8,7 +8,6 @@ v4l2-controls.h.
 import fcntl
 import os
 import struct
-import sys
 from dataclasses import dataclass
 
 from labrig.errors import CameraError
@@ -69,10 +68,6 @@ class V4l2Controls:
 
     def __init__(self, device: str) -> None:
         self._device = device
-        if sys.platform == "win32":
-            raise CameraError(
-                f"camera {device} cannot be set: its controls need Linux", "use a simulated rig here"
-            )
         try:
             self._handle = os.open(device, os.O_RDWR | os.O_NONBLOCK)
         except OSError as error:

@@ -112,7 +112,7 @@ def test_without_a_reference_the_needle_is_only_asked_about(
     """If a drive has lost its reference, no withdrawal is offered."""
     with bench(tmp_path, protocol) as at:
         run = _stop_while_inserting(at, protocol)
-        at.opened.rig.linear.referenced = False
+        at.opened.rig.needle.forget_references(["linear"])
         at.opened.rig.operator = watched = Watched(at.opened.rig.operator, declines=ConfirmNeedleOut)
         outcome, _ = _go_on(at, protocol, run)
     assert [type(request) for request in watched.asked] == [ConfirmNeedleOut]

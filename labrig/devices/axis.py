@@ -17,10 +17,6 @@ _SAME_TARGET = 1e-6
 """Targets that differ by less are the same [mm or rad]."""
 
 
-_Place = tuple[float, float]
-"""An instant [s], and where the axis is, read then or later [mm or rad]."""
-
-
 class Axis:
     """One axis; made by `open_rig`.
 
@@ -87,13 +83,10 @@ class Axis:
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 f"first: labrig devices home --axis {self.name} --rig FILE",
             )
-        move, beyond = self.drive.round_move(position, speed), self._beyond(position)
-        here = self._place()
-        self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed, here[1])
-        self._go(here, position, speed, beyond)
-        return move
+        self._start(position, speed, self._beyond(position))
+        return self.drive.round_move(position, speed)
 
-    def start_jog(self, distance: float, speed: float) -> float:
+    def start_jog(self, distance: float, speed: float) -> None:
         """Start a relative move, referenced or not; `read` tells when it is done.
 
         Backlash is not compensated. The limits of the rig file hold if the axis has a reference.
@@ -105,25 +98,17 @@ class Axis:
         speed : float
             How fast at most [mm/s or rad/s].
 
-        Returns
-        -------
-        float
-            The achieved speed, after rounding [mm/s or rad/s].
-
         Raises
         ------
         LimitError
             Before anything is sent.
         DriveError, BusError
         """
-        here = self._place()
         achieved = self.description.nearest_speed(min(speed, self.max_speed))
-        target = here[1] + distance
+        target = self.drive.position() + distance
         if self.referenced:
             self.description.check_move(self.name, target, achieved)
-        self._due_s = self._clock.now_s() + self._longest_s(target, achieved, here[1])
-        self._go(here, target, achieved, None)
-        return achieved
+        self._start(target, achieved, None)
 
     def _beyond(self, position: float) -> float | None:
         """Return where a downward move turns round, so that it ends from below; None if it need not.
@@ -144,14 +129,21 @@ class Axis:
             )
         return position - backlash
 
-    def _place(self) -> _Place:
-        return self._clock.now_s(), self.drive.position()
+    def _start(self, target: float, speed: float, beyond: float | None) -> None:
+        """Start a move, by way of where it turns round; it is overdue after its own time, window time and a margin."""
+        here = self._clock.now_s(), self.drive.position()
+        distance = abs(target - here[1]) + 2 * self.description.backlash
+        ramps_s = 4 * speed / self.description.acceleration
+        window_s = self.description.position_window_time_ms / 1000
+        longest_s = (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
+        self._due_s = here[0] + longest_s
+        self._then = None if beyond is None else (target, speed)
+        self._go(here, target if beyond is None else beyond, speed)
 
-    def _go(self, here: _Place, target: float, speed: float, beyond: float | None) -> None:
+    def _go(self, here: tuple[float, float], goal: float, speed: float) -> None:
+        """Send a move, from where the axis was read at an instant [s] or later [mm or rad]."""
         self._inside_since_s = None
         self._moves = True
-        self._then = None if beyond is None else (target, speed)
-        goal = target if beyond is None else beyond
         self.drive.start_move(goal, speed)
         move = self.drive.round_move(goal, speed)
         self.sent_target = move.position
@@ -162,13 +154,6 @@ class Axis:
             (move.position, move.speed),
             (here[0], self._clock.now_s()),
         )
-
-    def _longest_s(self, target: float, speed: float, here: float) -> float:
-        """Return the longest time that a move may take: its own time, window time and a margin."""
-        distance = abs(target - here) + 2 * self.description.backlash
-        ramps_s = 4 * speed / self.description.acceleration
-        window_s = self.description.position_window_time_ms / 1000
-        return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
 
     def read(self, since_s: float | None = None) -> DriveReading:
         """Read statusword and position, as `Drive.read`.
@@ -185,13 +170,14 @@ class Axis:
         read = self.drive.read(since_s)
         reached = self._has_arrived(arrived=read.target_reached)
         if reached and self._then is not None:
-            target, speed = self._then
-            self._go((self._clock.now_s(), read.position), target, speed, None)
+            (target, speed), self._then = self._then, None
+            self._go((self._clock.now_s(), read.position), target, speed)
             reached = False
         if reached:
             self._due_s = None
-            self._expect_rest()
-        elif self._is_overdue():
+            if isinstance(self.expected, InMotion):
+                self.expected = AtRest(self.expected.profile.end_position)
+        elif self._due_s is not None and self._inside_since_s is None and self._clock.now_s() > self._due_s:
             raise DriveError(
                 f"axis {self.name} stands at {read.position:.4g} {self.unit} "
                 "and has not arrived in good time",
@@ -216,15 +202,6 @@ class Axis:
                 "find the other program on the bus that commands it, and end it",
                 fault=TARGET_CHANGED,
             )
-
-    def _expect_rest(self) -> None:
-        """Expect an axis that has arrived to stay at its target."""
-        if isinstance(self.expected, InMotion):
-            self.expected = AtRest(self.expected.profile.end_position)
-
-    def _is_overdue(self) -> bool:
-        """Tell whether an axis is still on its way when its move should long be done."""
-        return self._due_s is not None and self._inside_since_s is None and self._clock.now_s() > self._due_s
 
     def _has_arrived(self, *, arrived: bool) -> bool:
         """Tell whether every reading during the window time said so, with its position in the window."""

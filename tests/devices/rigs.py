@@ -184,3 +184,17 @@ def opened_rig(
     yield OpenedRig(rig, hardware, signal, person)
     link.close()
     hardware.close()
+
+
+@contextmanager
+def ready_rig(
+    *overrides: str, opening: Opening = WHOLE, moves: tuple[str, float, float] | None = None
+) -> Iterator[OpenedRig]:
+    """Open a simulated rig, connected and referenced, in which an axis may move to a position at a speed."""
+    with opened_rig(simulated_rig(*overrides), opening=opening) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        if moves is not None:
+            opened.rig.axis(moves[0]).start_move(*moves[1:])
+            opened.rig.wait(1.0)
+        yield opened

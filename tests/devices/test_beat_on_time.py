@@ -11,7 +11,7 @@ from labrig.devices.heartbeat import LONGEST_EXCHANGE_S, HeartbeatClock
 from labrig.devices.rig_file import RigDescription
 from tests.devices.beats import listening, require_no_fault
 from tests.devices.cia402.sections import section_of
-from tests.devices.rigs import opened_rig, simulated_rig
+from tests.devices.rigs import opened_rig, ready_rig, simulated_rig
 
 PERIOD_S, TIMEOUT_S = 0.1, 0.5
 ONE_WAY_S = 0.01
@@ -49,9 +49,7 @@ def test_answers_of_20_ms_delay_no_beat(kind: str, tmp_path: Path) -> None:
 
 def test_an_exchange_without_end_is_no_supervision() -> None:
     """A labrig that goes on asking drives and supervises nothing stops beating, and the moving axis stops."""
-    with opened_rig() as opened, listening(opened) as heard:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig() as opened, listening(opened) as heard:
         opened.rig.axis("insertion").start_move(100.0, 5.0)
         drive, clock = opened.rig.axis("insertion").drive, opened.hardware.clock
         assert isinstance(drive, Cia402Drive)

@@ -11,6 +11,7 @@ from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.epos2 import HOMING_DIRECTIONS
 from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
+from labrig.devices.rig import Rig
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
@@ -35,9 +36,9 @@ def _rig(*overrides: str) -> AbstractContextManager[OpenedRig]:
     return opened_rig(simulated_rig(*settings, *overrides))
 
 
-def _connect_and_reference(opened: OpenedRig) -> None:
-    opened.rig.connect()
-    opened.rig.reference_axes()
+def _connect_and_reference(rig: Rig) -> None:
+    rig.connect()
+    rig.reference_axes()
 
 
 def _value(opened: OpenedRig, entry: Place) -> int:
@@ -71,7 +72,7 @@ def test_a_setting_that_the_drive_does_not_keep_is_refused(place: Place) -> None
         kept, name = objects.values[place], objects._objects[place].name
         objects._live = {**objects._live, place: lambda: kept}
         with pytest.raises(DriveError, match=f"kept {name} .{place}. at {kept} when"):
-            _connect_and_reference(opened)
+            _connect_and_reference(opened.rig)
 
 
 def _list_writes(opened: OpenedRig) -> list[int]:
@@ -151,14 +152,13 @@ def test_a_signal_ends_a_homing() -> None:
     """The axis halts, stands still and has no reference, and the run counts as interrupted."""
     with _rig() as opened:
         opened.rig.connect()
+        drive = opened.drives["insertion"]
         opened.hardware.clock.on_advance(
-            lambda: (
-                setattr(opened.signal, "name", "SIGTERM") if opened.drives["insertion"].is_homing else None
-            )
+            lambda: setattr(opened.signal, "name", "SIGTERM" if drive.is_homing else None)
         )
         with pytest.raises(InterruptedRunError, match="SIGTERM"):
             opened.rig.home("insertion", Homing(-3, timeout_s=60.0))
-        homing = opened.drives["insertion"].journal.last("homing")
+        homing = drive.journal.last("homing")
         assert homing is not None
         assert homing.text == "stopped"
         assert not opened.rig.axis("insertion").referenced

@@ -13,7 +13,7 @@ from labrig.devices.operator import NO_OFFER, Answer, ClearBench, Offer, Operato
 from labrig.errors import (
     InterruptedRunError,
 )
-from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, opened_rig, ready_rig
 
 
 def _moving(opened: OpenedRig) -> None:
@@ -38,9 +38,7 @@ def test_drives_that_share_a_cob_id_get_their_own() -> None:
 
 def test_backlash_is_always_taken_up_from_below() -> None:
     """A downward move passes its target by the backlash and comes back."""
-    with opened_rig(simulated_rig("axes.insertion.backlash=0.5")) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig("axes.insertion.backlash=0.5") as opened:
         for target in (10.0, 5.0):
             opened.rig.axis("insertion").start_move(target, 5.0)
             reached = [_read(opened)]

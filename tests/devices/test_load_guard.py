@@ -10,7 +10,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.opening import Opening
 from labrig.devices.rig import Rig
 from labrig.errors import DriveError, ForceGuardError
-from tests.devices.rigs import OpenedRig, Person, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, Person, opened_rig, ready_rig, simulated_rig
 
 LIMIT = "axes.linear.max_current_ma=800"
 DOOR = "axes.linear.inputs={door: {source: general-A, expected: true}}"
@@ -51,26 +51,24 @@ def test_the_lower_limit_of_rig_file_and_opening_holds(given_ma: int, in_force_m
         assert limit_of(opened) == in_force_ma
 
 
-def test_a_limit_above_that_of_the_drive_is_refused_with_both() -> None:
-    """Nothing has been switched on."""
-    with (
-        opened_rig(simulated_rig("axes.linear.max_current_ma=12000")) as opened,
-        pytest.raises(
-            DriveError, match="limits its current to 10000 mA, the rig file says max_current_ma 12000"
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        (
+            "axes.linear.max_current_ma=12000",
+            "limits its current to 10000 mA, the rig file says max_current_ma 12000",
         ),
-    ):
-        opened.rig.connect()
-    assert not any(drive.is_powered() for drive in opened.drives.values())
-
-
-def test_a_speed_above_that_of_the_motor_is_refused_with_both() -> None:
-    """20 mm/s of the linear axis are 960 rpm."""
-    with opened_rig() as opened:
-        opened.drives["linear"].objects.put(od.MAX_MOTOR_SPEED, 500)
-        with pytest.raises(
-            DriveError, match=r"to 500 \(0x6410:04\), max_speed 20 mm/s of the rig file is 960 rpm"
-        ):
+        ("axes.linear.max_speed=20", r"to 500 \(0x6410:04\), max_speed 20 mm/s of the rig file is 960 rpm"),
+    ],
+)
+def test_a_limit_above_that_of_the_drive_is_refused_with_both(override: str, words: str) -> None:
+    """Of its current, and of the speed of its motor; nothing has been switched on."""
+    with opened_rig(simulated_rig(override)) as opened:
+        if "speed" in override:
+            opened.drives["linear"].objects.put(od.MAX_MOTOR_SPEED, 500)
+        with pytest.raises(DriveError, match=words):
             opened.rig.connect()
+        assert not any(drive.is_powered() for drive in opened.drives.values())
 
 
 def test_the_limit_that_a_killed_labrig_left_is_no_limit_of_the_drive(tmp_path: Path) -> None:
@@ -92,11 +90,7 @@ def test_the_limit_that_a_killed_labrig_left_is_no_limit_of_the_drive(tmp_path: 
 @pytest.mark.parametrize(("speed", "told_within_s"), [(1.0, 0.5), (5.0, 0.1), (20.0, 0.025)])
 def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_within_s: float) -> None:
     """The drive itself would fail 0.5 mm behind: after 0.5, 0.1 and 0.025 s."""
-    with opened_rig(simulated_rig(LIMIT)) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
-        opened.rig.axis("linear").start_move(90.0, speed)
-        opened.rig.wait(1.0)
+    with ready_rig(LIMIT, moves=("linear", 90.0, speed)) as opened:
         opened.drives["linear"].block()
         blocked_s = opened.hardware.clock.now_s()
         with pytest.raises(ForceGuardError, match="the linear axis is stalled: 800 mA for"):
@@ -133,9 +127,7 @@ def test_an_input_that_the_drive_hides_is_refused() -> None:
 def test_a_gel_that_resists_shows_in_current_and_force() -> None:
     """60 mm of needle in gel: 0.5 N at the tip and 0.02 N/mm along it, on a lead of 2 mm behind a gear of 4."""
     force = "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10}}"
-    with opened_rig(simulated_rig(force)) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig(force) as opened:
         world = opened.hardware.world
         world.place_specimen("gel-10", 10.0)
         world.mount_needle("N1")

@@ -12,16 +12,14 @@ from labrig.devices.rig import Rig, open_rig
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.errors import DriveFaultError, DriveSilentError, LimitError, SafetyStopError, SecondMasterError
 from tests.devices.beats import listening
-from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, ready_rig, simulated_rig
 
 SILENT = "faults=[{fault: silent, axis: linear, once: moving}]"
 
 
 @contextmanager
 def _moving() -> Iterator[OpenedRig]:
-    with opened_rig() as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig() as opened:
         opened.rig.axis("insertion").start_move(100.0, 5.0)
         opened.rig.wait(0.5)
         yield opened
@@ -104,9 +102,7 @@ def test_one_cause_is_one_refusal() -> None:
 
 def test_another_master_ends_an_exchange_with_drives() -> None:
     """While a slow drive is started, a foreign set-point of an axis is found at once."""
-    with opened_rig() as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig() as opened:
         wire, clock, linear = opened.hardware.wire, opened.hardware.clock, opened.drives["linear"]
         wire.delay(10**9, 0.01)
         master = InProcessBus(wire, lambda _message: None)
@@ -125,9 +121,7 @@ def test_another_master_ends_an_exchange_with_drives() -> None:
 @pytest.mark.parametrize(("target", "goes"), [(0.0, True), (-1.5, True), (-1.6, False)])
 def test_a_move_that_cannot_end_from_below_is_refused(target: float, goes: bool) -> None:
     """Backlash is taken up within the limits or not at all: nothing is clipped."""
-    with opened_rig(simulated_rig("axes.insertion.backlash=0.5")) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig("axes.insertion.backlash=0.5") as opened:
         if goes:
             assert opened.rig.start_move("insertion", target, 5.0).position == pytest.approx(target)
             return

@@ -10,7 +10,7 @@ from labrig.devices.drives.errors import _REMEDIES, EPOS2_ERRORS, EPOS4_ERRORS, 
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig import Rig
 from labrig.errors import DriveFaultError, DriveSilentError, MachineError
-from tests.devices.rigs import OpenedRig, opened_rig
+from tests.devices.rigs import OpenedRig, opened_rig, ready_rig
 
 SAID_WITHIN_S = 1.0
 """Longest time from the loss of the drives until the person at the rig is told [s]."""
@@ -19,11 +19,9 @@ SAID_WITHIN_S = 1.0
 @contextmanager
 def _moving(alerts: list[tuple[float, str]]) -> Iterator[OpenedRig]:
     """Move the insertion axis of a rig whose alerts are kept with their time."""
-    with opened_rig() as opened:
+    with ready_rig() as opened:
         rig = opened.rig
         rig._alert = lambda text: alerts.append((rig.clock.now_s(), text))
-        rig.connect()
-        rig.reference_axes()
         rig.needle.mark_in_tissue("run-1")
         rig.axis("insertion").start_move(100.0, 5.0)
         for _ in range(20):
@@ -69,11 +67,7 @@ def test_lost_drives_are_told_within_a_second(doing: Callable[[Rig], None], faul
         assert located.axes[0].position == pytest.approx(5.0, abs=0.3)
         assert located.axes[0].age_s is not None
         assert located.axes[0].age_s > 0.5
-        assert (
-            "does not answer" in located.axes[0].why_old
-            or "did not answer" in located.axes[0].why_old
-            or ("no heartbeat" in located.axes[0].why_old)
-        )
+        assert re.search("does not answer|did not answer|no heartbeat", located.axes[0].why_old)
 
 
 def test_a_drive_in_fault_still_says_where_it_is() -> None:
@@ -134,18 +128,10 @@ def test_an_unknown_needle_is_said_to_be_unknown() -> None:
         assert located.document()["in_tissue"] is None
 
 
-@pytest.mark.parametrize(
-    "error", [*STANDARD_ERRORS.values(), *EPOS4_ERRORS.values(), *EPOS2_ERRORS.values()], ids=str
-)
-def test_no_remedy_costs_the_position_of_a_needle_in_tissue(error: object) -> None:
+def test_no_remedy_costs_the_position_of_a_needle_in_tissue() -> None:
     """Power is switched off and on only with no needle in tissue, and nothing is moved by hand."""
-    remedy = getattr(error, "remedy", "")
-    assert remedy
-    assert "by hand" not in remedy
-    assert "off and on" not in remedy or "with no needle in tissue" in remedy
-
-
-@pytest.mark.parametrize("remedy", _REMEDIES.values())
-def test_no_remedy_of_a_class_costs_the_position_either(remedy: str) -> None:
-    """As for single codes."""
-    assert "off and on" not in remedy or "with no needle in tissue" in remedy
+    errors = (*STANDARD_ERRORS.values(), *EPOS4_ERRORS.values(), *EPOS2_ERRORS.values())
+    for remedy in (*(error.remedy for error in errors), *_REMEDIES.values()):
+        assert remedy
+        assert "by hand" not in remedy
+        assert "off and on" not in remedy or "with no needle in tissue" in remedy

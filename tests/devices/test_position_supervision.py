@@ -17,7 +17,7 @@ from labrig.devices.position_supervision import (
 )
 from labrig.devices.trapezoid import Limits, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, TARGET_CHANGED, DriveStrayedError
-from tests.devices.rigs import OpenedRig, epos2_axis, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, epos2_axis, ready_rig
 
 AXIS = epos2_axis()
 WINDOW, LAG = AXIS.position_window, AXIS.max_following_error
@@ -68,15 +68,10 @@ def test_an_axis_beside_its_profile_has_strayed(t_s: float, position: float) -> 
     assert f"on its way to 24.0000 mm, and is at {position:.4f} mm" in error.message
 
 
-def test_a_drive_that_began_earlier_than_known_is_ahead() -> None:
-    """The time that the computer took to start the move counts for the axis."""
-    slow = InMotion(PROFILE, ahead_s=0.5)
-    assert judge(slow, on_profile(2.0 + 0.5), start_s=2.0) is None
+def test_what_the_computer_does_not_know_of_the_time_blames_no_axis() -> None:
+    """A drive that may have begun earlier is ahead, and a reading of unknown time is judged by both its instants."""
+    assert judge(InMotion(PROFILE, ahead_s=0.5), on_profile(2.0 + 0.5), start_s=2.0) is None
     assert judge(MOVE, on_profile(2.0 + 0.5), start_s=2.0) is not None
-
-
-def test_a_reading_of_unknown_time_is_judged_by_both_its_instants() -> None:
-    """A computer that was late to read blames no axis."""
     reading = PositionReading(2.0, 3.0, on_profile(2.5))
     assert PositionWatch("insertion", AXIS).judge(MOVE, reading) is None
 
@@ -144,13 +139,6 @@ def test_a_move_that_replaces_another_goes_on_from_where_the_axis_is() -> None:
 # On the rig
 
 
-def ready(opened: OpenedRig) -> OpenedRig:
-    """Connect and reference."""
-    opened.rig.connect()
-    opened.rig.reference_axes()
-    return opened
-
-
 def until_told(opened: OpenedRig, act: Callable[[], object]) -> DriveStrayedError:
     """Return what the rig says while `act` goes on."""
     try:
@@ -189,16 +177,12 @@ def require_still(opened: OpenedRig) -> None:
 
 def test_another_target_is_read_back_while_the_axis_moves() -> None:
     """A target of 60 instead of 24 mm is told within 0.2 s, long before the axis is there."""
-    with opened_rig() as opened:
-        ready(opened).rig.axis("insertion").start_move(24.0, 5.0)
-        opened.rig.wait(1.0)
+    with ready_rig(moves=("insertion", 24.0, 5.0)) as opened:
         retarget(opened, "insertion", 240_000)
         began_s = opened.rig.clock.now_s()
         error = until_told(opened, lambda: look(opened))
         assert error.fault is TARGET_CHANGED
-        assert (
-            "the drive of axis insertion has the target 60.0000 mm, and 24.0000 mm was sent" in error.message
-        )
+        assert "has the target 60.0000 mm, and 24.0000 mm was sent" in error.message
         still = opened.drives["insertion"].journal.last("still")
         assert still is not None
         assert still.t_s - began_s < 0.5
@@ -208,8 +192,8 @@ def test_another_target_is_read_back_while_the_axis_moves() -> None:
 @pytest.mark.parametrize("asking", [False, True])
 def test_an_axis_that_idles_is_watched_while_the_rig_waits_and_asks(asking: bool) -> None:
     """Nobody reads states then: the rig does, and stops an axis that somebody drives away, within 0.2 s."""
-    with opened_rig() as opened:
-        ready(opened).rig.axis("linear").start_move(15.0, 10.0)
+    with ready_rig() as opened:
+        opened.rig.axis("linear").start_move(15.0, 10.0)
         arrive(opened, opened.rig.axis("linear"))
         objects = opened.drives["linear"].objects
         for value in (-2000, 0x0F, 0x7F, 0x0F):
@@ -225,35 +209,31 @@ def test_an_axis_that_idles_is_watched_while_the_rig_waits_and_asks(asking: bool
 
 def test_a_jump_costs_the_axis_its_reference() -> None:
     """Where it is nobody knows any more; the other axes keep theirs."""
-    with opened_rig() as opened:
-        ready(opened).rig.read_states()
+    with ready_rig() as opened:
+        opened.rig.read_states()
         opened.drives["rotation"].shift_counter(9000)
-        error = until_told(opened, lambda: look(opened))
-        assert error.fault is POSITION_JUMPED
+        assert until_told(opened, lambda: look(opened)).fault is POSITION_JUMPED
         assert opened.rig.state.referenced == ("insertion", "linear")
 
 
-def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
-    """A backlash compensated, a target changed on the way, a stop, a jog and a homing are what labrig does itself."""
-    with opened_rig(simulated_rig("axes.insertion.backlash=0.2")) as opened:
-        ready(opened)
-        insertion = opened.rig.axis("insertion")
-        insertion.start_move(10.0, 5.0)
-        opened.rig.wait(1.0)
-        insertion.start_move(14.0, 2.0)
-        opened.rig.wait(1.0)
-        insertion.start_move(3.0, 10.0)
+def test_what_labrig_does_itself_raises_no_alarm() -> None:
+    """A backlash taken up, a target changed on the way, a stop, a jog and a homing."""
+    with ready_rig("axes.insertion.backlash=0.2") as opened:
+        rig, insertion = opened.rig, opened.rig.axis("insertion")
+        for position, speed in ((10.0, 5.0), (14.0, 2.0), (3.0, 10.0)):
+            insertion.start_move(position, speed)
+            rig.wait(1.0)
         arrive(opened, insertion)
         insertion.start_move(20.0, 5.0)
-        opened.rig.wait(0.5)
-        opened.rig.stop()
-        opened.rig.wait(1.0)
-        opened.rig.read_states()
+        rig.wait(0.5)
+        rig.stop()
+        rig.wait(1.0)
+        rig.read_states()
         insertion.start_jog(-1.0, 1.0)
         arrive(opened, insertion)
-        opened.rig.reference_axes()
-        opened.rig.wait(1.0)
-        opened.rig.assume_positions({"rotation": 1.0})
-        opened.rig.wait(1.0)
-        opened.rig.axis("rotation").start_move(0.0, math.pi)
-        arrive(opened, opened.rig.axis("rotation"))
+        rig.reference_axes()
+        rig.wait(1.0)
+        rig.assume_positions({"rotation": 1.0})
+        rig.wait(1.0)
+        rig.axis("rotation").start_move(0.0, math.pi)
+        arrive(opened, rig.axis("rotation"))

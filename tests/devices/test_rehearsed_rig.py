@@ -7,7 +7,7 @@ import pytest
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import MountNeedle, PlaceSpecimen, ReadScale
 from labrig.errors import DriveError
-from tests.devices.rigs import OpenedRig, Person, opened_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, Person, opened_rig, ready_rig, simulated_rig
 
 TIMEOUT_S = 3.0
 REHEARSED = ("clock=real", f"can.heartbeat.timeout_ms={1000 * TIMEOUT_S:.0f}")
@@ -15,9 +15,7 @@ REHEARSED = ("clock=real", f"can.heartbeat.timeout_ms={1000 * TIMEOUT_S:.0f}")
 
 @pytest.fixture(name="opened")
 def _opened() -> Iterator[OpenedRig]:
-    with opened_rig(simulated_rig(*REHEARSED)) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig(*REHEARSED) as opened:
         yield opened
 
 
@@ -56,9 +54,7 @@ def test_a_labrig_that_hangs_stops_the_drives(opened: OpenedRig) -> None:
 def test_a_fault_comes_while_nobody_commands_anything() -> None:
     """Faults of the rig file are due in real time, also while labrig only waits."""
     faults = "faults=[{fault: emergency, axis: linear, once: moving, code: 0x8611}]"
-    with opened_rig(simulated_rig(*REHEARSED, faults)) as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig(*REHEARSED, faults) as opened:
 
         def move_and_wait() -> None:
             opened.rig.axis("linear").start_move(100.0, 5.0)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from labrig.devices.simulated.shaft import torque_of_force
-from tests.devices.rigs import opened_rig
+from tests.devices.rigs import ready_rig
 
 
 def test_a_force_makes_a_torque_by_lead_and_gear() -> None:
@@ -15,9 +15,7 @@ def test_a_force_makes_a_torque_by_lead_and_gear() -> None:
 
 def test_a_blocked_drive_shows_its_current_and_an_uncoupled_one_none() -> None:
     """What holds the shaft is felt; a motor that has lost its shaft only lags."""
-    with opened_rig() as opened:
-        opened.rig.connect()
-        opened.rig.reference_axes()
+    with ready_rig() as opened:
         for name in ("insertion", "linear"):
             opened.rig.axis(name).start_move(20.0, 5.0)
         opened.rig.wait(0.5)

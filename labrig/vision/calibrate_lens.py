@@ -14,25 +14,25 @@ on OpenCV's own thirteen photographs of a board:
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import pdist
 
-from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.intrinsics import BoardWarp, Intrinsics, ViewResidual
-from labrig.vision.lens_fit import Fit, ObservedView, WarpModel, select_views, widen_by_views
+from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError, PictureError
+from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.lens_fit import ObservedView, select_views
 from labrig.vision.lens_judgement import judge_lens
 from labrig.vision.marker import load_dictionary
-from labrig.vision.picture import Picture, as_grey, require_contrast, size_of
+from labrig.vision.picture import Picture, as_grey, require_contrast, require_size, size_of
 
 _FloatArray = NDArray[np.float64]
 
 _LEAST_CORNERS = 6
-# Of more bad views than this share of all, the rest is no evidence.
-_LARGEST_BAD_SHARE = 1.0 / 3.0
-
-
+# Standard deviation of the board's warp before the views are seen, over half its diagonal.
+_PRIOR_PER_DIAGONAL = 3e-3
 _CORNER_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 _SMALLEST_WINDOW_PX = 2
 _LARGEST_WINDOW_PX = 11
@@ -111,16 +111,14 @@ def find_board(image: Picture, columns: int, rows: int, charuco: Charuco | None 
     """
     grey = as_grey(image)
     require_contrast(grey)
-    if charuco is not None:
-        found = _find_charuco(grey, columns, rows, charuco)
-    else:
-        found = _find_chessboard(grey, columns, rows)
+    find = _find_chessboard if charuco is None else partial(_find_charuco, board=charuco)
+    found = find(grey, columns, rows)
     if found is None:
         raise MeasurementRefusedError(
             f"no board of {columns} x {rows} inner corners",
             "show the whole board, evenly lit, with its white margin; of a ChArUco board a part is enough",
         )
-    return _refine(grey, found, columns)
+    return _refine(grey, found)
 
 
 def _find_chessboard(grey: Picture, columns: int, rows: int) -> BoardView | None:
@@ -147,9 +145,9 @@ def _find_charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> Boa
     )
 
 
-def _refine(grey: Picture, found: BoardView, columns: int) -> BoardView:
+def _refine(grey: Picture, found: BoardView) -> BoardView:
     """Refine the corners in windows that do not reach their neighbours; refuse them if one of them moves far."""
-    spacing = _smallest_spacing(found, columns)
+    spacing = float(pdist(found.pixels).min())
     window = int(np.clip(spacing * _WINDOW_PER_SPACING, _SMALLEST_WINDOW_PX, _LARGEST_WINDOW_PX))
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
     rough = found.pixels.astype(np.float32).reshape(-1, 1, 2)
@@ -162,17 +160,6 @@ def _refine(grey: Picture, found: BoardView, columns: int) -> BoardView:
             "hold the board closer",
         )
     return BoardView(found.corners, pixels)
-
-
-def _smallest_spacing(found: BoardView, columns: int) -> float:
-    """Return the least distance [px] between corners that are neighbours on the board."""
-    cells = np.column_stack((found.corners % columns, found.corners // columns))
-    neighbours = np.abs(cells[:, None] - cells[None]).sum(axis=2) == 1
-    if not neighbours.any():
-        raise MeasurementRefusedError(
-            "no two neighbouring corners of the board are seen", "show more of the board"
-        )
-    return float(np.linalg.norm(found.pixels[:, None] - found.pixels[None], axis=2)[neighbours].min())
 
 
 def calibrate_from_pictures(
@@ -204,20 +191,20 @@ def calibrate_from_pictures(
     CalibrationRefusedError
         If no picture shows the board.
     """
-    size = _find_common_size(pictures)
+    if not pictures:
+        raise InputError("no pictures to calibrate from", "give photographs of the board")
+    # The size of most; in a tie, the size that comes first.
+    size = Counter(size_of(image) for _, image in pictures).most_common(1)[0][0]
     board = board_points_mm(columns, rows, square_mm)
     names, boards, pixels, missed = [], [], [], {}
     for index, (name, image) in enumerate(pictures):
-        other = _describe_other_size(image, size)
-        if other is not None:
-            missed[index] = ViewResidual(name, None, used=False, reason=other)
-            continue
         try:
+            require_size(image, size, "the calibration")
             seen = find_board(image, columns, rows, charuco)
             names.append(name)
             boards.append(board[seen.corners])
             pixels.append(seen.pixels)
-        except MeasurementRefusedError as refusal:
+        except (PictureError, MeasurementRefusedError) as refusal:
             missed[index] = ViewResidual(name, None, used=False, reason=f"{refusal.message}: {refusal.hint}")
     if not names:
         raise CalibrationRefusedError(
@@ -229,24 +216,6 @@ def calibrate_from_pictures(
     rest = iter(found.views)
     views = tuple(missed[index] if index in missed else next(rest) for index in range(len(pictures)))
     return replace(found, views=views)
-
-
-def _find_common_size(pictures: Sequence[tuple[str, Picture]]) -> tuple[int, int]:
-    """Return the size of most pictures; in a tie, the size that comes first."""
-    if not pictures:
-        raise InputError("no pictures to calibrate from", "give photographs of the board")
-    return Counter(size_of(image) for _, image in pictures).most_common(1)[0][0]
-
-
-def _describe_other_size(image: Picture, size: tuple[int, int]) -> str | None:
-    """Return why a picture is not of the calibrated camera setting, or None."""
-    found = size_of(image)
-    if found == size:
-        return None
-    return (
-        f"{found[0]} x {found[1]} pixels, the calibration is of {size[0]} x {size[1]}: "
-        "calibrate from pictures of one camera setting"
-    )
 
 
 def calibrate_intrinsics(
@@ -281,39 +250,21 @@ def calibrate_intrinsics(
     CalibrationRefusedError
         If no camera explains the views at all.
     """
-    flat = _check_views(board_points_mm, pixels, image_size, names)
-    warp = WarpModel.of_boards([view.board[:, :2] for view in flat])
-    views = [replace(view, warp_shapes=warp.shapes(view.board[:, :2])) for view in flat]
-    selection = select_views(views, image_size)
-    chosen = [views[index] for index in selection.kept]
-    fit = widen_by_views(selection.fit, chosen)
-    predicted = selection.predicted_px
-    holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
-    found = judge_lens(chosen, fit, holdout, image_size, selection.residuals)
-    reasons = (*_judge_views(selection.residuals), *found.reasons)
-    return replace(found, board_warp=_describe_warp(warp, fit), accepted=not reasons, reasons=reasons)
+    views, prior_mm = _add_warp(_check_views(board_points_mm, pixels, image_size, names))
+    return judge_lens(select_views(views, image_size), image_size, prior_mm)
 
 
-def _describe_warp(warp: WarpModel, fit: Fit) -> BoardWarp:
-    """Return the board's warp [mm]; the points of most views tell which side of the board faces the camera."""
-    turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
-    away = (
-        float(np.median([turn[:, 2] @ pose[3:] for turn, pose in zip(turns, fit.poses, strict=True)])) > 0.0
-    )
-    return warp.describe(fit.warp, fit.warp_sigma, away=away)
-
-
-def _judge_views(residuals: Sequence[ViewResidual]) -> list[str]:
-    """Return why views that contradict one another give no lens."""
-    bad = [view.image for view in residuals if not view.used]
-    if len(bad) <= _LARGEST_BAD_SHARE * len(residuals):
-        return []
-    reason = (
-        f"{len(bad)} of {len(residuals)} views contradict the others and were left out, at most a third may be "
-        f"({', '.join(bad)}): photograph the board on a stiff plate, held still and sharp, with one camera, zoom and "
-        "focus fixed"
-    )
-    return [reason]
+def _add_warp(views: Sequence[ObservedView]) -> tuple[list[ObservedView], float]:
+    """Return the views with the parabolas of their common board, and the prior deviation of a height [mm]."""
+    flat = [view.board[:, :2] for view in views]
+    corners = np.vstack(flat)
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    half = 0.5 * np.max([np.ptp(board, axis=0) for board in flat], axis=0)
+    prior_mm = _PRIOR_PER_DIAGONAL * float(np.hypot(*half))
+    shapes = [prior_mm * (1.0 - ((board - middle) / half) ** 2) for board in flat]
+    if np.isclose(half[0], half[1]):  # views may show the board turned
+        shapes = [shape.sum(axis=1, keepdims=True) for shape in shapes]
+    return [replace(view, warp_shapes=shape) for view, shape in zip(views, shapes, strict=True)], prior_mm
 
 
 def _check_views(
@@ -329,17 +280,10 @@ def _check_views(
         )
     if not labels:
         raise InputError("no views to calibrate from", "give at least one array of corners")
-    views = [_check_view(*view) for view in zip(labels, boards, pixels, strict=True)]
-    for view in views:
-        if (view.pixels < -0.5).any() or (view.pixels > np.array(size) - 0.5).any():
-            raise InputError(
-                f"{view.name}: a corner lies outside the picture of {size[0]} x {size[1]}",
-                "check the picture's size",
-            )
-    return views
+    return [_check_view(*view, size) for view in zip(labels, boards, pixels, strict=True)]
 
 
-def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> ObservedView:
+def _check_view(name: str, board: ArrayLike, pixels: ArrayLike, size: tuple[int, int]) -> ObservedView:
     flat, seen = np.asarray(board, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
     if flat.ndim != 2 or flat.shape[1] != 2 or flat.shape != seen.shape:
         raise InputError(f"{name}: board points {flat.shape} and pixels {seen.shape} are not both (N, 2)")
@@ -347,4 +291,8 @@ def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> ObservedView:
         raise InputError(f"{name}: {len(flat)} corners, at least {_LEAST_CORNERS} are needed")
     if not (np.isfinite(flat).all() and np.isfinite(seen).all()):
         raise InputError(f"{name}: a corner is not finite")
+    if (seen < -0.5).any() or (seen > np.array(size) - 0.5).any():
+        raise InputError(
+            f"{name}: a corner lies outside the picture of {size[0]} x {size[1]}", "check the picture's size"
+        )
     return ObservedView(name, np.column_stack((flat, np.zeros(len(flat)))), seen, np.empty((len(flat), 0)))

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import cv2
 import numpy as np
@@ -14,14 +14,15 @@ from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, TypeAdapter
 from labrig.errors import InputError, MeasurementRefusedError
 
 _FloatArray = NDArray[np.float64]
-SigmaSource = Literal["corners", "views"]
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 """The order of `Intrinsics.parameters` and of its covariance."""
 
 # The views tell the warp of the board if they reduce its standard deviation to this share.
 _TOLD = 0.5
-# OpenCV undoes the distortion by iteration: until a pixel moves by less, or so many steps.
-_UNDISTORTION = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
+# OpenCV undoes the distortion by iteration: until a pixel moves by less, or so many steps. Version 4 takes these in a
+# function of its own.
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
+_UNDISTORT: Any = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
 # Largest distance between a pixel and itself after undistortion and distortion [px].
 _UNDISTORTION_TOLERANCE_PX = 1e-7
 
@@ -143,9 +144,6 @@ class Intrinsics:
         Share of the picture inside the convex hull of all corners.
     board_warp : BoardWarp or None
         How far the board is from flat.
-    sigma_from : "corners" or "views"
-        What the standard deviations rest on: the noise of corners that err independently, or the scatter between views,
-        where that is significantly larger.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, allow_inf_nan=False)
@@ -166,7 +164,6 @@ class Intrinsics:
     effect: LensEffect | None = None
     coverage: float | None = None
     board_warp: BoardWarp | None = None
-    sigma_from: SigmaSource = "corners"
 
     def camera_matrix(self) -> _FloatArray:
         """Return the matrix (3, 3) from directions to ideal pixels."""
@@ -202,8 +199,8 @@ class Intrinsics:
         wanted = _check_px(px)
         if not len(wanted):
             return wanted
-        matrix = self.camera_matrix()
-        ideal = _undistort(wanted[:, None], matrix, np.array(self.distortion), np.eye(3), matrix)
+        matrix, distortion = self.camera_matrix(), np.array(self.distortion)
+        ideal = _UNDISTORT(wanted[:, None], matrix, distortion, R=np.eye(3), P=matrix, criteria=_STOP)
         found = np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
         off = np.linalg.norm(self.distort_px(found) - wanted, axis=1)
         if not off.max() <= _UNDISTORTION_TOLERANCE_PX:
@@ -225,12 +222,6 @@ class Intrinsics:
         px, slopes = cv2.projectPoints(rays, none, none, self.camera_matrix(), np.array(self.distortion))
         return np.asarray(px, np.float64).reshape(-1, 2), np.asarray(slopes, np.float64)[:, :15]
 
-    def sigma_sentence(self) -> str:
-        """Return what the standard deviations rest on."""
-        if self.sigma_from == "views":
-            return "by the scatter between views: the errors of the corners of a view are not independent"
-        return "by the noise of the corners, taken for independent"
-
     def fingerprint(self) -> str:
         """Return the SHA-256 of size, matrix and distortion, by which a plane map identifies its lens."""
         numbers = [*self.image_size, *self.parameters()]
@@ -239,7 +230,6 @@ class Intrinsics:
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig calibrate intrinsics --json` prints; unknown values are None."""
         document: dict[str, Any] = LENS.dump_python(self, mode="json")
-        document["sigma_sentence"] = self.sigma_sentence()
         for part, told in (("board_warp", self.board_warp), ("effect", self.effect)):
             if told is not None:
                 document[part]["sentence"] = told.sentence()
@@ -255,11 +245,6 @@ LENS = TypeAdapter(Intrinsics)
 """What reads and writes a lens as JSON."""
 
 
-def undistort_by_each(lenses: Sequence[Intrinsics], px: _FloatArray) -> _FloatArray:
-    """Return the ideal pixels (K, N, 2) of pixels (N, 2) by K lenses. Raises as `Intrinsics.undistort_px`."""
-    return np.stack([lens.undistort_px(px) for lens in lenses])
-
-
 def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
     """Return the lens moved by one standard deviation along each principal axis of its covariance.
 
@@ -267,23 +252,9 @@ def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
     """
     if lens.covariance is None:
         return []
-    base = np.array(lens.parameters())
-    return [lens.with_parameters(base + move) for move in root_of(np.array(lens.covariance)).T if move.any()]
-
-
-def root_of(covariance: _FloatArray) -> _FloatArray:
-    """Return a matrix whose columns are one standard deviation along each principal axis of a covariance."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _undistort(
-    px: _FloatArray, matrix: _FloatArray, distortion: _FloatArray, turn: _FloatArray, onto: _FloatArray
-) -> Any:
-    """Call OpenCV's undistortion with criteria; version 4 has them in a function of its own."""
-    if hasattr(cv2, "undistortPointsIter"):
-        return cv2.undistortPointsIter(px, matrix, distortion, turn, onto, _UNDISTORTION)
-    return cv2.undistortPoints(px, matrix, distortion, R=turn, P=onto, criteria=_UNDISTORTION)  # type: ignore[call-overload]
+    values, vectors = np.linalg.eigh(np.array(lens.covariance))
+    moves = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return [lens.with_parameters(np.array(lens.parameters()) + move) for move in moves if move.any()]
 
 
 def _check_px(px: ArrayLike) -> _FloatArray:

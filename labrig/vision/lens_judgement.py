@@ -7,7 +7,6 @@ its covariance leaves in lengths and radii through a plane map that is made with
 it does to the plane's distance.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -16,21 +15,16 @@ from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.text import round_down, round_up
-from labrig.vision.intrinsics import (
-    PARAMETERS,
-    Intrinsics,
-    LensEffect,
-    ViewResidual,
-    undistort_by_each,
-    vary_lens,
-)
-from labrig.vision.lens_fit import Fit, ObservedView
+from labrig.vision.intrinsics import PARAMETERS, BoardWarp, Intrinsics, LensEffect, vary_lens
+from labrig.vision.lens_fit import LENS, Fit, Selection, measure_rms
 
 _FloatArray = NDArray[np.float64]
 
 _LEAST_TILT_SPREAD_DEG = 20.0
 _LEAST_COVERAGE = 0.35
 _LARGEST_HOLDOUT_PX = 1.0
+# Of more bad views than this share of all, the rest is no evidence.
+_LARGEST_BAD_SHARE = 1.0 / 3.0
 # The working area is the picture inside this margin.
 _WORKING_MARGIN = 0.15
 # Largest standard deviation of a length or a radius, and of the plane's distance, as shares. A distance is no length in
@@ -43,32 +37,18 @@ _ARC_RADIUS, _ARC_RAD, _ARC_PLACES = 0.2, np.deg2rad(82.0), (5, 4)
 _PAPER_SHAPE = (16, 12)
 
 
-def judge_lens(
-    views: Sequence[ObservedView],
-    fit: Fit,
-    holdout_px: float | None,
-    size: tuple[int, int],
-    residuals: tuple[ViewResidual, ...],
-) -> Intrinsics:
-    """Return the fitted lens with its evidence, accepted or with the reasons for refusing it."""
-    normals = _find_normals(views, fit)
-    spread = float(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0)))
-    seen = np.vstack([view.pixels for view in views])
-    bare = replace(
-        _make_intrinsics(fit, size, residuals),
-        holdout_rms_px=float(holdout_px) if holdout_px is not None and np.isfinite(holdout_px) else None,
-        coverage=float(cv2.contourArea(cv2.convexHull(seen.astype(np.float32)))) / (size[0] * size[1]),
-    )
-    found = replace(bare, effect=measure_effect(bare))
-    reasons = (*_judge_poses(found, float(np.rad2deg(spread)), normals, seen), *_judge_numbers(found))
-    return replace(found, accepted=not reasons, reasons=reasons)
+def judge_lens(selection: Selection, size: tuple[int, int], prior_mm: float) -> Intrinsics:
+    """Return the fitted lens with its evidence, accepted or with the reasons for refusing it.
 
-
-def _make_intrinsics(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResidual, ...]) -> Intrinsics:
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = map(float, fit.parameters)
-    covariance = fit.lens_covariance
-    sigmas = [None] * len(PARAMETERS) if covariance is None else np.sqrt(np.diag(covariance)).tolist()
-    return Intrinsics(
+    `prior_mm` is the standard deviation of the board's warp before the views are seen.
+    """
+    fit = selection.fit
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = map(float, fit.shared[:LENS])
+    covariance = None if fit.covariance is None else fit.covariance[:LENS, :LENS]
+    sigmas = [None] * LENS if covariance is None else np.sqrt(np.diag(covariance)).tolist()
+    seen = np.vstack([view.pixels for view in fit.views])
+    normals, away = _find_normals(fit)
+    bare = Intrinsics(
         image_size=size,
         fx=fx,
         fy=fy,
@@ -76,66 +56,64 @@ def _make_intrinsics(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResid
         cy=cy,
         distortion=(k1, k2, p1, p2, k3),
         sigma=dict(zip(PARAMETERS, sigmas, strict=True)),
-        rms_px=fit.rms_px,
-        holdout_rms_px=None,
-        views=residuals,
+        rms_px=measure_rms(np.vstack(fit.errors_px())),
+        holdout_rms_px=selection.holdout_px,
+        views=selection.residuals,
         accepted=False,
         reasons=(),
         covariance=None if covariance is None else tuple(map(tuple, covariance.tolist())),
-        sigma_from="views" if fit.by_views else "corners",
+        coverage=float(cv2.contourArea(cv2.convexHull(seen.astype(np.float32)))) / (size[0] * size[1]),
+        board_warp=_describe_warp(fit, prior_mm, away),
     )
+    found = replace(bare, effect=measure_effect(bare))
+    reasons = (*_judge_views(found, normals), *_judge_effect(found), *_judge_model(found))
+    return replace(found, accepted=not reasons, reasons=reasons)
 
 
-def _judge_poses(found: Intrinsics, spread_deg: float, normals: _FloatArray, seen: _FloatArray) -> list[str]:
-    """Return what the board's poses lack."""
+def _find_normals(fit: Fit) -> tuple[_FloatArray, bool]:
+    """Return each board's normal towards the camera (V, 3), and whether z of most boards points away from it."""
+    turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
+    posed = zip(turns, fit.views, fit.poses[:, 3:], strict=True)
+    away = np.sign([turn[:, 2] @ (turn @ view.board.mean(axis=0) + shift) for turn, view, shift in posed])
+    return -away[:, None] * np.array([turn[:, 2] for turn in turns]), bool(np.median(away) > 0.0)
+
+
+def _describe_warp(fit: Fit, prior_mm: float, away: bool) -> BoardWarp:
+    """Return the fitted warp in mm; `away` if z of the board points away from the camera."""
+    warp = fit.shared[LENS:]
+    sigma = np.ones_like(warp) if fit.covariance is None else np.sqrt(np.diag(fit.covariance)[LENS:])
+    row, column = np.broadcast_to((-1.0 if away else 1.0) * prior_mm * warp, 2).tolist()
+    sigma_row, sigma_column = np.broadcast_to(prior_mm * sigma, 2).tolist()
+    return BoardWarp(row, column, sigma_row, sigma_column, prior_mm)
+
+
+def _judge_views(found: Intrinsics, normals: _FloatArray) -> list[str]:
+    """Return what the views lack: agreement, tilts, and places in the picture."""
     reasons, coverage = [], found.coverage or 0.0
+    bad = [view.image for view in found.views if not view.used]
+    spread_deg = float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
+    if len(bad) > _LARGEST_BAD_SHARE * len(found.views):
+        reasons.append(
+            f"{len(bad)} of {len(found.views)} views contradict the others and were left out, at most a third may be "
+            f"({', '.join(bad)}): photograph the board on a stiff plate, held still and sharp, with one camera, zoom "
+            "and focus fixed"
+        )
     if spread_deg < _LEAST_TILT_SPREAD_DEG:
         reasons.append(
             f"the board's tilts differ by {round_down(spread_deg, 1)} degrees at most, {_LEAST_TILT_SPREAD_DEG:.0f} "
-            f"are needed: tilt it by 30 to 45 degrees, {_describe_missing_tilt(normals)}"
+            "are needed: tilt it by 30 to 45 degrees, each edge towards the camera in turn"
         )
     if coverage < _LEAST_COVERAGE:
         reasons.append(
             f"the boards cover {round_down(100.0 * coverage, 1)} % of the picture, "
-            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: photograph the board near the picture's corners, first "
-            f"the {_find_emptiest_corner(seen, found.image_size)} one, or closer"
+            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: photograph the board near the picture's corners, or closer"
         )
     return reasons
 
 
-def _describe_missing_tilt(normals: _FloatArray) -> str:
-    """Return the direction in which the boards were tilted least."""
-    across, down = np.ptp(normals[:, :2], axis=0)
-    return (
-        "the left edge towards the camera, then the right"
-        if across <= down
-        else "the upper edge towards the camera, then the lower"
-    )
-
-
-def _find_emptiest_corner(seen: _FloatArray, size: tuple[int, int]) -> str:
-    """Return the corner of the picture that is furthest from any corner of a board."""
-    names = ("upper left", "upper right", "lower left", "lower right")
-    corners = picture_grid(size, (2, 2))
-    away = [float(np.linalg.norm(seen - corner, axis=1).min()) for corner in corners]
-    return names[int(np.argmax(away))]
-
-
-def _find_normals(views: Sequence[ObservedView], fit: Fit) -> _FloatArray:
-    """Return each board's normal towards the camera (V, 3)."""
-    turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
-    posed = zip(turns, views, fit.poses[:, 3:], strict=True)
-    away = np.array(
-        [turn[:, 2] @ (turn @ view.board.mean(axis=0) + shift) > 0.0 for turn, view, shift in posed]
-    )
-    normals = np.array([turn[:, 2] for turn in turns])
-    return np.where(away[:, None], -normals, normals)
-
-
-def _judge_numbers(found: Intrinsics) -> list[str]:
-    """Return which numbers of the calibration are not good enough."""
-    reasons = _judge_effect(found)
-    holdout = found.holdout_rms_px
+def _judge_model(found: Intrinsics) -> list[str]:
+    """Return whether the lens predicts views that were left out, and has an inverse all over the picture."""
+    reasons, holdout = [], found.holdout_rms_px
     if holdout is None or holdout > _LARGEST_HOLDOUT_PX:
         known = "cannot be checked" if holdout is None else f"are predicted to {round_up(holdout, 2)} px"
         reasons.append(
@@ -143,7 +121,7 @@ def _judge_numbers(found: Intrinsics) -> list[str]:
             "add sharp views, and check that the board is flat"
         )
     try:
-        found.undistort_px(picture_grid(found.image_size, (33, 25)))
+        found.undistort_px(_list_grid(found.image_size, (33, 25)))
     except MeasurementRefusedError:
         reasons.append(
             "the lens model folds inside the picture: photograph the board near the picture's edges"
@@ -182,65 +160,51 @@ def measure_effect(lens: Intrinsics) -> LensEffect | None:
     if lens.covariance is None:
         return None
     arcs = _draw_arcs(lens.image_size)
-    paper = picture_grid(lens.image_size, _PAPER_SHAPE, _WORKING_MARGIN)
-    places = np.vstack((paper, arcs.reshape(-1, 2)))
+    paper = _list_grid(lens.image_size, _PAPER_SHAPE, _WORKING_MARGIN)
+    lenses = [lens, *vary_lens(lens)]
     try:
-        lenses = vary_lens(lens)
-        true = lens.undistort_px(places)
-        seen = undistort_by_each(lenses, places)
+        seen = [each.undistort_px(np.vstack((paper, arcs.reshape(-1, 2)))) for each in lenses]
     except MeasurementRefusedError:
         return None
-    effects = []
-    for varied, ideal in zip(lenses, seen, strict=True):
-        homography, _ = cv2.findHomography(ideal[: len(paper)], true[: len(paper)])
+    measured = []
+    for each, ideal in zip(lenses, seen, strict=True):
+        homography = cv2.findHomography(ideal[: len(paper)], seen[0][: len(paper)])[0]
         if homography is None:
             return None
-        mapped = np.asarray(cv2.perspectiveTransform(ideal[:, None], homography), np.float64).reshape(-1, 2)
-        scale = np.sqrt(abs(np.linalg.det(homography[:2, :2])))
-        distance = scale * np.sqrt(varied.fx * varied.fy / (lens.fx * lens.fy)) - 1.0
-        effects.append((*_compare_arcs(true[len(paper) :], mapped[len(paper) :], arcs.shape), distance))
-    variances = [np.mean(np.sum(np.square(part), axis=0)) for part in zip(*effects, strict=True)]
-    return LensEffect(*(float(np.sqrt(variance)) for variance in variances))
+        mapped = cv2.perspectiveTransform(ideal[None, len(paper) :], homography)
+        lines = np.asarray(mapped, dtype=np.float64).reshape(arcs.shape)
+        chords = np.linalg.norm(lines[:, -1] - lines[:, 0], axis=1)
+        distance = np.sqrt(abs(np.linalg.det(homography[:2, :2])) * each.fx * each.fy)
+        measured.append((chords, _fit_radii(lines), distance))
+    parts = (np.array(part) for part in zip(*measured, strict=True))
+    return LensEffect(
+        *(float(np.sqrt(np.mean(np.sum((part[1:] / part[0] - 1.0) ** 2, axis=0)))) for part in parts)
+    )
 
 
 def _draw_arcs(size: tuple[int, int]) -> _FloatArray:
     """Return the pixels (A, N, 2) of arcs in the working area, bent towards all four sides."""
-    radius = _ARC_RADIUS * max(size)
     turn = np.linspace(-0.5, 0.5, 21) * _ARC_RAD
-    arc = radius * np.column_stack((np.sin(turn), np.cos(turn) - 1.0))
+    arc = _ARC_RADIUS * max(size) * np.column_stack((np.sin(turn), np.cos(turn)))
     arcs = []
-    for quarter in range(4):
-        bent = arc @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), quarter)
-        bent -= 0.5 * (bent.min(axis=0) + bent.max(axis=0))
-        room = np.maximum((1.0 - 2.0 * _WORKING_MARGIN) * np.array(size) - np.ptp(bent, axis=0), 0.0)
-        axes = [np.linspace(-0.5, 0.5, count) * side for count, side in zip(_ARC_PLACES, room, strict=True)]
-        middles = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 1, 2) + 0.5 * (np.array(size) - 1.0)
-        arcs.append(middles + bent)
+    for bent in (arc, arc[:, ::-1], -arc, -arc[:, ::-1]):
+        half = 0.5 * np.ptp(bent, axis=0)
+        room = np.maximum((1.0 - 2.0 * _WORKING_MARGIN) * np.array(size) - 2.0 * half, 0.0)
+        corner = 0.5 * (np.array(size) - 1.0 - room) - half - bent.min(axis=0)
+        arcs.append(bent + (corner + _list_grid((2, 2), _ARC_PLACES) * room)[:, None])
     return np.concatenate(arcs)
 
 
-def _compare_arcs(
-    true: _FloatArray, mapped: _FloatArray, shape: tuple[int, ...]
-) -> tuple[_FloatArray, _FloatArray]:
-    """Return the relative changes (A,) of the chords of arcs, and of the circles through them."""
-    true, mapped = true.reshape(shape), mapped.reshape(shape)
-    chords, changed = (np.linalg.norm(arcs[:, -1] - arcs[:, 0], axis=1) for arcs in (true, mapped))
-    radii, other = (np.array([_fit_radius(arc) for arc in arcs]) for arcs in (true, mapped))
-    return changed / chords - 1.0, other / radii - 1.0
+def _fit_radii(arcs: _FloatArray) -> _FloatArray:
+    """Return the radii (A,) of the circles through points (A, N, 2) that are very nearly on them."""
+    centred = arcs - arcs.mean(axis=1, keepdims=True)
+    design = np.concatenate((2.0 * centred, np.ones_like(centred[..., :1])), axis=2)
+    found = (np.linalg.pinv(design) @ np.sum(centred**2, axis=2)[..., None])[..., 0]
+    return np.asarray(np.sqrt(found[:, 2] + np.sum(found[:, :2] ** 2, axis=1)))
 
 
-def _fit_radius(arc: _FloatArray) -> float:
-    """Return the radius of the circle through points (N, 2) that are very nearly on one."""
-    centred = arc - arc.mean(axis=0)
-    design = np.column_stack((2.0 * centred, np.ones(len(arc))))
-    y, z, rest = np.linalg.lstsq(design, np.sum(centred**2, axis=1), rcond=None)[0]
-    return float(np.sqrt(rest + y * y + z * z))
-
-
-def picture_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 0.0) -> _FloatArray:
-    """Return pixels (columns * rows, 2), row by row, evenly spaced from corner to corner, inside a margin (a share)."""
-    axes = (
-        np.linspace(margin * (extent - 1), (1.0 - margin) * (extent - 1), count)
-        for extent, count in zip(size, shape, strict=True)
-    )
-    return np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
+def _list_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 0.0) -> _FloatArray:
+    """Return pixels (columns * rows, 2), evenly spaced from corner to corner, inside a margin (a share)."""
+    axes = (np.linspace(margin, 1.0 - margin, count) for count in shape)
+    shares = np.stack(np.meshgrid(*axes), axis=2).reshape(-1, 2)
+    return np.asarray(shares * (np.array(size) - 1.0))

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, InstanceOf, 
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.vision.gel import Gel
-from labrig.vision.intrinsics import Intrinsics, undistort_by_each
+from labrig.vision.intrinsics import Intrinsics
 
 Insertion = Literal["right", "left", "up", "down"]
 VariationGroup = Literal["lens", "plane", "surface"]
@@ -307,14 +307,10 @@ class PlaneMap(_Value):
         Raises as `to_mm`.
         """
         points = _as_points(px, "pixels")
-        own, others = self.intrinsics or self.radial, [variant.intrinsics for variant in self._variants]
-        varied = [lens for lens in others if lens is not None and lens is not own]
-        by_own = undistort(own, points)
-        by_varied = iter(undistort_by_each(varied, points) if varied else ())
+        by_own = undistort(self.intrinsics or self.radial, points)
         found: dict[VariationGroup, list[FloatArray]] = {group: [] for group in get_args(VariationGroup)}
         for variation, variant in zip(self.variations, self._variants, strict=True):
-            is_own = variant.intrinsics is None or variant.intrinsics is own
-            ideal = by_own if is_own else next(by_varied)
+            ideal = by_own if variation.lens is None else undistort(variant.intrinsics, points)
             found[variation.group].append(variant.ideal_to_mm(ideal))
         return found
 

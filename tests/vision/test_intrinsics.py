@@ -172,7 +172,7 @@ REFUSED = {
         lambda: [
             project_board(tilt, 0.0, (8.0, 6.0), distance=300.0, seed=tilt) for tilt in (0, 4, 8, 12, 15)
         ],
-        ("first the upper left one", "closer"),
+        ("boards cover", "closer"),
     ),
     "one": (lambda: good_views()[1:2], ("cannot be checked",)),
     "two": (lambda: good_views()[1:3], ("cannot be checked",)),
@@ -277,7 +277,7 @@ def test_pictures_of_another_size_are_left_out():
     pictures = [("a.png", picture), ("b.png", picture[:100, :100]), ("c.png", picture)]
     found = calibrate_from_pictures(pictures, 7, 5, 10.0)
     assert [view.used for view in found.views] == [True, False, True]
-    assert "100 x 100 pixels, the calibration is of 560 x 480" in found.views[1].reason
+    assert "100 x 100 pixels, the calibration is for 560 x 480" in found.views[1].reason
 
 
 def test_views_of_another_camera_are_left_out():

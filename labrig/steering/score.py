@@ -45,15 +45,15 @@ def pick_best_feasible(psi: FloatArray, around: Surroundings) -> ScoredPath | No
         psi, gaps, frames = psi[clear], gaps[clear], frames.take(clear)
     if not len(psi):
         return None
-    costs = _cost_lengths(psi, frames, gaps, around)
-    likely = np.argsort(costs, kind="stable")[:_LIKELY]
-    bound = _path_costs(psi[likely], frames.take(likely), gaps[likely], around).min()
-    kept = np.flatnonzero(costs <= bound + ROUNDING)
-    costs = _path_costs(psi[kept], frames.take(kept), gaps[kept], around)
+    least, costs = _cost_lengths(psi, frames, gaps, around), np.full(len(psi), np.inf)
+    likely = np.argsort(least, kind="stable")[:_LIKELY]
+    costs[likely] = _path_costs(psi[likely], frames.take(likely), gaps[likely], around)
+    others = np.flatnonzero((least <= costs.min() + ROUNDING) & np.isinf(costs))
+    if len(others):
+        costs[others] = _path_costs(psi[others], frames.take(others), gaps[others], around)
     best = find_cheapest(costs)
-    cheapest = psi[kept[best]]
-    last = np.flatnonzero(cheapest[:, 0] > ROUNDING).max(initial=-1)
-    return ScoredPath(cheapest[: last + 1], float(costs[best]))
+    last = np.flatnonzero(psi[best, :, 0] > ROUNDING).max(initial=-1)
+    return ScoredPath(psi[best, : last + 1], float(costs[best]))
 
 
 def find_cheapest(costs: FloatArray) -> int:

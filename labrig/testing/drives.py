@@ -30,18 +30,60 @@ _TIMEOUT_S = 30.0
 _SYNC = 0x080
 
 
-@dataclass(frozen=True)
+@dataclass
 class OpenedDrive:
-    """A bus with a drive, its section of the rig file, and its clock.
+    """A drive under test on its bus, opened by its section; every wait sends the computer's heartbeat, as a rig does.
 
-    `distance` is how far the axis may move to either side of its position [mm or rad].
+    `silent_clock` lets time pass without a beat. `distance` is how far the axis may move to either side of its position
+    [mm or rad].
     """
 
     link: CanLink
     section: AxisDescription
-    clock: Clock
+    silent_clock: Clock
     distance: float = 1.0
     heartbeat: HeartbeatDescription = field(default_factory=HeartbeatDescription)
+
+    def __post_init__(self) -> None:
+        self.clock = HeartbeatClock(self.silent_clock, self.link, self.heartbeat)
+        self.drive: Drive = self.section.open(self.link, "tested", self.clock)
+        self.speed = self.section.nearest_speed(self.section.max_speed / 2)
+        self.window = self.section.position_window + 1 / self.section.scale().counts_per_unit
+
+    def is_at(self, position: float) -> bool:
+        """Tell whether the axis is within its window of a position."""
+        return abs(self.drive.position() - position) <= self.window
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Let rig time pass until a condition holds."""
+        deadline_s = self.clock.now_s() + _TIMEOUT_S
+        while not condition():
+            assert self.clock.now_s() < deadline_s, "it takes too long"
+            self.clock.sleep(_POLL_S)
+
+    def wait(self, turns: Iterator[None]) -> None:
+        """Let rig time pass until a homing or a stop has ended."""
+        for _ in turns:
+            self.clock.sleep(STILL_POLL_S)
+
+    def move_to(self, position: float) -> None:
+        """Move, and arrive."""
+        self.drive.start_move(position, self.speed)
+        self.wait_until(lambda: self.drive.read().target_reached)
+        assert self.is_at(position)
+
+    def start_moving(self) -> float:
+        """Start a move forwards, wait until the axis has left its position, and return that position."""
+        start = self.drive.position()
+        self.drive.start_move(start + self.distance, self.speed / 4)
+        self.wait_until(lambda: not self.is_at(start))
+        return start
+
+    def home_here(self, position: float) -> None:
+        """Home at the present position."""
+        self.wait(self.drive.home(Homing(HOMING_HERE, position)))
+        assert self.drive.is_referenced()
+        assert self.is_at(position)
 
 
 @contextmanager
@@ -59,54 +101,6 @@ def simulated_drive(
     node.unplug()
 
 
-class _Bench:
-    """A drive under test; every wait sends the computer's heartbeat, as a rig does."""
-
-    def __init__(self, opened: OpenedDrive) -> None:
-        self.opened = opened
-        self.clock = HeartbeatClock(opened.clock, opened.link, opened.heartbeat)
-        self.drive: Drive = opened.section.open(opened.link, "tested", self.clock)
-        scale = opened.section.scale()
-        self.speed = scale.to_speed(scale.speed_units_below(opened.section.max_speed / 2))
-        self.window = opened.section.position_window + 1 / scale.counts_per_unit
-
-    def is_at(self, position: float) -> bool:
-        """Tell whether the axis is within its window of a position."""
-        return abs(self.drive.position() - position) <= self.window
-
-    def wait_until(self, condition: Callable[[], bool]) -> None:
-        """Let rig time pass until a condition holds."""
-        deadline_s = self.clock.now_s() + _TIMEOUT_S
-        while not condition():
-            assert self.clock.now_s() < deadline_s, "it takes too long"
-            self.clock.sleep(_POLL_S)
-
-    def wait_until_still(self, within_s: float = _TIMEOUT_S) -> None:
-        """Let rig time pass until the axis stands still."""
-        for _ in self.drive.wait_until_still(within_s):
-            self.clock.sleep(STILL_POLL_S)
-
-    def move_to(self, position: float) -> None:
-        """Move, and arrive."""
-        self.drive.start_move(position, self.speed)
-        self.wait_until(lambda: self.drive.read().target_reached)
-        assert self.is_at(position)
-
-    def start_moving(self) -> float:
-        """Start a move forwards, wait until the axis has left its position, and return that position."""
-        start = self.drive.position()
-        self.drive.start_move(start + self.opened.distance, self.speed / 4)
-        self.wait_until(lambda: not self.is_at(start))
-        return start
-
-    def home_here(self, position: float) -> None:
-        """Home at the present position."""
-        for _ in self.drive.home(Homing(HOMING_HERE, position)):
-            self.clock.sleep(_POLL_S)
-        assert self.drive.is_referenced()
-        assert self.is_at(position)
-
-
 class DriveConformance:
     """Tests of a kind of drive; a subclass opens one."""
 
@@ -115,23 +109,24 @@ class DriveConformance:
         raise NotImplementedError
 
     @contextmanager
-    def _enabled(self) -> Iterator[_Bench]:
-        with self.open_drive() as opened:
-            bench = _Bench(opened)
+    def _enabled(self) -> Iterator[OpenedDrive]:
+        with self.open_drive() as bench:
             bench.drive.identify()
-            bench.drive.configure(opened.heartbeat, None)
+            bench.drive.configure(bench.heartbeat, None)
             bench.drive.enable()
             yield bench
             bench.drive.close()
 
     def test_identifying_writes_nothing_and_configuring_gives_no_power(self) -> None:
         """Identity and settings are ready for the record; reading for a move is refused without power."""
-        with self.open_drive() as opened:
-            drive = _Bench(opened).drive
+        with self.open_drive() as bench:
+            drive = bench.drive
             identity = drive.identify()
             assert identity.model
-            assert all(data[0] == 0x40 for data in _sent_requests(opened.link))
-            drive.configure(opened.heartbeat, None)
+            frames = bench.link.network.take_frames()
+            sent = [data for _, can_id, data, way in frames if way == "T" and 0x600 < can_id < 0x680]
+            assert all(data[0] == 0x40 for data in sent)
+            drive.configure(bench.heartbeat, None)
             assert json.dumps([identity.document(), drive.describe()])
             assert _refuses(drive.read)
 
@@ -144,7 +139,7 @@ class DriveConformance:
             assert decode_state(bench.drive.read().statusword) is DriveState.OPERATION_ENABLED
             assert bench.drive.faults() == ()
             bench.drive.check()
-            for target in (start + bench.opened.distance, start):
+            for target in (start + bench.distance, start):
                 rounded = bench.drive.round_move(target, bench.speed)
                 assert rounded.sent
                 assert abs(rounded.position - target) <= bench.window
@@ -156,12 +151,12 @@ class DriveConformance:
         """The position is that of a read by SDO; current and inputs are there, as far as the drive has them."""
         with self._enabled() as bench:
             since_s = bench.clock.now_s()
-            bench.opened.link.send(_SYNC, b"")
+            bench.link.send(_SYNC, b"")
             reported, lag = bench.drive.read(since_s), bench.drive.lag()
             assert bench.is_at(reported.position)
             assert (reported.current_ma is None) is (bench.drive.current_ma() is None)
-            assert set(reported.inputs) == set(bench.opened.section.inputs) == set(bench.drive.read_inputs())
-            assert lag is None or abs(lag) <= bench.opened.section.max_following_error
+            assert set(reported.inputs) == set(bench.section.inputs) == set(bench.drive.read_inputs())
+            assert lag is None or abs(lag) <= bench.section.max_following_error
 
     def test_every_stop_ends_a_move(self) -> None:
         """One that is only sent and one that is answered keep power; after a quick stop the drive must be enabled."""
@@ -172,9 +167,9 @@ class DriveConformance:
                 (bench.drive.stop, True),
             ):
                 start = bench.start_moving()
-                assert _refuses(lambda: bench.wait_until_still(0.0))
+                assert _refuses(lambda: bench.wait(bench.drive.wait_until_still(0.0)))
                 stop(quick=is_quick)
-                bench.wait_until_still()
+                bench.wait(bench.drive.wait_until_still(_TIMEOUT_S))
                 assert _refuses(bench.drive.read) is is_quick
                 if is_quick:
                     bench.drive.enable()
@@ -186,19 +181,19 @@ class DriveConformance:
             bench.drive.assume_position(40 * bench.window)
             assert bench.is_at(40 * bench.window)
             bench.move_to(0.0)
-            bench.home_here(2 * bench.opened.distance)
+            bench.home_here(2 * bench.distance)
             bench.home_here(0.0)
 
     def test_the_drive_itself_holds_the_limits(self) -> None:
         """A target beyond them is not reached, whatever the computer commands."""
         with self._enabled() as bench:
             bench.home_here(0.0)
-            near, far = bench.opened.distance / 4, bench.opened.distance
+            near, far = bench.distance / 4, bench.distance
             bench.drive.set_limits((-near, near))
             with suppress(DriveError):
                 bench.drive.start_move(far, bench.speed / 4)
                 bench.clock.sleep(4 * far / bench.speed + 1)
-            bench.wait_until_still()
+            bench.wait(bench.drive.wait_until_still(_TIMEOUT_S))
             assert bench.drive.position() < far / 2
             bench.drive.reset_fault()
             bench.drive.set_limits(None)
@@ -209,11 +204,11 @@ class DriveConformance:
         """Without heartbeats it stops by itself, reports why, and moves only after its fault has been reset."""
         with self._enabled() as bench:
             # A drive misses only a heartbeat that it has received before.
-            bench.clock.sleep(2 * bench.opened.heartbeat.period_ms / 1000)
+            bench.clock.sleep(2 * bench.heartbeat.period_ms / 1000)
             start = bench.drive.position()
-            bench.drive.start_move(start + bench.opened.distance, bench.speed / 100)
-            bench.opened.clock.sleep(2 * bench.opened.heartbeat.timeout_ms / 1000)
-            bench.wait_until_still()
+            bench.drive.start_move(start + bench.distance, bench.speed / 100)
+            bench.silent_clock.sleep(2 * bench.heartbeat.timeout_ms / 1000)
+            bench.wait(bench.drive.wait_until_still(_TIMEOUT_S))
             assert bench.drive.faults()
             assert _refuses(bench.drive.read)
             assert _refuses(bench.drive.enable)
@@ -224,27 +219,21 @@ class DriveConformance:
 
     def test_closing_leaves_no_fault_and_restores_the_current_limit(self) -> None:
         """Power and both heartbeats end; a limit holds until then, and a drive without one refuses it."""
-        with self.open_drive() as opened:
-            drive = _Bench(opened).drive
+        with self.open_drive() as bench:
+            drive = bench.drive
             own_ma = drive.current_limit_ma()
             if own_ma is None:
-                assert _refuses(lambda: drive.configure(opened.heartbeat, 1))
+                assert _refuses(lambda: drive.configure(bench.heartbeat, 1))
                 return
-            drive.configure(opened.heartbeat, own_ma // 2)
+            drive.configure(bench.heartbeat, own_ma // 2)
             limit_ma = drive.current_limit_ma()
             assert limit_ma is not None
             assert 0.9 * (own_ma // 2) < limit_ma <= own_ma // 2 + 1
             drive.close()
             assert drive.current_limit_ma() == own_ma
-            opened.clock.sleep(2 * opened.heartbeat.timeout_ms / 1000)
+            bench.silent_clock.sleep(2 * bench.heartbeat.timeout_ms / 1000)
             assert drive.faults() == ()
             assert _refuses(drive.read)
-
-
-def _sent_requests(link: CanLink) -> list[bytes]:
-    """Return the SDO requests that were sent since the frames of a link were last taken."""
-    frames = link.network.take_frames()
-    return [data for _, can_id, data, way in frames if way == "T" and 0x600 < can_id < 0x680]
 
 
 def _refuses(act: Callable[[], object]) -> bool:

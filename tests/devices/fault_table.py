@@ -304,8 +304,8 @@ TOLD_WITHIN_S = 1.0
 REFUSED_AT_CONNECT = {
     "node-id clash": "two nodes answer as node",
     "wrong encoder resolution": "encoder_pulses_per_turn 1000 (0x2210:01), the rig file says 500",
-    "wrong vendor": "is not an EPOS2 that labrig knows: vendor 0x",
-    "unknown hardware": "is not an EPOS2 that labrig knows: hardware version 0x6552",
+    "wrong vendor": "is no EPOS2 that labrig knows: profile 402, vendor 0x",
+    "unknown hardware": "vendor 0xFB, hardware version 0x6552",
     "fingerprint mismatch": "configuration fingerprint",
     "force limit exceeded": "input needle_force is 25 N",
     "door opened": "input door is off",

@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import Drive, Homing
 from labrig.devices.drives.epos2 import DRIVE, Epos2Axis
+from labrig.devices.drives.model import Cia402Section
+from labrig.devices.drives.objects import Place
 from labrig.devices.hardware import Hardware
 from labrig.devices.opening import WHOLE, Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
@@ -29,6 +33,7 @@ SIMULATED = CALIBRATION / "rig-simulated.yaml"
 BENCH = CALIBRATION / "rig-bench.yaml"
 
 ANSWER_TIMEOUT_S = 0.12
+HEARTBEAT = HeartbeatDescription()
 FAST_WORLD = ("world.bubbles_per_specimen=0", "world.noise_sd=0")
 
 
@@ -108,34 +113,61 @@ class Signal:
         return self.name
 
 
+_WALLS = Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
+
+
 @dataclass
 class OneDrive:
-    """A driver and the simulated drive that it talks to."""
+    """A driver, the simulated drive that it talks to, and their bus."""
 
     clock: SimulatedClock
     wire: InProcessWire
+    link: CanLink
     drive: SimulatedCia402Drive
     driver: Cia402Drive
+
+    def get_ready(self) -> None:
+        """Configure and enable the drive."""
+        self.driver.identify()
+        self.driver.configure(HEARTBEAT, None)
+        self.driver.enable()
 
     def home(self, homing: Homing) -> None:
         """Home to the end."""
         for _ in self.driver.home(homing):
             self.clock.sleep(0.005)
 
+    def wait(self, duration_s: float) -> None:
+        """Let time pass without the computer's heartbeat."""
+        for _ in range(round(duration_s / 0.01)):
+            self.clock.sleep(0.01)
+
+    def values(self, *places: Place) -> tuple[int, ...]:
+        """Return what objects of the drive hold."""
+        return tuple(map(self.drive.objects.value, places))
+
     def reopen(self, **changes: object) -> Cia402Drive:
         """Return another driver, with changes in its section."""
-        return Cia402Drive(self.driver._link, epos2_axis(**changes), "insertion", self.clock)
+        section = self.driver.section.model_copy(update=changes)
+        return Cia402Drive(self.link, section, "insertion", self.clock)
 
 
 @contextmanager
-def one_drive(**drive_settings: Any) -> Iterator[OneDrive]:
-    """Set up a drive on a bus, with a driver."""
+def one_drive(
+    section: Cia402Section | None = None, told: Cia402Section | None = None, **drive_settings: Any
+) -> Iterator[OneDrive]:
+    """Set up a drive on a bus, with a driver; `told` is the driver's section, if it is another than the drive's."""
     clock, wire = SimulatedClock(), InProcessWire()
     link = attach(wire, clock, ANSWER_TIMEOUT_S)
-    drive = epos2_node(wire, 1, clock, **drive_settings)
+    drive = (
+        epos2_node(wire, 1, clock, **drive_settings)
+        if section is None
+        else section.simulate(wire, clock, _WALLS)
+    )
+    assert isinstance(drive, SimulatedCia402Drive)
     clock.on_advance(drive.tick)
-    driver = Cia402Drive(link, epos2_axis(), "insertion", clock)
-    yield OneDrive(clock, wire, drive, driver)
+    driver = Cia402Drive(link, told or section or epos2_axis(), "insertion", clock)
+    yield OneDrive(clock, wire, link, drive, driver)
     link.close()
     drive.unplug()
 

@@ -55,16 +55,16 @@ def test_the_simulated_rig_is_in_order() -> None:
 @pytest.mark.parametrize(
     ("drive", "section", "check", "status", "words"),
     [
-        ({"software": 0x2126}, {}, "drive", CheckStatus.WARN, "labrig knows the objects of software 0x2110 and 0x2122"),
+        ({"software": 0x2126}, {}, "drive", CheckStatus.WARN, "its EDS file is for version 0x2110 and 0x2122"),
         ({"hardware": 0x6552}, {"hardware_version": 0x6552}, "drive", CheckStatus.WARN, "check that its label says"),
         ({}, {}, "drive", CheckStatus.PASS, "serial 1001, fingerprint [0, 0]"),
-        ({}, {"configuration_fingerprint": (1, 2)}, "fingerprint", CheckStatus.FAIL, "[0, 0]"),
-        ({}, {"encoder_pulses_per_turn": 512}, "encoder and units", CheckStatus.FAIL, "encoder_pulses_per_turn 500"),
-        ({}, {"encoder_pulses_per_turn": None}, "encoder and units", CheckStatus.FAIL, "encoder_pulses_per_turn 500"),
+        ({}, {"configuration_fingerprint": (1, 2)}, "settings", CheckStatus.FAIL, "[0, 0]"),
+        ({}, {"encoder_pulses_per_turn": 512}, "settings", CheckStatus.FAIL, "encoder_pulses_per_turn 500"),
+        ({}, {"encoder_pulses_per_turn": None}, "settings", CheckStatus.FAIL, "encoder_pulses_per_turn 500"),
     ],
 )  # fmt: skip
 def test_a_drive_is_compared_with_its_section(
-    drive: dict[str, int], section: dict[str, object], check: str, status: CheckStatus, words: str
+    drive: dict[str, Any], section: dict[str, object], check: str, status: CheckStatus, words: str
 ) -> None:
     """Versions that nobody has tried are warned of; an encoder or a fingerprint that differs fails with the drive's."""
     with one_drive(**drive) as one:
@@ -205,7 +205,7 @@ def test_currents_and_inputs_are_checked() -> None:
             "limit 10000 mA, the drive's own; not guarded against a stall",
         ),
         ("current rotation", CheckStatus.PASS, "0 mA; limit 800 mA, the drive's own 10000 mA"),
-        ("current linear", CheckStatus.FAIL, "10000 mA, the rig file says max_current_ma 12000"),
+        ("limits linear", CheckStatus.FAIL, "has a limit of 10000, the rig file says max_current_ma 12000"),
         ("input force", CheckStatus.PASS, "0 N at analog-1 of the drive of axis insertion, limits [-5, 5] N"),
         ("input door", CheckStatus.WARN, "off"),
     ):

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.epos2 import HOMING_DIRECTIONS
@@ -13,6 +12,7 @@ from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.rig import Rig
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
+from tests.devices import epos2_places as od
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 QUADCOUNTS_PER_MM = 4000

@@ -10,29 +10,22 @@ from labrig.devices.check import check_bus, check_rig
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
-from labrig.devices.drives.drive import Drive
-from labrig.devices.drives.model import STOP_OPTIONS
+from labrig.devices.drives.generic import DRIVE
+from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.errors import DriveError, SecondMasterError
 from tests.devices.bench_rig import PATIENT, bench_description, bench_rig
 from tests.devices.cia402.eds_text import eds_text, entry
-from tests.devices.cia402.sections import HEARTBEAT, drive_on_a_bus, section_of
-from tests.devices.rigs import OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
+from tests.devices.cia402.sections import section_of
+from tests.devices.rigs import HEARTBEAT, OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
 from tests.devices.served import served_drives
 
 RECEIVE_PDO_COB_IDS = tuple(Place(0x1400 + n, 1) for n in range(4))
 BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
 RETARGET = (0x601, b"\x23\x7a\x60\0\x80\xa9\x03\0")
-
-
-def keep(one: OneDrive, place: Place, value: int) -> None:
-    """Let a drive take what is written to an object, and keep its value."""
-    objects = one.drive.objects
-    objects._live = {**objects._live, place: lambda: value}
 
 
 def send(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
@@ -43,62 +36,64 @@ def send(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
     master.shutdown()
 
 
-def valid_pdos(drive: SimulatedCia402Drive) -> list[int]:
-    """Return the COB-IDs of the PDOs that a drive obeys, and of those that it sends."""
-    values = [drive.objects.value(place) for place in (*RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)]
-    return [value & 0x7FF for value in values if not value & co.PDO_INVALID]
-
-
-def configured(one: OneDrive) -> OneDrive:
-    """Configure the drive."""
+def configured(one: OneDrive) -> dict[str, int | None]:
+    """Configure the drive, and return what the record says of its settings."""
     one.driver.identify()
     one.driver.configure(HEARTBEAT, None)
-    return one
-
-
-def dead_man(drive: Drive) -> dict[str, int | None]:
-    """Return what the record says of how a drive stops by itself."""
-    found = drive.describe()["drive_settings"]
+    found = one.driver.describe()["drive_settings"]
     assert isinstance(found, dict)
     return found
 
 
-def test_option_codes_of_an_epos2_are_written_and_read_back() -> None:
-    """A lost heartbeat is a fault, and every way to stop is by a ramp; an option that a firmware lacks is null."""
-    with one_drive() as one:
-        one.drive.objects.values |= {co.ABORT_CONNECTION: 0, co.SHUTDOWN_OPTION: 0, co.FAULT_REACTION: 0}
-        configured(one)
-        assert [one.drive.objects.value(place) for place in STOP_OPTIONS] == [1, 1, 1, 2]
-        assert dead_man(one.driver)["0x6007:00"] == 1
-        assert dead_man(one.driver)["0x1016:01"] == 127 << 16 | 500
-        one.drive.abort_next(0x06020000, co.SHUTDOWN_OPTION.index)
-        configured(one)
-        assert dead_man(one.driver)["0x605B:00"] is None
+@pytest.mark.parametrize(("section", "codes"), [(None, (1, 1, 1, 2)), (DRIVE.example(1), (1, 1, 1, 2, 6))])
+def test_option_codes_and_process_data_are_set_and_read_back(
+    section: Cia402Section | None, codes: tuple[int, ...]
+) -> None:
+    """Whatever they were: a lost heartbeat is a fault, every way to stop is by a ramp, only the report is sent.
+
+    An EPOS2 comes with four receive PDOs that anybody can write to.
+    """
+    with one_drive(section) as one:
+        options = one.driver.model.stop_options
+        one.drive.objects.values |= dict.fromkeys(options, 0)
+        settings = configured(one)
+        assert one.values(*options) == codes
+        assert (settings["0x6007:00"], settings["0x1016:01"]) == (1, 127 << 16 | 500)
+        assert one.values(co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT) == (127 << 16 | 500, 100)
+        pdos = one.values(*RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS)
+        assert [value & 0x7FF for value in pdos if not value & co.PDO_INVALID] == [0x381]
+        assert one.driver.has_restarted is False
 
 
-@pytest.mark.parametrize(
-    ("place", "words"),
-    [
-        (co.ABORT_CONNECTION, r"takes no action when the computer falls silent \(0x6007:00 = 0\)"),
-        (co.FAULT_REACTION, r"fault reaction option code .*; its dead-man cannot be relied upon"),
-    ],
-)
-def test_a_drive_that_keeps_no_action_is_refused(place: Place, words: str) -> None:
+@pytest.mark.parametrize("place", [co.ABORT_CONNECTION, co.FAULT_REACTION])
+def test_a_drive_that_keeps_no_action_is_refused(place: Place) -> None:
     """It would move on when labrig ends; the message says which setting it is."""
     with one_drive() as one:
-        keep(one, place, 0)
-        with pytest.raises(DriveError, match=words):
+        one.drive.objects._live = {**one.drive.objects._live, place: lambda: 0}
+        with pytest.raises(DriveError, match=rf"{place}\) at 0 when .* cannot be relied upon to stop when"):
             configured(one)
 
 
-def test_a_drive_without_a_reaction_to_silence_says_so() -> None:
-    """Nobody knows whether it stops when labrig ends: a person has to confirm that, and the check names the object."""
+def test_a_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    """Read-only and "no action": nothing would stop it."""
+    locked = entry("6007", "h", "ro", name="abort connection option code")
+    with (
+        one_drive(section_of(tmp_path, eds_text(locked))) as one,
+        pytest.raises(DriveError, match=r"0x6007:00.* cannot be relied upon to stop"),
+    ):
+        configured(one)
+
+
+def test_an_option_that_a_firmware_lacks_is_null_in_the_record() -> None:
+    """Without a reaction to silence a person has to confirm the drive, and the check names the object."""
     with one_drive() as one:
+        one.drive.abort_next(0x06020000, co.SHUTDOWN_OPTION.index)
+        assert configured(one)["0x605B:00"] is None
         one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
         assert "it may move on when labrig falls silent" in one.driver.identify().unguarded
         assert one.driver.identify().unguarded == ""
         one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
-        results = check_axis(one.driver._link, one.driver.section, "insertion", one.clock)
+        results = check_axis(one.link, one.driver.section, "insertion", one.clock)
         found = next(result for result in results if result.check == "guards insertion")
         assert found.status is CheckStatus.WARN
         assert "heartbeat stops (0x6007)" in found.value
@@ -116,24 +111,6 @@ def test_a_rig_with_a_drive_that_may_move_on_opens_on_confirmation(*, yes: bool)
             opened.rig.connect()
         assert [type(request) for request in person.asked] == [ConfirmUnguarded]
         assert opened.drives["insertion"].is_powered() is yes
-
-
-def test_process_data_that_labrig_does_not_use_is_switched_off() -> None:
-    """An EPOS2 comes with four receive PDOs that anybody can write to; only the report is left."""
-    with one_drive() as one:
-        assert valid_pdos(one.drive) == [0x201, 0x301, 0x401, 0x501, 0x181]
-        configured(one)
-        assert valid_pdos(one.drive) == [0x381]
-        assert one.driver.has_restarted is False
-
-
-def test_a_cia_402_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    """Read-only and "no action": nothing would stop it."""
-    locked = entry("6007", "h", "ro", name="abort connection option code")
-    with drive_on_a_bus(section_of(tmp_path, eds_text(locked))) as one:
-        one.driver.identify()
-        with pytest.raises(DriveError, match="takes no action when the computer falls silent"):
-            one.driver.configure(HEARTBEAT, None)
 
 
 # The bus

@@ -9,18 +9,15 @@ from pathlib import Path
 
 from canopen.objectdictionary import ODVariable, datatypes
 
-from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import find_bounds, find_default, read_own_eds
 from labrig.devices.drives.objects import Place
+from tests.devices import epos2_places as od
 
 TYPES = {
-    "U8": datatypes.UNSIGNED8,
-    "U16": datatypes.UNSIGNED16,
-    "U32": datatypes.UNSIGNED32,
-    "I8": datatypes.INTEGER8,
-    "I16": datatypes.INTEGER16,
-    "I32": datatypes.INTEGER32,
+    f"{sign}{bits}": getattr(datatypes, f"{kind}{bits}")
+    for sign, kind in (("U", "UNSIGNED"), ("I", "INTEGER"))
+    for bits in (8, 16, 32)
 }
 OBJECTS = read_own_eds("epos2.eds").objects
 NARROWED = {
@@ -49,24 +46,17 @@ def _read_table() -> dict[Place, dict[str, str]]:
 TABLE = _read_table()
 
 
-def test_every_object_has_the_type_and_access_of_a_real_drive() -> None:
-    """None is in the file that a real drive does not have, and none with another width, sign or access."""
+def test_every_object_is_that_of_a_real_drive() -> None:
+    """With its width, sign, access and range; none is in the file that a real drive does not have."""
     for place, found in OBJECTS.items():
         row = TABLE[place]
         assert found.data_type == TYPES[row["type"]], place
         assert found.access_type == row["access"].replace("const", "ro"), place
-
-
-def test_every_range_is_that_of_a_real_drive() -> None:
-    """Where its EDS file states a limit, labrig's has it; another one is named above."""
-    for place, found in OBJECTS.items():
         stated = ODVariable("", *place)
         stated.data_type = found.data_type
-        stated.min, stated.max = (_number(TABLE[place][key]) for key in ("low", "high"))
-        if (stated.min, stated.max) == (None, None) and place in NARROWED:
-            assert find_bounds(found) != find_bounds(stated)
-        else:
-            assert find_bounds(found) == find_bounds(stated), place
+        stated.min, stated.max = _number(row["low"]), _number(row["high"])
+        is_narrowed = (stated.min, stated.max) == (None, None) and place in NARROWED
+        assert (find_bounds(found) != find_bounds(stated)) is is_narrowed, place
 
 
 def test_every_default_is_that_of_a_real_drive() -> None:

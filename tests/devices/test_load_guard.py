@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.drives import epos2 as od
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.opening import Opening
 from labrig.devices.rig import Rig
 from labrig.errors import DriveError, ForceGuardError
+from tests.devices import epos2_places as od
 from tests.devices.rigs import OpenedRig, Person, opened_rig, ready_rig, simulated_rig
 
 LIMIT = "axes.linear.max_current_ma=800"
@@ -56,9 +56,9 @@ def test_the_lower_limit_of_rig_file_and_opening_holds(given_ma: int, in_force_m
     [
         (
             "axes.linear.max_current_ma=12000",
-            "limits its current to 10000 mA, the rig file says max_current_ma 12000",
+            "has a limit of 10000, the rig file says max_current_ma 12000",
         ),
-        ("axes.linear.max_speed=20", r"to 500 \(0x6410:04\), max_speed 20 mm/s of the rig file is 960 rpm"),
+        ("axes.linear.max_speed=20", r"has a limit of 10\.4167, the rig file says max_speed 20"),
     ],
 )
 def test_a_limit_above_that_of_the_drive_is_refused_with_both(override: str, words: str) -> None:

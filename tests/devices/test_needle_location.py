@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from labrig.devices.drives.errors import _REMEDIES, EPOS2_ERRORS, EPOS4_ERRORS, STANDARD_ERRORS
+from labrig.devices.drives.errors import ERRORS
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig import Rig
 from labrig.errors import DriveFaultError, DriveSilentError, MachineError
@@ -130,8 +130,8 @@ def test_an_unknown_needle_is_said_to_be_unknown() -> None:
 
 def test_no_remedy_costs_the_position_of_a_needle_in_tissue() -> None:
     """Power is switched off and on only with no needle in tissue, and nothing is moved by hand."""
-    errors = (*STANDARD_ERRORS.values(), *EPOS4_ERRORS.values(), *EPOS2_ERRORS.values())
-    for remedy in (*(error.remedy for error in errors), *_REMEDIES.values()):
-        assert remedy
+    for (table, code), (text, remedy) in ERRORS.items():
+        assert text
+        assert remedy or table == "sdo-abort" or (table, code) == ("class", 0x9)
         assert "by hand" not in remedy
         assert "off and on" not in remedy or "with no needle in tissue" in remedy

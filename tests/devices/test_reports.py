@@ -2,7 +2,6 @@
 
 import pytest
 
-from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
 from tests.devices.rigs import OpenedRig, one_drive, opened_rig, simulated_rig
 
@@ -98,12 +97,11 @@ def test_a_drive_whose_mapping_is_refused_midway_is_read_by_sdo() -> None:
     with one_drive() as bench:
         last = co.TPDO_MAPS[2][3]
         bench.drive.objects.refuse = lambda place: 0x06040041 if place == last else None
-        bench.driver.configure(HeartbeatDescription(), None)
-        bench.driver.enable()
+        bench.get_ready()
         assert bench.drive.objects.value(co.TRANSMIT_PDO_COB_IDS[2]) & co.PDO_INVALID
-        bench.driver._link.network.take_frames()
-        bench.driver._link.send(SYNC, b"")
+        bench.link.network.take_frames()
+        bench.link.send(SYNC, b"")
         assert bench.driver.read(bench.clock.now_s()).current_ma == 0.0
-        frames = bench.driver._link.network.take_frames()
+        frames = bench.link.network.take_frames()
         asked = [data[1:3] for _, can_id, data, _ in frames if can_id == 0x601]
         assert asked == [b"\x41\x60", b"\x64\x60", b"\x27\x20"]

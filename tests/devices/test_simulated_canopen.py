@@ -7,12 +7,12 @@ import can
 import pytest
 
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_default, read_own_eds
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from tests.devices import epos2_places as od
 from tests.devices.rigs import epos2_node
 
 NODE = 5

@@ -6,12 +6,12 @@ from contextlib import contextmanager
 import pytest
 
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import read_own_eds
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
+from tests.devices import epos2_places as od
 from tests.devices.rigs import epos2_node
 
 OBJECTS = read_own_eds("epos2.eds").objects

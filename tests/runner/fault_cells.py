@@ -15,7 +15,6 @@ from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.camera import Exposure, PictureSource, Setting
-from labrig.devices.drives import epos2 as od
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_own_eds
@@ -58,6 +57,7 @@ from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
+from tests.devices import epos2_places as od
 from tests.devices.fault_table import (
     REFUSED_AT_CONNECT,
     SCENARIOS,

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from labrig.devices.drives import epos2 as od
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
 from labrig.devices.rig import Rig, open_rig
@@ -26,6 +25,7 @@ from labrig.runner.commissioning import (
     judge_backlash,
     judge_travel,
 )
+from tests.devices import epos2_places as od
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
 from tests.runner.sessions import Watched
 

@@ -8,7 +8,8 @@ from labrig.devices.check_result import CheckResult, failed, passed, warned
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.model import Cia402Section
-from labrig.errors import DriveError, LabrigError
+from labrig.devices.drives.states import decode_state
+from labrig.errors import LabrigError
 
 _GUARDS = {
     co.ABORT_CONNECTION: "what the drive does when the computer's heartbeat stops (0x6007)",
@@ -28,9 +29,10 @@ def check_axis(link: CanLink, axis: Cia402Section, name: str, clock: Clock) -> I
     try:
         yield _check_identity(drive, name)
         drive.raise_if_faulted()
-        yield from _check_stated(drive, name)
+        yield from (failed(f"settings {name}", error) for error in drive.find_differences())
         if not axis.unknown:
-            yield _check_current(drive, name)
+            excesses = [failed(f"limits {name}", error) for error in drive.find_excesses()]
+            yield from excesses or [_check_current(drive, name)]
         yield _check_reference(drive, name)
         yield from _check_inputs(drive, name)
         yield _check_guards(drive, name)
@@ -50,20 +52,8 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
     return warned(f"drive {name}", f"{value}; {identity.doubt}", solution)
 
 
-def _check_stated(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
-    """Compare encoder and units, which are never written, and the fingerprint of all settings."""
-    for check, require in (
-        ("encoder and units", drive.require_stated),
-        ("fingerprint", drive.require_fingerprint),
-    ):
-        try:
-            require()
-        except DriveError as error:
-            yield failed(f"{check} {name}", error)
-
-
 def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
-    state = drive.decode(drive.statusword()).name
+    state = decode_state(drive.statusword()).name
     if drive.is_referenced():
         return passed(f"reference {name}", f"referenced, {state}")
     solution = f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE"
@@ -71,21 +61,13 @@ def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
 
 
 def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
-    """Compare the current limit of the rig file with that of the drive; a run writes the lower one."""
+    """Tell the current, its limits, and whether a stall is guarded against; a run writes the lower limit."""
     check, asked_ma = f"current {name}", drive.section.max_current_ma
     own_ma, now_ma = drive.current_limit_ma(), drive.current_ma()
     now = "not reported" if now_ma is None else f"{now_ma:.0f} mA"
-    try:
-        drive.require_limits()
-    except DriveError as error:
-        return failed(check, error)
     if own_ma is None:
-        value = (
-            f"{now}; neither limited nor guarded against a stall: labrig knows no current limit of this drive"
-        )
-        return warned(
-            check, value, f"name its object in the rig file, or set the limit in {drive.model.tool}"
-        )
+        value = f"{now}; neither limited nor guarded against a stall: no current limit of this drive is known"
+        return warned(check, value, "name its object in the rig file, or set the limit in the drive")
     if asked_ma is None:
         value = f"{now}; limit {own_ma} mA, the drive's own; not guarded against a stall"
         least = "the least with which the axis still moves freely, and some more"

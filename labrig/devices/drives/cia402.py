@@ -17,7 +17,7 @@ What is decided here
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
@@ -130,31 +130,19 @@ class Cia402Drive(DriveNode):
 
     # Connecting
 
-    def require_limits(self) -> None:
-        """Refuse a current limit or a speed of the rig file above the drive's own. Raises `DriveError`."""
-        failures, tool, section = [], self.model.tool, self.section
-        asked_ma, own_ma = section.max_current_ma, self.current_limit_ma()
-        if asked_ma is not None and own_ma is not None and asked_ma > own_ma:
-            failures.append(
-                DriveError(
-                    f"{self.name} limits its current to {own_ma} mA, the rig file says max_current_ma {asked_ma}",
-                    f"write {own_ma} or less into the rig file, or raise the limit in {tool} if the motor bears it",
+    def find_excesses(self) -> Iterator[DriveError]:
+        """Yield a current limit or a speed of the rig file above the drive's own."""
+        section, place = self.section, self.model.motor_speed_limit
+        own_speed = None if place is None else self.scale.to_speed(self.upload(place))
+        for key, asked, own in (
+            ("max_current_ma", section.max_current_ma, self.current_limit_ma()),
+            ("max_speed", section.nearest_speed(section.max_speed), own_speed),
+        ):
+            if asked is not None and own is not None and asked > own:
+                yield DriveError(
+                    f"{self.name} has a limit of {own:.6g}, the rig file says {key} {asked:.6g}",
+                    f"write {own:.6g} or less, or raise the limit in {self.model.tool} if axis and motor bear it",
                 )
-            )
-        place = self.model.motor_speed_limit
-        own, units = (
-            None if place is None else self.upload(place),
-            self.scale.to_speed_units(section.max_speed),
-        )
-        if own is not None and units > own:
-            failures.append(
-                DriveError(
-                    f"{self.name} limits its motor to {own} ({place}), max_speed "
-                    f"{section.max_speed:g} {section.unit}/s of the rig file is {units} {section.speed_unit}",
-                    f"write max_speed: {self.scale.to_speed(own):.4g} or less, or correct the limit in {tool}",
-                )
-            )
-        raise_together(failures)
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
         """Switch the drive off, write its settings, and make it stop by itself; its heartbeat is monitored now."""
@@ -165,7 +153,7 @@ class Cia402Drive(DriveNode):
         self.stop()
         self.settle(ANSWER_TIME_S)
         self.go_to(TargetState.POWER_OFF)
-        self.require_limits()
+        raise_together([*self.find_excesses()])
         self._heartbeat = heartbeat
         self.watch(heartbeat)
         settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
@@ -214,16 +202,10 @@ class Cia402Drive(DriveNode):
 
     # States
 
-    def decode(self, statusword: int) -> DriveState:
-        """Return the state that a statusword shows."""
-        if statusword & self.model.PASSING_BITS in self.model.passing:
-            return DriveState.PASSING
-        return decode_state(statusword)
-
     def statusword(self) -> int:
         """Return the statusword."""
         statusword = self.upload(co.STATUSWORD)
-        self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
+        self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
         return statusword
 
     def go_to(self, goal: TargetState) -> None:
@@ -237,7 +219,7 @@ class Cia402Drive(DriveNode):
         since_s: dict[DriveState, float] = {}
         while True:
             statusword = self.statusword()
-            state, now_s = self.decode(statusword), self._clock.now_s()
+            state, now_s = decode_state(statusword), self._clock.now_s()
             if goal is TargetState.ENABLED:
                 self._refuse_fault(statusword)
             if is_attained(state, goal):
@@ -263,11 +245,15 @@ class Cia402Drive(DriveNode):
     def _set_mode(self, mode: int) -> None:
         """Set the mode of operation, and wait until the drive is in it."""
         self.ensure(co.MODE, mode)
+        if self.model.has(co.MODE_DISPLAY):
+            self._wait_until(lambda: self.upload(co.MODE_DISPLAY) == mode, f"enter mode of operation {mode}")
+
+    def _wait_until(self, done: Callable[[], bool], what: str) -> None:
         deadline_s = self._clock.now_s() + ANSWER_TIME_S
-        while self.model.has(co.MODE_DISPLAY) and (found := self.upload(co.MODE_DISPLAY)) != mode:
+        while not done():
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
-                    f"{self.name} stayed in mode of operation {found} (0x6061) when {mode} was requested",
+                    f"{self.name} did not {what} within {ANSWER_TIME_S:g} s",
                     f"look at its status in {self.model.tool}",
                 )
             self._clock.sleep(POLL_S)
@@ -290,7 +276,7 @@ class Cia402Drive(DriveNode):
         """Read statusword, position and load. Raises `DriveError` if the drive cannot move."""
         values = self._reports.read(since_s)
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
-        self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
+        self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
         self.check()
         if not self._was_enabled:
             self.require_enabled(statusword)
@@ -348,26 +334,20 @@ class Cia402Drive(DriveNode):
         """Start a profile to a counter, in units of speed of the drive, with both edges of the set-point handshake."""
         # The drive takes a set-point at the rising edge of its bit; an acknowledge of an earlier one would seem
         # to be its own.
-        self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "get ready for a set-point")
-        self.require_enabled(self.statusword())
+        self._wait_until(lambda: not self._acknowledges(), "get ready for a set-point")
         self._set_mode(co.PROFILE_POSITION)
         self.adjust({co.PROFILE_VELOCITY: speed_units})
         self.download(co.TARGET_POSITION, target)
         self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT | CHANGE_IMMEDIATELY)
-        self._wait_for_bit(SETPOINT_ACKNOWLEDGED, SETPOINT_ACKNOWLEDGED, "acknowledge the set-point")
+        self._wait_until(self._acknowledges, "acknowledge the set-point")
         self.download(co.CONTROLWORD, ENABLE)
-        self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "take back the acknowledge of the set-point")
+        self._wait_until(lambda: not self._acknowledges(), "take back the acknowledge of the set-point")
 
-    def _wait_for_bit(self, mask: int, wanted: int, what: str) -> None:
-        deadline_s = self._clock.now_s() + ANSWER_TIME_S
-        while (statusword := self.statusword()) & mask != wanted:
-            self.require_enabled(statusword)
-            if self._clock.now_s() > deadline_s:
-                raise DriveError(
-                    f"{self.name} did not {what} within {ANSWER_TIME_S:g} s (statusword 0x{statusword:04X})",
-                    f"look at its status in {self.model.tool}",
-                )
-            self._clock.sleep(POLL_S)
+    def _acknowledges(self) -> bool:
+        """Tell whether an enabled drive acknowledges a set-point."""
+        statusword = self.statusword()
+        self.require_enabled(statusword)
+        return bool(statusword & SETPOINT_ACKNOWLEDGED)
 
     # Stopping
 
@@ -386,7 +366,7 @@ class Cia402Drive(DriveNode):
         """Decelerate and hold, if power is on; a quick stop leaves operation enabled, and wakes a stopped node."""
         if quick:
             self.do_awake(lambda: self.go_to(TargetState.QUICK_STOPPED))
-        elif self.decode(self.statusword()) is DriveState.OPERATION_ENABLED:
+        elif decode_state(self.statusword()) is DriveState.OPERATION_ENABLED:
             self.download(co.CONTROLWORD, ENABLE | HALT)
 
     def settle(self, within_s: float) -> None:
@@ -417,7 +397,7 @@ class Cia402Drive(DriveNode):
         """Home, and hold at home in profile position mode; the caller lets time pass at each turn."""
         self._offset_counts, self._target, self._has_homed = 0, None, False
         due_s = self._clock.now_s() + homing.timeout_s
-        settings = self.model.list_homing_settings(self.section, homing, self.name)
+        settings = self.model.list_homing_settings(self.section, homing)
         self._set_mode(co.HOMING)
         self.adjust(settings)
         self.download(co.CONTROLWORD, ENABLE)
@@ -469,19 +449,17 @@ class Cia402Drive(DriveNode):
         self._offset_counts = self.scale.to_counts(position) - self.counter()
         self._target = None
 
-    def limit_settings(self, limits: tuple[float, float] | None) -> dict[Place, int]:
-        """Return the limits of the drive, wider by the window: a count beyond them is a fault. None: no limits."""
+    def set_limits(self, limits: tuple[float, float] | None) -> None:
+        """Set the limits of the drive, if it has any, wider by the window: a count beyond is a fault. None: none."""
         places = (co.LOWER_LIMIT, co.UPPER_LIMIT)
         if not all(map(self.model.has, places)):
-            return {}
+            return
         if limits is None:
-            return {place: find_default(self.variable(place)) for place in places}
+            self.adjust({place: find_default(self.variable(place)) for place in places})
+            return
         low, high = sorted(map(self.scale.to_counts, limits))
-        return dict(zip(places, (low - self._window_counts, high + self._window_counts), strict=True))
-
-    def set_limits(self, limits: tuple[float, float] | None) -> None:
-        """Set the limits of the drive, if it has any; None removes them."""
-        self.adjust(self.limit_settings(limits))
+        ends = (low - self._window_counts, high + self._window_counts)
+        self.adjust(dict(zip(places, ends, strict=True)))
 
     # Faults
 
@@ -493,7 +471,7 @@ class Cia402Drive(DriveNode):
     def require_enabled(self, statusword: int) -> None:
         """Refuse a statusword with which the drive cannot move, and what the drive has said. Raises `DriveError`."""
         self.check()
-        state = self.decode(statusword)
+        state = decode_state(statusword)
         if state is DriveState.OPERATION_ENABLED:
             return
         self._refuse_fault(statusword)
@@ -503,7 +481,7 @@ class Cia402Drive(DriveNode):
         )
 
     def _refuse_fault(self, statusword: int) -> None:
-        if self.decode(statusword) in FAULTED:
+        if decode_state(statusword) in FAULTED:
             raise self.make_fault(self.find_error_code(), self.upload(co.ERROR_REGISTER))
 
     def faults(self) -> tuple[DriveFaultError, ...]:

@@ -94,20 +94,11 @@ def read_eds(path: Path, folder: Path) -> Eds:
     """
     if not path.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{path} leaves the folder of the rig file", "put the EDS file beside the rig file")
-    if not path.is_file():
-        raise InputError(
-            f"{path} does not exist",
-            "put the manufacturer's EDS file of the drive there, or correct the name",
-        )
-    if path.stat().st_size > _MOST_BYTES:
-        raise InputError(
-            f"{path} has {path.stat().st_size} bytes, an EDS file at most {_MOST_BYTES}", _GET_ANOTHER
-        )
     try:
         # CiA 306 requires ASCII; manufacturers use other characters in names.
         return parse_eds(read_file(path, _MOST_BYTES).decode("latin-1"), str(path))
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}", "check its permissions") from error
+        raise InputError(f"cannot read {path}: {error.strerror}", _GET_ANOTHER) from error
 
 
 @lru_cache(maxsize=8)

@@ -21,30 +21,15 @@ from pydantic import Field
 
 from labrig.devices.axis_description import HomingDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Identity
 from labrig.devices.drives.eds import read_own_eds
-from labrig.devices.drives.errors import EPOS2_ERRORS
-from labrig.devices.drives.model import Asked, Model, Stated
+from labrig.devices.drives.model import Model, Stated
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.cia402 import Behaviour
 from labrig.devices.simulated.kinds import be_epos2
 from labrig.devices.units import AxisScale
-from labrig.errors import DriveError
 
-CONFIGURATION = (Place(0x1020, 1), Place(0x1020, 2))
-SOFTWARE_VERSION, HARDWARE_VERSION = Place(0x2003, 1), Place(0x2003, 2)
-CURRENT_AVERAGE = Place(0x2027)
-INPUT_STATE, INPUT_MASK, LIMIT_EXECUTION_MASK = Place(0x2071, 1), Place(0x2071, 2), Place(0x2071, 4)
-ANALOG_INPUTS = {f"analog-{n}": Place(0x207C, n) for n in (1, 2)}
-CURRENT_THRESHOLD = Place(0x2080)
-HOME_POSITION = Place(0x2081)
-FOLLOWING_ERROR_ACTUAL = Place(0x20F4)
-ENCODER_PULSES = Place(0x2210, 1)
-CURRENT_LIMIT, MAX_MOTOR_SPEED = Place(0x6410, 2), Place(0x6410, 4)
-
-VENDOR, DEVICE_TYPE = 0xFB, 0x00020192
 HARDWARE = {
     0x6120: "EPOS2 Module 36/2",
     0x6220: "EPOS2 24/5",
@@ -59,27 +44,18 @@ _SOFTWARE = range(0x2100, 0x2200)
 _TRIED_SOFTWARE = (0x2110, 0x2122)
 """Versions whose objects are known: by the driver of IRI (CEpos2), and by maxon's EDS file."""
 
-_UNKNOWN_MODEL = "EPOS2 of a type unknown to labrig"
+_BY_ITS_VERSION = (
+    "it is used because the rig file names its hardware version: check that its label says EPOS2"
+)
 _EXECUTION_DEFAULT = 0x0008
 _SWITCH_BITS = {"negative": 1, "positive": 2}
-_BY_CURRENT = frozenset({-1, -2, -3, -4})
-"""Homing methods that run into a mechanical stop."""
 
-HOMING_DIRECTIONS = {
-    1: -1,  # negative limit switch and index
-    2: +1,  # positive limit switch and index
-    17: -1,  # negative limit switch
-    18: +1,  # positive limit switch
-    -1: +1,  # current threshold, positive speed, and index
-    -2: -1,  # current threshold, negative speed, and index
-    -3: +1,  # current threshold, positive speed
-    -4: -1,  # current threshold, negative speed
-    HOMING_HERE: 0,
-}
+HOMING_DIRECTIONS = {1: -1, 2: +1, 17: -1, 18: +1, -1: +1, -2: -1, -3: +1, -4: -1, HOMING_HERE: 0}
 """Homing method -> sign of the motor's speed during its search, as maxon defines it: -1 and -3 go in the POSITIVE
 direction until the current threshold. `canopen` has the opposite sign, which would drive an axis the wrong way."""
 
 _INPUTS = ("negative-limit", "positive-limit", "home", "position-marker", "drive-enable")
+_ANALOG_INPUTS = {f"analog-{n}": Place(0x207C, n) for n in (1, 2)}
 _GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("HGFEDCBA", start=8)}
 
 Word = Annotated[int, Field(ge=0, lt=2**32)]
@@ -131,7 +107,7 @@ class Epos2Axis(ProductSection):
     @property
     def analog_inputs(self) -> tuple[str, ...]:
         """Names of the analog inputs of the drive."""
-        return tuple(ANALOG_INPUTS)
+        return tuple(_ANALOG_INPUTS)
 
     def find_behaviour(self) -> Behaviour:
         """Return how an EPOS2 24/5 behaves."""
@@ -144,86 +120,45 @@ class Epos2Axis(ProductSection):
 
     def homing_current_ma(self, method: int) -> int | None:
         """Return the current at which a method finds its stop [mA]; None for a method without a current."""
-        return self.homing.current_threshold_ma if method in _BY_CURRENT else None
+        return self.homing.current_threshold_ma if method < 0 else None
 
     def model(self) -> Model:
         """Return what is known of an EPOS2."""
-        pulses = self.encoder_pulses_per_turn
+        pulses, named = self.encoder_pulses_per_turn, self.hardware_version
+        name = None if named is None else HARDWARE.get(named & 0xFFF0)
         switches = sum(_SWITCH_BITS[switch] for switch in set(self.limit_switches))
         return Model(
             read_own_eds("epos2.eds"),
-            self._identify,
-            settings={LIMIT_EXECUTION_MASK: _EXECUTION_DEFAULT | switches},
-            errors=EPOS2_ERRORS,
-            stated=(Stated(ENCODER_PULSES, "encoder_pulses_per_turn", pulses, pulses),),
+            HARDWARE if named is None else {named: name or "EPOS2 of a type unknown to labrig"},
+            versions=_SOFTWARE,
+            tried=_TRIED_SOFTWARE,
+            type_name="hardware_version",
+            type_at=Place(0x2003, 2),
+            type_mask=0xFFF0 if named is None else 0xFFFF,
+            version_name="software_version",
+            version_at=Place(0x2003, 1),
+            advice="check the node id; if its label says EPOS2, enter its hardware_version into the rig file",
+            doubt="" if named is None or name else _BY_ITS_VERSION,
+            settings={Place(0x2071, 4): _EXECUTION_DEFAULT | switches},
+            errors="epos2",
+            stated=(Stated(Place(0x2210, 1), "encoder_pulses_per_turn", pulses, pulses),),
             tool="EPOS Studio",
-            passing=frozenset({0x0133, 0x4133, 0x4123}),  # measure init, refresh
             reset_communication_first=frozenset({0x8120, 0x81FD}),
-            current_ma=CURRENT_AVERAGE,  # it has no ripple of the power stage in it
-            current_limit_ma=CURRENT_LIMIT,
-            following_error=FOLLOWING_ERROR_ACTUAL,
-            motor_speed_limit=MAX_MOTOR_SPEED,
-            home_position=HOME_POSITION,
+            current_ma=Place(0x2027),  # the average: it has no ripple of the power stage in it
+            current_limit_ma=Place(0x6410, 2),
+            following_error=Place(0x20F4),
+            motor_speed_limit=Place(0x6410, 4),
+            home_position=Place(0x2081),
             home_offset=co.HOME_OFFSET,
-            homing_current=CURRENT_THRESHOLD,
+            homing_current=Place(0x2080),
             referenced_bit=15,
-            inputs=INPUT_STATE,
-            input_mask=INPUT_MASK,
-            analog=ANALOG_INPUTS,
-            fingerprint=CONFIGURATION,
+            inputs=Place(0x2071, 1),
+            input_mask=Place(0x2071, 2),
+            analog=_ANALOG_INPUTS,
+            fingerprint=(Place(0x1020, 1), Place(0x1020, 2)),
             expected_fingerprint=self.configuration_fingerprint,
             sent_names=("sent_quadcounts", "sent_rpm"),
         )
-
-    def _identify(self, drive: Asked) -> Identity:
-        """Return the identity of an EPOS2; with other software than was tried, it says so.
-
-        Raises `DriveError` for another product: other generations have other objects and signs.
-        """
-        vendor, device_type = drive.upload(co.VENDOR_ID), drive.upload(co.DEVICE_TYPE)
-        if (vendor, device_type) != (VENDOR, DEVICE_TYPE):
-            raise _refuse(drive, f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
-        hardware, software = drive.upload(HARDWARE_VERSION), drive.upload(SOFTWARE_VERSION)
-        model = self._name_model(drive, hardware)
-        if software not in _SOFTWARE:
-            low, high = _SOFTWARE[0], _SOFTWARE[-1]
-            raise _refuse(
-                drive, f"software version 0x{software:04X}, an EPOS2 has 0x{low:04X} to 0x{high:04X}"
-            )
-        doubt = ""
-        if model == _UNKNOWN_MODEL:
-            doubt = (
-                "it is used because the rig file names its hardware version: check that its label says EPOS2"
-            )
-        elif software not in _TRIED_SOFTWARE:
-            tried = " and ".join(f"0x{version:04X}" for version in _TRIED_SOFTWARE)
-            doubt = f"labrig knows the objects of software {tried}"
-        versions = {"hardware_version": hardware, "software_version": software}
-        return Identity(model, drive.upload(co.SERIAL_NUMBER), versions, doubt)
-
-    def _name_model(self, drive: Asked, hardware: int) -> str:
-        """Return the name of the type by its hardware version. Raises `DriveError` for one that is not expected."""
-        expected, kind = self.hardware_version, hardware & 0xFFF0
-        if expected is not None and hardware != expected:
-            raise DriveError(
-                f"{drive.name} has hardware version 0x{hardware:04X}, the rig file says 0x{expected:04X}",
-                "check the node id and hardware_version in the rig file, and the label of the drive",
-            )
-        if kind not in HARDWARE and expected is None:
-            raise _refuse(
-                drive,
-                f"hardware version 0x{hardware:04X}, unknown to labrig",
-                f"; if its label says EPOS2, set hardware_version: 0x{hardware:04X} for this axis in the rig file",
-            )
-        return HARDWARE.get(kind, _UNKNOWN_MODEL)
-
-
-def _refuse(drive: Asked, found: str, way_out: str = "") -> DriveError:
-    known = ", ".join(f"{name} (0x{version:04X})" for version, name in HARDWARE.items())
-    return DriveError(
-        f"{drive.name} is not an EPOS2 that labrig knows: {found}",
-        f"check the node id in the rig file and the drive itself; known by 0x2003:02 are {known}{way_out}",
-    )
 
 
 DRIVE = Epos2Axis

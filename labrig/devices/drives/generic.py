@@ -11,67 +11,30 @@ What is decided here
   them.
 """
 
-import math
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Identity
-from labrig.devices.drives.eds import Eds, read_eds, read_own_eds
-from labrig.devices.drives.errors import EPOS4_ERRORS
-from labrig.devices.drives.model import STOP_OPTIONS, Asked, Model, Stated
+from labrig.devices.drives.eds import read_eds, read_own_eds
+from labrig.devices.drives.model import STOP_OPTIONS, Model, Stated
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.units import AxisScale
-from labrig.errors import DriveError, InputError
-from labrig.protocol.model import Conflict
 from labrig.protocol.model import Model as Section
 
-_PROFILE = 402
-_NEEDED_MODES = 0x21
-"""Bits of 0x6502 for profile position and homing."""
-
-_WRITTEN = (
-    co.CONSUMER_HEARTBEAT,
-    co.PRODUCER_HEARTBEAT,
-    co.CONTROLWORD,
-    co.MODE,
-    co.TARGET_POSITION,
-    co.PROFILE_VELOCITY,
-    co.PROFILE_ACCELERATION,
-    co.QUICK_STOP_DECELERATION,
-    co.HOMING_METHOD,
-)
-_READ = (
-    co.DEVICE_TYPE,
-    co.ERROR_REGISTER,
-    co.VENDOR_ID,
-    co.PRODUCT_CODE,
-    co.STATUSWORD,
-    co.POSITION_ACTUAL,
-)
-"""These and `_WRITTEN` are required: profile position mode, homing, and the stop on a lost heartbeat."""
-
-UNIT_CODES = {"rpm": 0xB447, "turns/s": 0xB403, "counts/s": 0xB503, "rpm/s": 0xC003}
-"""Unit in a rig file -> numerator and denominator of 0x60A9 and 0x60AA (CiA 303-2; 0xC0 is maxon's)."""
+_UNITS = {
+    (exponent & 0xFF) << 24 | code << 8: f"{10.0**exponent:g} {unit}"
+    for unit, code in {"rpm": 0xB447, "turns/s": 0xB403, "counts/s": 0xB503, "rpm/s": 0xC003}.items()
+    for exponent in range(-9, 10)
+}
+"""Value of 0x60A9 and 0x60AA -> factor and unit as a rig file has them (CiA 303-2; 0xC0 is maxon's)."""
 
 _HALT_BY_RAMP = 1
-
-
-def _check_name(name: str) -> str:
-    if not name.isprintable() or name != name.strip():
-        raise ValueError("a name cannot start or end with a space, or contain a control character")
-    parts = name.replace("\\", "/").split("/")
-    if not all(parts) or ".." in parts or ":" in name:
-        raise ValueError("the file must be in the folder of the rig file or below it")
-    return name
 
 
 PlaceText = Annotated[str, Field(pattern=r"^0x[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$")]
@@ -142,7 +105,7 @@ class Cia402Axis(ProductSection):
 
     driver: Literal["cia402"]
     """cia402: any CiA 402 drive over CANopen."""
-    eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_check_name)] | None
+    eds: Annotated[str, Field(min_length=1, max_length=200)] | None
     """EDS file of the drive, in the folder of the rig file or below. Sizes and access of the objects come
     from it, and the drive must be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."""
     counts_per_turn: Positive | None
@@ -167,8 +130,6 @@ class Cia402Axis(ProductSection):
     abort_connection_option: Literal[1, 3] = 1
     """0x6007, what the drive does when the computer's heartbeat stops. 1: a fault, which must be reset; 3: a
     quick stop [-]."""
-    following_error_timeout_ms: Annotated[int, Field(ge=0, le=65535)] = 0
-    """How long an axis may lag by more than max_following_error (0x6066) [ms]."""
     objects: ObjectsOfMaker = Field(default_factory=ObjectsOfMaker)
     """Objects of the manufacturer that labrig may use."""
 
@@ -214,17 +175,15 @@ class Cia402Axis(ProductSection):
         eds = read_own_eds("epos4.eds") if path is None else read_eds(path, self._folder)
         return Model(
             eds,
-            partial(_identify, eds),
-            settings={
-                co.HALT_OPTION: _HALT_BY_RAMP,
-                co.FOLLOWING_ERROR_TIMEOUT: self.following_error_timeout_ms,
-            },
+            {eds.product: eds.product_name},
+            tried=() if eds.revision is None else (eds.revision,),
+            settings={co.HALT_OPTION: _HALT_BY_RAMP, co.FOLLOWING_ERROR_TIMEOUT: 0},
             stop_options=STOP_OPTIONS
             | {
                 co.ABORT_CONNECTION: self.abort_connection_option,
                 co.QUICK_STOP_OPTION: self.quick_stop_option,
             },
-            errors=EPOS4_ERRORS,
+            errors="epos4",
             stated=self._list_stated(named),
             current_ma=named.get("current_ma"),
             current_limit_ma=named.get("current_limit_ma"),
@@ -232,113 +191,25 @@ class Cia402Axis(ProductSection):
             home_here=self.home_here_method,
             referenced_bit=self.referenced_bit,
             analog=self.analog,
+            needs=tuple(named.values()),
         )
 
     def _list_stated(self, named: Mapping[str, Place]) -> tuple[Stated, ...]:
         """Return what the drive must say of its units and its encoder, as this section states it."""
-        units = (
-            (co.VELOCITY_UNIT, "velocity_unit", self.velocity_unit, self.velocity_factor),
-            (co.ACCELERATION_UNIT, "acceleration_unit", self.acceleration_unit, self.acceleration_factor),
-        )
-        stated = [
-            Stated(place, key, f"{factor:g} {unit}", _write_unit(unit, factor), _name_unit)
-            for place, key, unit, factor in units
-        ]
+        codes = {text: code for code, text in _UNITS.items()}
+        units = {
+            "velocity_unit": (co.VELOCITY_UNIT, f"{self.velocity_factor:g} {self.velocity_unit}"),
+            "acceleration_unit": (
+                co.ACCELERATION_UNIT,
+                f"{self.acceleration_factor:g} {self.acceleration_unit}",
+            ),
+        }
+        stated = [Stated(at, key, text, codes.get(text), _UNITS.get) for key, (at, text) in units.items()]
         if "counts_per_turn" in named:
             counts = self.counts_per_turn
             raw = None if counts is None else round(counts)
             stated.append(Stated(named["counts_per_turn"], "counts_per_turn", counts, raw))
         return tuple(stated)
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield conflicts, also of a homing that no CiA 402 drive can do."""
-        yield from super().conflicts()
-        if self.homing.offset:
-            yield Conflict(
-                "homing.offset",
-                f"homing.offset is {self.homing.offset:g}, CiA 402 has no distance off a switch",
-                "write 0, and jog after homing",
-            )
-        if self.homing.position and self.objects.home_position is None:
-            yield Conflict(
-                "homing.position",
-                f"homing.position is {self.homing.position:g}, and the object for it in the drive is not named",
-                "name it in objects.home_position, or write 0",
-            )
-
-    def problems(self) -> Iterator[Conflict]:
-        """Yield objects that the EDS file lacks for this section; without one, what may be wrong with any drive."""
-        with suppress(InputError):
-            if lacking := [*_find_lacking(self.model(), self.objects.places())]:
-                yield from lacking
-                return
-        yield from super().problems()
-
-
-def _find_lacking(model: Model, named: Mapping[str, Place]) -> Iterator[Conflict]:
-    """Yield each required or named object that the drive lacks, or of which it refuses the access that is needed."""
-    standard = read_own_eds("epos4.eds").objects
-    for place in (*_READ, *_WRITTEN):
-        found, needs_write = model.eds.objects.get(place), place in _WRITTEN
-        if found is not None and (found.writable if needs_write else found.readable):
-            continue
-        lack = f"does not allow to {'write' if needs_write else 'read'} object" if found else "has no object"
-        yield Conflict(
-            "eds",
-            f"{model.eds.source} {lack} {place} ({standard[place].name})",
-            "labrig needs it in every drive: use the EDS file of this drive, or another drive",
-        )
-    for key, place in named.items():
-        if not model.has(place):
-            yield Conflict(
-                f"objects.{key}",
-                f"{model.eds.source} has no object {place}",
-                "correct it with the manual of the drive, or leave it out",
-            )
-
-
-def _name_unit(value: int) -> str | None:
-    """Return factor and unit in a value of 0x60A9 or 0x60AA, as a rig file has them; None for an unknown unit."""
-    unit = next((unit for unit, code in UNIT_CODES.items() if code == value >> 8 & 0xFFFF), None)
-    exponent = int.from_bytes(bytes([value >> 24 & 0xFF]), signed=True)
-    return None if unit is None else f"{10.0**exponent:g} {unit}"
-
-
-def _write_unit(unit: str, factor: float) -> int | None:
-    """Return the value of 0x60A9 or 0x60AA for a unit; None for one without a code."""
-    exponent = round(math.log10(factor))
-    if unit not in UNIT_CODES or not math.isclose(10.0**exponent, factor):
-        return None
-    return (exponent & 0xFF) << 24 | UNIT_CODES[unit] << 8
-
-
-def _identify(eds: Eds, drive: Asked) -> Identity:
-    """Return the identity of a drive. Raises `DriveError` for another product than that of the EDS file."""
-    device_type, modes = drive.upload(co.DEVICE_TYPE), drive.find(co.SUPPORTED_MODES)
-    vendor, product = drive.upload(co.VENDOR_ID), drive.upload(co.PRODUCT_CODE)
-    if device_type & 0xFFFF != _PROFILE:
-        raise DriveError(
-            f"{drive.name} has device type 0x{device_type:08X} ({co.DEVICE_TYPE}), expected a CiA 402 drive",
-            "check the node id in the rig file",
-        )
-    if (vendor, product) != (eds.vendor, eds.product):
-        raise DriveError(
-            f"{drive.name} has vendor 0x{vendor:08X}, product 0x{product:08X}; {eds.source} is for vendor "
-            f"0x{eds.vendor:08X}, product 0x{eds.product:08X} ({eds.product_name})",
-            "name the EDS file of this drive in the rig file, or check its node id",
-        )
-    if modes is not None and modes & _NEEDED_MODES != _NEEDED_MODES:
-        raise DriveError(
-            f"{drive.name} lacks profile position or homing mode ({co.SUPPORTED_MODES} is 0x{modes:08X})",
-            "use another drive",
-        )
-    found, doubt = {"vendor_id": vendor, "product_code": product}, ""
-    revision = drive.find(co.REVISION)
-    if revision is not None:
-        found["revision_number"] = revision
-        if eds.revision not in {None, revision}:
-            doubt = f"its EDS file is for revision 0x{eds.revision:08X}: ranges and defaults may differ"
-    return Identity(eds.product_name, drive.find(co.SERIAL_NUMBER), found, doubt)
 
 
 DRIVE = Cia402Axis

@@ -2,16 +2,15 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from typing import NamedTuple
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Homing, Identity
+from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import Eds
-from labrig.devices.drives.errors import Emergency
 from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
-from labrig.errors import DriveError
+from labrig.errors import InputError
 
 STOP_OPTIONS = {
     co.ABORT_CONNECTION: 1,  # a fault
@@ -22,23 +21,10 @@ STOP_OPTIONS = {
 """Option codes with which a drive brakes wherever the profile lets it choose."""
 
 
-class Asked(Protocol):
-    """A drive that is asked who it is."""
-
-    name: str
-
-    def upload(self, place: Place) -> int:
-        """Return the value of an object."""
-
-    def find(self, place: Place) -> int | None:
-        """Return the value of an object; None if the drive does not have it."""
-
-
-@dataclass(frozen=True)
-class Stated:
+class Stated(NamedTuple):
     """Something that the rig file states and the drive may report: they are compared, and never written.
 
-    Parameters
+    Attributes
     ----------
     place : Place
         Where the drive reports it.
@@ -67,18 +53,26 @@ class Model:
     ----------
     eds : Eds
         Its objects.
-    identify : callable
-        Returns the identity of a drive, or raises `DriveError` if it is another product.
+    types : mapping of int to str
+        Types of the product by what the object `type_at` reads, of its bits `type_mask`.
+    versions : range or None
+        Its versions; None: all.
+    tried : tuple of int
+        Versions that its EDS file is for; none: any.
+    type_name, version_name : str
+        What the two are called in a record.
+    type_at, version_at : Place
+        Where they stand.
+    advice, doubt : str
+        What to do about a drive of another type, and what `labrig devices check` warns of.
     settings, stop_options : mapping of Place to int
         What is written beside the settings of every axis; and the option codes by which it stops by itself.
-    errors : mapping of int to Emergency
-        The maker's own error codes.
+    errors : str
+        The table in `errors.csv` with the maker's own error codes.
     stated : tuple of Stated
         What is compared with the rig file.
     tool : str
         The maker's program, for hints.
-    passing : frozenset of int
-        Statuswords, of their bits `PASSING_BITS`, of states that the drive leaves by itself.
     reset_communication_first : frozenset of int
         Errors that are reset only after the communication has been.
     current_ma, current_limit_ma, following_error, motor_speed_limit : Place or None
@@ -97,20 +91,28 @@ class Model:
         What the drive clears when a setting changes; labrig writes it back.
     expected_fingerprint : tuple of int or None
         What the rig file says that it is.
+    needs : tuple of Place
+        Objects that the rig file names: the drive must have them.
     sent_names : tuple of str
         Names of counts and of units of speed in a record.
     """
 
-    PASSING_BITS: ClassVar[int] = 0x417F
-
     eds: Eds
-    identify: Callable[[Asked], Identity]
+    types: Mapping[int, str]
+    versions: range | None = None
+    tried: tuple[int, ...] = ()
+    type_name: str = "product_code"
+    type_at: Place = co.PRODUCT_CODE
+    type_mask: int = 0xFFFFFFFF
+    version_name: str = "revision_number"
+    version_at: Place = co.REVISION
+    advice: str = "check node id and EDS file in the rig file"
+    doubt: str = ""
     settings: Mapping[Place, int] = field(default_factory=dict)
     stop_options: Mapping[Place, int] = field(default_factory=lambda: STOP_OPTIONS)
-    errors: Mapping[int, Emergency] = field(default_factory=dict)
+    errors: str = ""
     stated: tuple[Stated, ...] = ()
     tool: str = "the program of its manufacturer"
-    passing: frozenset[int] = frozenset()
     reset_communication_first: frozenset[int] = frozenset({0x8120, 0x8130, 0x8140, 0x81FD})
     current_ma: Place | None = None
     current_limit_ma: Place | None = None
@@ -126,6 +128,7 @@ class Model:
     analog: Mapping[str, Place] = field(default_factory=dict)
     fingerprint: tuple[Place, ...] = ()
     expected_fingerprint: tuple[int, ...] | None = None
+    needs: tuple[Place, ...] = ()
     sent_names: tuple[str, str] = ("sent_counts", "sent_speed_units")
 
     def has(self, place: Place) -> bool:
@@ -153,13 +156,14 @@ class Model:
         }
         return {place: value for place, value in wanted.items() if self.takes(place)}
 
-    def list_homing_settings(self, section: AxisDescription, homing: Homing, name: str) -> dict[Place, int]:
-        """Return the settings that a homing of the drive of this name needs. Raises `DriveError` if it lacks one."""
+    def list_homing_settings(self, section: AxisDescription, homing: Homing) -> dict[Place, int]:
+        """Return the settings that a homing needs. Raises `InputError` if the drive lacks one of them."""
         scale, method = section.scale(), homing.method
         if (homing.offset and self.home_offset is None) or (homing.position and self.home_position is None):
-            raise DriveError(
-                f"{name} has no home position but zero and no distance off a switch, as far as labrig knows",
-                "name the object of the home position in objects.home_position of this axis",
+            raise InputError(
+                f"homing has position {homing.position:g} and offset {homing.offset:g}, and no object of the drive is "
+                "known for one of them",
+                "write 0, and jog after homing; or name the object of the position in objects.home_position",
             )
         settings = {
             co.HOMING_METHOD: self.home_here if method == HOMING_HERE else method,

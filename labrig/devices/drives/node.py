@@ -12,7 +12,7 @@ What is decided here
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import TypeVar
@@ -23,10 +23,10 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Identity, raise_together, try_all
+from labrig.devices.drives.drive import Identity, raise_together
 from labrig.devices.drives.eds import count_bytes, find_bounds, read_own_eds
 from labrig.devices.drives.errors import describe_emergency
-from labrig.devices.drives.model import Cia402Section, Model, Stated
+from labrig.devices.drives.model import Cia402Section, Model
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.sdo import CHECK_POWER, NO_OBJECT, SdoClient
 from labrig.devices.units import AxisScale
@@ -47,8 +47,9 @@ NMT_STOPPED, NMT_OPERATIONAL = 0x04, 0x05
 _CLASHING_ANSWERS = 3
 """Unexpected answers while a drive is identified that show two nodes; a single one may be a repeated frame."""
 
-_NO_ACTION = 0
-"""Value of 0x6007 with which a drive moves on when the computer falls silent."""
+_PROFILE = 402
+_NEEDED_MODES = 0x21
+"""Bits of 0x6502 for profile position and homing."""
 
 _EMERGENCY = struct.Struct("<HB")
 _PDOS = frozenset((*range(0x1400, 0x1600), *range(0x1800, 0x1A00)))
@@ -71,13 +72,13 @@ class DriveNode:
         self.name = f"drive of axis {axis} (node {self.node_id})"
         self.axis = axis
         self.section = section
-        self._standard = {**read_own_eds("epos2.eds").objects, **read_own_eds("epos4.eds").objects}
         self._unreadable: InputError | None = None
         try:
             self.model = section.model()
         except InputError as error:
             self._unreadable = error
-            self.model = Model(read_own_eds("epos4.eds"), self._refuse_unread)
+            self.model = Model(read_own_eds("epos4.eds"), {})
+        self._objects = {**read_own_eds("epos4.eds").objects, **self.model.eds.objects}
         self.sdo = SdoClient(link, self.node_id, self.name, axis)
         self.has_restarted = False
         self._clock = clock
@@ -99,7 +100,7 @@ class DriveNode:
 
     def variable(self, place: Place) -> ODVariable:
         """Return an object as the EDS file describes it, or as the standard does if it is not there."""
-        return self.model.eds.objects.get(place) or self._standard[place]
+        return self._objects[place]
 
     def upload(self, place: Place) -> int:
         """Return the value of an object. Raises `DriveSilentError`, `DriveRefusedError`, `BusError`."""
@@ -164,7 +165,7 @@ class DriveNode:
             When its EDS file cannot be read.
         """
         identity = self.read_identity()
-        raise_together(try_all((self.require_stated, self.require_fingerprint), lambda check: check()))
+        raise_together([*self.find_differences()])
         if self.find(co.ABORT_CONNECTION) is not None:
             return identity
         return replace(
@@ -174,9 +175,11 @@ class DriveNode:
 
     def read_identity(self) -> Identity:
         """Return the identity of the drive, whatever its settings. Raises as `identify`."""
+        if self._unreadable is not None:
+            raise self._unreadable
         self.do_awake(lambda: self.upload(co.VENDOR_ID))
         strays = self.sdo.strays
-        identity = self.model.identify(self)
+        identity = self._compare_product()
         if self.sdo.strays - strays >= _CLASHING_ANSWERS:
             raise DriveError(
                 f"{self.name}: two nodes answer as node {self.node_id}",
@@ -184,37 +187,55 @@ class DriveNode:
             )
         return identity
 
-    def _refuse_unread(self, _drive: object) -> Identity:
-        raise self._unreadable or InputError(f"{self.name} has no EDS file")
-
-    def require_stated(self) -> None:
-        """Refuse a drive whose encoder or units are not those of its section; they are never written."""
-        told = [stated for stated in self.model.stated if self.model.has(stated.place)]
-        raise_together(try_all(told, self._compare))
-
-    def _compare(self, stated: Stated) -> None:
-        found = stated.read(self.upload(stated.place))
-        if found is not None and found != stated.value:
-            said = "nothing" if stated.value is None else stated.value
+    def _compare_product(self) -> Identity:
+        model, eds = self.model, self.model.eds
+        profile, vendor = self.upload(co.DEVICE_TYPE) & 0xFFFF, self.upload(co.VENDOR_ID)
+        kind, version = self.upload(model.type_at), self.find(model.version_at)
+        found = {model.type_name: kind, **({} if version is None else {model.version_name: version})}
+        name = model.types.get(kind & model.type_mask)
+        is_own = name is not None and (model.versions is None or version in model.versions)
+        if (profile, vendor, is_own) != (_PROFILE, eds.vendor, True):
+            says = ", ".join(f"{key.replace('_', ' ')} 0x{value:04X}" for key, value in found.items())
+            types = ", ".join(f"{each} (0x{code:04X})" for code, each in model.types.items())
             raise DriveError(
-                f"{self.name} has {stated.key} {found} ({stated.place}), the rig file says {said}",
-                f"find out which is right; correct the rig file, or the drive in {self.model.tool}",
+                f"{self.name} is no {eds.product_name} that labrig knows: profile {profile}, "
+                f"vendor 0x{vendor:X}, {says}",
+                f"profile {_PROFILE}, vendor 0x{eds.vendor:X}, {types} are known; {model.advice}",
+            )
+        modes = self.find(co.SUPPORTED_MODES)
+        if modes is not None and modes & _NEEDED_MODES != _NEEDED_MODES:
+            raise DriveError(
+                f"{self.name} lacks profile position or homing mode ({co.SUPPORTED_MODES} is 0x{modes:08X})",
+                "use another drive",
+            )
+        doubt = model.doubt
+        if not doubt and model.tried and version not in {None, *model.tried}:
+            tried = " and ".join(f"0x{each:04X}" for each in model.tried)
+            doubt = f"its EDS file is for version {tried}: ranges and defaults may differ"
+        return Identity(name or "", self.find(co.SERIAL_NUMBER), found, doubt)
+
+    def find_differences(self) -> Iterator[DriveError]:
+        """Yield what differs from the section and is never written: encoder, units, and the parameters as a whole."""
+        for stated in self.model.stated:
+            found = stated.read(self.upload(stated.place)) if self.model.has(stated.place) else None
+            if found not in {None, stated.value}:
+                said = "nothing" if stated.value is None else stated.value
+                yield DriveError(
+                    f"{self.name} has {stated.key} {found} ({stated.place}), the rig file says {said}",
+                    f"find out which is right; correct the rig file, or the drive in {self.model.tool}",
+                )
+        expected = self.model.expected_fingerprint
+        if expected is not None and (own := self.read_fingerprint()) != expected:
+            yield DriveError(
+                f"{self.name} has the configuration fingerprint {list(own)}, the rig file says {list(expected)}: its "
+                "parameters have been changed",
+                "with no needle in tissue, power it off and on, which restores its stored parameters; if that does not "
+                f"help, compare them in {self.model.tool} and enter the new fingerprint in the rig file",
             )
 
     def read_fingerprint(self) -> tuple[int, ...]:
         """Return what the drive clears when a setting is changed; empty if it has no such objects."""
         return tuple(self.upload(place) for place in self.model.fingerprint)
-
-    def require_fingerprint(self) -> None:
-        """Refuse a drive with another fingerprint than its section says. Raises `DriveError`."""
-        expected = self.model.expected_fingerprint
-        if expected is not None and (found := self.read_fingerprint()) != expected:
-            raise DriveError(
-                f"{self.name} has the configuration fingerprint {list(found)}, the rig file says {list(expected)}: its "
-                "parameters have been changed",
-                "with no needle in tissue, power it off and on, which restores its stored parameters; if that does not "
-                f"help, compare them in {self.model.tool} and enter the new fingerprint in the rig file",
-            )
 
     def send_nmt(self, command: int) -> None:
         """Send an NMT command to this node; NMT is not answered."""
@@ -273,21 +294,12 @@ class DriveNode:
                 kept[place] = value
             except DriveError as error:
                 if not isinstance(error, DriveRefusedError) or error.code != NO_OBJECT:
-                    raise self._unsafe(place, error) from error
+                    raise error.reword(
+                        f"{error.message}: it cannot be relied upon to stop when labrig ends",
+                        f"set {place} in {self.model.tool} and save it; nothing else stops this drive then",
+                    ) from error
                 kept[place] = None
         return kept
-
-    def _unsafe(self, place: Place, error: DriveError) -> DriveError:
-        """Return the error of a drive that does not take what makes it stop by itself."""
-        if place == co.ABORT_CONNECTION and self.upload(place) == _NO_ACTION:
-            return error.reword(
-                f"{self.name} takes no action when the computer falls silent ({place} = {_NO_ACTION}): {error.message}",
-                f"set {place} in {self.model.tool} and save it; nothing else stops this drive if labrig ends",
-            )
-        return error.reword(
-            f"{error.message}; its dead-man cannot be relied upon",
-            f"set {place} in {self.model.tool} and save it",
-        )
 
     # What the drive says by itself
 
@@ -332,11 +344,11 @@ class DriveNode:
 
     def make_fault(self, code: int, register: int) -> DriveFaultError:
         """Return the error of a fault of the drive."""
-        emergency = describe_emergency(code, self.model.errors)
+        text, remedy = describe_emergency(code, self.model.errors)
         return DriveFaultError(
-            f"{self.name} is in fault: {emergency} (error register 0x{register:02X})",
-            emergency.remedy,
-            fault=Fault("emergency", code, register, emergency.text),
+            f"{self.name} is in fault: error 0x{code:04X}, {text} (error register 0x{register:02X})",
+            remedy,
+            fault=Fault("emergency", code, register, text),
         )
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:

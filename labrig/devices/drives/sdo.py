@@ -6,7 +6,7 @@ further effect, and moves are absolute.
 """
 
 import struct
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from threading import Lock
 
 from labrig.devices.bus import CanLink
@@ -101,7 +101,8 @@ class SdoClient:
         return answer
 
     def _ask(self, request: bytes) -> bytes | None:
-        self._drop_strays()
+        while not self._answers.empty():
+            self._drop(self._answers.get())
         deadline_s = self._link.clock.now_s() + self._link.answer_timeout_s
         self._link.send(self._request_id, request)
         while (answer := self._link.receive(self._answers, deadline_s)) is not None:
@@ -109,13 +110,6 @@ class SdoClient:
                 return answer
             self._drop(answer)
         return None
-
-    def _drop_strays(self) -> None:
-        try:
-            while True:
-                self._drop(self._answers.get_nowait())
-        except Empty:
-            return
 
     def _drop(self, answer: bytes) -> None:
         """Drop an unexpected answer: the answer to a post, or a stray one."""

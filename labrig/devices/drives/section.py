@@ -8,14 +8,37 @@ from labrig.devices.check_result import CheckResult
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.eds import find_bounds
+from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.eds import find_bounds, read_own_eds
 from labrig.devices.drives.model import Cia402Section
+from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import Behaviour, SimulatedCia402Drive
 from labrig.devices.simulated.kinds import be_cia402
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import InputError
 from labrig.protocol.model import Conflict
+
+_REQUIRED = (
+    co.DEVICE_TYPE,
+    co.ERROR_REGISTER,
+    co.CONSUMER_HEARTBEAT,
+    co.PRODUCER_HEARTBEAT,
+    co.VENDOR_ID,
+    co.PRODUCT_CODE,
+    co.CONTROLWORD,
+    co.STATUSWORD,
+    co.MODE,
+    co.POSITION_ACTUAL,
+    co.TARGET_POSITION,
+    co.PROFILE_VELOCITY,
+    co.PROFILE_ACCELERATION,
+    co.QUICK_STOP_DECELERATION,
+    co.HOMING_METHOD,
+)
+"""What profile position mode, homing, and the stop on a lost heartbeat need."""
+
+_WITHOUT_IT = "labrig needs it: use the EDS file of this drive, name another object, or use another drive"
 
 
 class ProductSection(Cia402Section):
@@ -30,16 +53,22 @@ class ProductSection(Cia402Section):
         return check_axis(link, self, axis, clock)
 
     def problems(self) -> Iterator[Conflict]:
-        """Yield an EDS file that cannot be read, and values that the drive does not take."""
+        """Yield an EDS file that cannot be used for this section, and values that the drive does not take."""
+        homing, settings = self.homing, dict[Place, int]()
         try:
             model = self.model()
+            if not self.unknown:
+                settings = {**model.list_settings(self), **model.stop_options}
+                model.list_homing_settings(self, Homing(homing.method, homing.position, homing.offset))
         except InputError as error:
-            yield Conflict("eds", error.message, error.hint)
+            yield Conflict("driver", error.message, error.hint)
             return
-        if self.unknown:
-            return
-        settings = model.list_settings(self) | dict(model.stop_options)
-        ends = ((co.TARGET_POSITION, self.scale().to_counts(limit)) for limit in self.limits)
+        standard = read_own_eds("epos4.eds").objects
+        for place in (*_REQUIRED, *model.needs):
+            if not model.has(place):
+                name = f" ({standard[place].name})" if place in standard else ""
+                yield Conflict("driver", f"{model.eds.source} has no object {place}{name}", _WITHOUT_IT)
+        ends = ((co.TARGET_POSITION, self.scale().to_counts(limit)) for limit in self.limits if settings)
         for place, value in (*settings.items(), *ends):
             low, high = find_bounds(model.eds.objects[place]) if model.takes(place) else (value, value)
             if not low <= value <= high:

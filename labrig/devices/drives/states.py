@@ -8,21 +8,17 @@ from enum import Enum, auto
 
 
 class DriveState(Enum):
-    """State that a statusword tells.
+    """State that a statusword tells, with its patterns of the bits that name states; others are unknown."""
 
-    `PASSING` is one of the maker's own that the drive leaves by itself; `UNKNOWN` a pattern that no document lists.
-    """
-
-    NOT_READY = auto()
-    SWITCH_ON_DISABLED = auto()
-    READY_TO_SWITCH_ON = auto()
-    SWITCHED_ON = auto()
-    PASSING = auto()
-    OPERATION_ENABLED = auto()
-    QUICK_STOP_ACTIVE = auto()
-    FAULT_REACTION = auto()
-    FAULT = auto()
-    UNKNOWN = auto()
+    NOT_READY = 0x0000, 0x0020
+    SWITCH_ON_DISABLED = 0x0040, 0x0060
+    READY_TO_SWITCH_ON = (0x0021,)
+    SWITCHED_ON = (0x0023,)
+    OPERATION_ENABLED = (0x0027,)
+    QUICK_STOP_ACTIVE = (0x0007,)
+    FAULT_REACTION = 0x000F, 0x002F
+    FAULT = 0x0008, 0x0028
+    UNKNOWN = ()
 
     # Every reading looks its state up in tables; Enum would hash the name each time, in Python.
     __hash__ = object.__hash__
@@ -57,20 +53,7 @@ HOMING_ERROR = 0x2000
 _STATE_BITS = 0x006F
 """The bits that name a state; bit 4 is the voltage, bits 8 and 14 are the manufacturer's."""
 
-_STATES = {
-    0x0000: DriveState.NOT_READY,
-    0x0020: DriveState.NOT_READY,
-    0x0040: DriveState.SWITCH_ON_DISABLED,
-    0x0060: DriveState.SWITCH_ON_DISABLED,
-    0x0021: DriveState.READY_TO_SWITCH_ON,
-    0x0023: DriveState.SWITCHED_ON,
-    0x0027: DriveState.OPERATION_ENABLED,
-    0x0007: DriveState.QUICK_STOP_ACTIVE,
-    0x000F: DriveState.FAULT_REACTION,
-    0x002F: DriveState.FAULT_REACTION,
-    0x0008: DriveState.FAULT,
-    0x0028: DriveState.FAULT,
-}
+_STATES = {pattern: state for state in DriveState for pattern in state.value}
 
 FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
 
@@ -81,6 +64,9 @@ _ATTAINED = {
     TargetState.QUICK_STOPPED: {DriveState.QUICK_STOP_ACTIVE, *_WITHOUT_POWER},
     TargetState.POWER_OFF: _WITHOUT_POWER,
 }
+_SWITCH_OFF = dict.fromkeys(
+    (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.SWITCHED_ON), DISABLE_VOLTAGE
+)
 _NEXT = {
     TargetState.ENABLED: {
         DriveState.SWITCH_ON_DISABLED: SHUTDOWN | HALT,
@@ -88,26 +74,8 @@ _NEXT = {
         DriveState.SWITCHED_ON: ENABLE | HALT,
         DriveState.QUICK_STOP_ACTIVE: DISABLE_VOLTAGE | HALT,
     },
-    TargetState.QUICK_STOPPED: {
-        DriveState.OPERATION_ENABLED: QUICK_STOP,
-        DriveState.SWITCHED_ON: SHUTDOWN,
-        DriveState.PASSING: DISABLE_VOLTAGE,
-    },
-    TargetState.POWER_OFF: dict.fromkeys(
-        (
-            DriveState.OPERATION_ENABLED,
-            DriveState.QUICK_STOP_ACTIVE,
-            DriveState.SWITCHED_ON,
-            DriveState.PASSING,
-        ),
-        DISABLE_VOLTAGE,
-    ),
-}
-
-_DOES = {
-    DriveState.QUICK_STOP_ACTIVE: "quick stop",
-    DriveState.FAULT_REACTION: "fault",
-    DriveState.FAULT: "fault",
+    TargetState.QUICK_STOPPED: _SWITCH_OFF | {DriveState.OPERATION_ENABLED: QUICK_STOP},
+    TargetState.POWER_OFF: _SWITCH_OFF,
 }
 
 
@@ -121,7 +89,9 @@ def describe_statusword(statusword: int) -> str:
     state = decode_state(statusword)
     if state is DriveState.OPERATION_ENABLED:
         return "holding" if statusword & TARGET_REACHED else "moving"
-    return _DOES.get(state, "power off")
+    if state in FAULTED:
+        return "fault"
+    return "quick stop" if state is DriveState.QUICK_STOP_ACTIVE else "power off"
 
 
 def is_attained(state: DriveState, goal: TargetState) -> bool:
@@ -131,4 +101,4 @@ def is_attained(state: DriveState, goal: TargetState) -> bool:
 
 def plan_controlword(state: DriveState, goal: TargetState) -> int | None:
     """Return the next controlword towards a goal; None to wait, as in a state that the drive leaves by itself."""
-    return _NEXT[goal].get(state)
+    return None if is_attained(state, goal) else _NEXT[goal].get(state)

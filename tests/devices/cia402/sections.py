@@ -1,22 +1,10 @@
 """Sections of axes with CiA 402 drives, and such drives on a bus."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.devices.bus import CanLink
-from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.generic import DRIVE, Cia402Axis
-from labrig.devices.simulated.bus import InProcessWire, attach
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
-from labrig.devices.simulated.shaft import Mechanics
 from tests.devices.cia402.eds_text import HOME, RATED_CURRENT, WINDOW, eds_text
 
-HEARTBEAT = HeartbeatDescription()
 _OF_MAXON = (0x3000, 0x3001, 0x30B0, 0x30B1, 0x30D1, 0x603F, 0x60A8, 0x60A9, 0x60AA)
 
 
@@ -40,43 +28,3 @@ def other_make(folder: Path) -> Cia402Axis:
         referenced_bit=None,
         objects={"home_position": "0x607C:00"},
     )
-
-
-@dataclass
-class ProfileDriveOnABus:
-    """A driver, the simulated drive that it talks to, and their bus."""
-
-    driver: Cia402Drive
-    node: SimulatedCia402Drive
-    clock: SimulatedClock
-    link: CanLink
-
-    def wait(self, duration_s: float) -> None:
-        """Let time pass without the computer's heartbeat."""
-        for _ in range(round(duration_s / 0.01)):
-            self.clock.sleep(0.01)
-
-    def home(self, homing: Homing) -> None:
-        """Home to the end."""
-        for _ in self.driver.home(homing):
-            self.clock.sleep(0.01)
-
-    def get_ready(self) -> None:
-        """Configure and enable the drive."""
-        self.driver.identify()
-        self.driver.configure(HEARTBEAT, None)
-        self.driver.enable()
-
-
-@contextmanager
-def drive_on_a_bus(
-    section: Cia402Axis, node_section: Cia402Axis | None = None
-) -> Iterator[ProfileDriveOnABus]:
-    """Put a simulated drive on a bus, whose own section may be another than the driver's."""
-    clock, wire = SimulatedClock(), InProcessWire()
-    link = attach(wire, clock, 0.12)
-    node = (node_section or section).simulate(wire, clock, Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0))
-    clock.on_advance(node.tick)
-    yield ProfileDriveOnABus(Cia402Drive(link, section, "rotation", clock), node, clock, link)
-    link.close()
-    node.unplug()

@@ -5,19 +5,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labrig.devices.drives import objects as co
-from labrig.devices.drives.drive import Identity
 from labrig.devices.drives.eds import read_own_eds
-from labrig.devices.drives.model import Asked, Model
+from labrig.devices.drives.model import Model
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.cia402 import Behaviour
-from labrig.devices.simulated.kinds import CIA402
 from labrig.devices.units import AxisScale
-from labrig.errors import DriveError
 
 VENDOR, PRODUCT = 0x7E57, 0x0001
+_NAME = "example stepper"
 
 
 class StepperAxis(ProductSection):
@@ -36,31 +32,16 @@ class StepperAxis(ProductSection):
         """Return the conversion to microsteps and rpm."""
         return AxisScale(self.microsteps_per_turn, gear_ratio, travel_per_turn, self.reversed)
 
-    def find_behaviour(self) -> Behaviour:
-        """Return how a simulated one behaves: as CiA 402 says."""
-        own = {co.VENDOR_ID: VENDOR, co.PRODUCT_CODE: PRODUCT, co.SERIAL_NUMBER: 7000 + self.node_id}
-        return replace(CIA402, fixed=own)
-
     def model(self) -> Model:
         """Return what is known of the stepper; a drive of your own has an EDS file of its own (`read_eds`)."""
+        own = replace(read_own_eds("epos4.eds"), vendor=VENDOR, product=PRODUCT, product_name=_NAME)
         return Model(
-            read_own_eds("epos4.eds"),
-            _identify,
+            own,
+            {PRODUCT: _NAME},
             home_position=Place(0x30B0),
             home_here=HOMING_HERE,
             referenced_bit=15,
         )
-
-
-def _identify(drive: Asked) -> Identity:
-    """Return the identity of a drive. Raises `DriveError` if it is another one."""
-    found = (drive.upload(co.VENDOR_ID), drive.upload(co.PRODUCT_CODE))
-    if found != (VENDOR, PRODUCT):
-        raise DriveError(
-            f"{drive.name} is vendor 0x{found[0]:X}, product 0x{found[1]:X}, expected 0x{VENDOR:X}, 0x{PRODUCT:X}",
-            "check the node id in the rig file and the drive itself",
-        )
-    return Identity("example stepper", drive.upload(co.SERIAL_NUMBER))
 
 
 DRIVE = StepperAxis

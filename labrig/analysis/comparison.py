@@ -4,6 +4,7 @@ Errors that measurements share are in no scatter: no number of measurements make
 differences.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
-from labrig.analysis.groups import Unit, choose_unit, group_rows, order_groups
+from labrig.analysis.groups import Unit, choose_unit, group_rows
 from labrig.analysis.measurements import LeftOut, Measured, UsedRun, join_measurements
 from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.statistics import (
@@ -35,18 +36,11 @@ _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
 _UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "%"}
 
 
-class SharedErrors(Model):
-    """Standard deviations that no number of measurements makes smaller, in the unit of the quantity.
+SharedErrors = dict[str, float | None]
+"""Standard deviations that no number of measurements makes smaller, in the unit of the quantity, and their `total`.
 
-    A source is None if a measurement of the group does not know it; it is then not in `total`.
-    """
-
-    lens: float | None
-    plane: float | None
-    surface: float | None
-    roll: float | None
-    lighting: float | None
-    total: float
+A source is None if a measurement of the group does not know it; it is then not in the total.
+"""
 
 
 class Group(Model):
@@ -57,7 +51,6 @@ class Group(Model):
     """
 
     name: str
-    fields: dict[str, str]
     n: int
     insertions: int
     specimens: int | None
@@ -86,19 +79,11 @@ class Pair(Model):
     ci95_with_shared: Interval | None
 
 
-class LeftOutRun(Model):
-    """A run that is not compared, and why."""
-
-    run: str
-    reason: str
-
-
 class Comparison(Model):
     """The comparison as `labrig compare --json` prints it.
 
-    `unit` is that of the quantity; None without one. `unit_of_analysis` is what `n` counts. `settings_differ` lists the
-    settings of measurement that are not the same in all results: for each value, the runs. `warnings` are sentences
-    that have to be read with the numbers.
+    `unit` is that of the quantity; None without one. `unit_of_analysis` is what `n` counts. `warnings` are sentences
+    that have to be read with the numbers. `left_out` has for each `run` that is not compared the `reason`.
     """
 
     quantity: str
@@ -109,10 +94,9 @@ class Comparison(Model):
     welch_anova: WelchAnova | None
     pairs: tuple[Pair, ...]
     not_in_interval: tuple[str, ...]
-    settings_differ: dict[str, dict[str, tuple[str, ...]]]
     warnings: tuple[str, ...]
     used: tuple[UsedRun, ...]
-    left_out: tuple[LeftOutRun, ...]
+    left_out: tuple[dict[str, str], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +144,14 @@ def compare_runs(
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
-    names = order_groups(rows, fields)
-    units = {name: _average_units(counted[counted["group"] == name], unit) for name in names}
-    shared = _find_shared(counted, units, wanted, used)
+    each = "block" if unit == "specimen" else counted.index
+    units = counted.groupby(["group", each], sort=False)["value"].mean()
+    shared = _find_shared(counted, unit, wanted, used)
     groups = tuple(
-        _summarise(name, rows[rows["group"] == name], units[name], fields, shared[name]) for name in names
+        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name)))
+        for name, part in rows.groupby("group", sort=False)
     )
-    samples = {name: list(units[name]) for name in names if len(units[name]) > 1}
-    differing = _find_differing_settings(used)
+    samples = {group.name: list(units[group.name]) for group in groups if group.n > 1}
     omitted = {str(run.run): run.error.message for run in left_out}
     omitted |= {run.name: f"its result has no {wanted}" for run in runs if run not in used}
     comparison = Comparison(
@@ -179,17 +163,16 @@ def compare_runs(
         welch_anova=compare_means(list(samples.values())),
         pairs=_test_pairs(samples, shared),
         not_in_interval=tuple(dict.fromkeys(source for run in used for source in run.not_in_interval)),
-        settings_differ=differing,
         warnings=(
             *unit_notes,
             *notes,
             *_note_shared_blocks(counted),
-            *_note_settings(differing),
+            *_note_settings(used),
             *(sentence for run in used for sentence in _note_run(run.about)),
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
         used=tuple(run.about for run in used),
-        left_out=tuple(LeftOutRun(run=name, reason=why) for name, why in omitted.items()),
+        left_out=tuple({"run": name, "reason": why} for name, why in omitted.items()),
     )
     return ComparedRuns(comparison, rows)
 
@@ -224,7 +207,7 @@ def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
     tables = []
     for run in runs:
         table, column = run.find_column(quantity) or ("", "")
-        rows = run.read_measurements(table)
+        rows = run.list_measurements(table)
         value = pd.to_numeric(rows[column], errors="coerce")
         if rows[column].notna().any() and value.isna().all():
             raise InputError(f"{column} is no number in {run.name}", _hint_at_quantities(runs))
@@ -240,22 +223,16 @@ def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
     return joined
 
 
-def _average_units(part: pd.DataFrame, unit: Unit) -> "pd.Series[float]":
-    """Return the values that n counts; of specimens, the mean of each."""
-    return part.groupby("block", sort=False)["value"].mean() if unit == "specimen" else part["value"]
-
-
-_Origins = Mapping[str, "pd.Series[float] | None"]
-"""For each source of error, its standard deviation in a mean by where it comes from; None: it is not known."""
-
-
-def _find_shared(
-    rows: pd.DataFrame, units: Mapping[str, "pd.Series[float]"], quantity: str, runs: Sequence[Measured]
-) -> dict[str, _Origins]:
+def _find_shared(rows: pd.DataFrame, unit: Unit, quantity: str, runs: Sequence[Measured]) -> pd.DataFrame:
     """Return what each calibration, mounting of the needle and lamp contributes to the mean of each group.
 
     The error of one origin is the same in all its measurements, so that its standard deviations add up, not their
     squares; the weight of a measurement is its part of the mean.
+
+    Returns
+    -------
+    DataFrame
+        A row for each `source` and origin, a column for each group; not a number where the group does not know it.
     """
     stem = quantity.rpartition(".")[2].rpartition("_")[0]
     lens, plane = (
@@ -264,34 +241,36 @@ def _find_shared(
     )
     mounting = rows["run"] + "/" + rows.get("needle_id", rows["run"]).astype(str)
     origins = {"lens": lens, "plane": plane, "surface": plane, "roll": mounting, "lighting": rows["run"]}
-    found: dict[str, _Origins] = {}
-    for name, values in units.items():
-        part = rows[rows["group"] == name]
-        by_block = values.index.name == "block"
-        sizes = part.groupby("block")["value"].transform("size") if by_block else 1.0
-        sums: dict[str, pd.Series[float] | None] = {}
-        for source, origin in origins.items():
-            sigmas = part.get(f"sigma_{stem}_{source}_mm")
-            if sigmas is None or sigmas.empty or sigmas.isna().any():
-                sums[source] = None
-            else:
-                sums[source] = (sigmas / (sizes * len(values))).groupby(origin).sum()
-        found[name] = sums
-    return found
+    of_group = rows.groupby("group")
+    if unit == "specimen":
+        parts = rows.groupby(["group", "block"])["value"].transform("size") * of_group["block"].transform(
+            "nunique"
+        )
+    else:
+        parts = of_group["value"].transform("size")
+    unknown = pd.Series(math.nan, rows.index)
+    sums = {
+        source: (rows.get(f"sigma_{stem}_{source}_mm", unknown) / parts)
+        .groupby([origin, rows["group"]])
+        .agg(lambda sigmas: sigmas.sum(skipna=False))
+        .unstack(fill_value=0)
+        for source, origin in origins.items()
+    }
+    return pd.concat(sums, names=["source"])
 
 
-def _total_errors(mean: _Origins, other: _Origins | None = None) -> SharedErrors | None:
-    """Return the shared errors of a mean, or of its difference from another; None if no source is known."""
-    sigmas: dict[str, float | None] = {}
-    for source, own in mean.items():
-        theirs = None if other is None else other[source]
-        if own is None or (other is not None and theirs is None):
-            sigmas[source] = None
-        else:
-            left = own if theirs is None else own.sub(theirs, fill_value=0.0)
-            sigmas[source] = float(np.linalg.norm(left))
-    known = [sigma for sigma in sigmas.values() if sigma is not None]
-    return SharedErrors(**sigmas, total=float(np.linalg.norm(known))) if known else None
+def _total(errors: "pd.Series[float] | None") -> SharedErrors | None:
+    """Return the shared errors of a mean, or of a difference, from those of each origin; None if no source is known."""
+    if errors is None:
+        return None
+    by_source = (errors**2).groupby("source", sort=False).agg(
+        lambda squares: squares.sum(skipna=False)
+    ) ** 0.5
+    known = by_source.dropna()
+    if known.empty:
+        return None
+    sigmas = {str(source): None if math.isnan(sigma) else float(sigma) for source, sigma in by_source.items()}
+    return {**sigmas, "total": float(np.linalg.norm(known))}
 
 
 def _widen(interval: Interval | None, errors: SharedErrors | None) -> Interval | None:
@@ -299,19 +278,17 @@ def _widen(interval: Interval | None, errors: SharedErrors | None) -> Interval |
     if interval is None or errors is None:
         return None
     middle, half = (interval[0] + interval[1]) / 2.0, (interval[1] - interval[0]) / 2.0
-    wide = float(np.hypot(half, TWO_SIDED_95 * errors.total))
+    wide = math.hypot(half, TWO_SIDED_95 * (errors["total"] or 0.0))
     return middle - wide, middle + wide
 
 
 def _summarise(
-    name: str, rows: pd.DataFrame, units: "pd.Series[float]", by: Sequence[str], shared: _Origins
+    name: str, rows: pd.DataFrame, units: "pd.Series[float]", errors: SharedErrors | None
 ) -> Group:
     spread = compute_spread(list(units))
-    counted, errors = rows[rows["value"].notna()], _total_errors(shared)
-    fields = rows[[f"by_{field}" for field in by]].iloc[0]
+    counted = rows[rows["value"].notna()]
     return Group(
         name=name,
-        fields={field: value for field, value in zip(by, fields, strict=True) if not pd.isna(value)},
         **vars(spread),
         insertions=len(counted),
         specimens=None if counted["block"].isna().any() else int(counted["block"].nunique()),
@@ -322,29 +299,18 @@ def _summarise(
     )
 
 
-def _test_pairs(samples: Mapping[str, Sequence[float]], shared: Mapping[str, _Origins]) -> tuple[Pair, ...]:
+def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) -> tuple[Pair, ...]:
     """Return the test of each pair of groups; none of more groups than anybody reads."""
     if len(samples) > MOST_GROUPS_IN_PAIRS:
         return ()
     names, pairs = list(samples), []
     for (i, j), test in compare_pairs(list(samples.values())).items():
-        errors = _total_errors(shared[names[i]], shared[names[j]])
+        errors = _total(shared[names[i]] - shared[names[j]])
         wide = _widen(test.ci95, errors)
         pairs.append(
             Pair(a=names[i], b=names[j], **test._asdict(), shared_sigma=errors, ci95_with_shared=wide)
         )
     return tuple(pairs)
-
-
-def _find_differing_settings(runs: Sequence[Measured]) -> dict[str, dict[str, tuple[str, ...]]]:
-    """Return each setting that is not the same in all results: for each of its values, the runs."""
-    found: defaultdict[str, dict[str, tuple[str, ...]]] = defaultdict(dict)
-    for key in dict.fromkeys(key for run in runs for key in run.settings):
-        for run in runs:
-            value = run.settings.get(key)
-            text = "not stated" if value is None else str(value)
-            found[key][text] = (*found[key].get(text, ()), run.name)
-    return {key: values for key, values in found.items() if len(values) > 1}
 
 
 def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
@@ -357,10 +323,16 @@ def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
         )
 
 
-def _note_settings(differing: Mapping[str, Mapping[str, Sequence[str]]]) -> Iterable[str]:
-    for key, values in differing.items():
-        told = "; ".join(f"{value} in {_list_some(names)}" for value, names in values.items())
-        yield f"The results were measured with different settings: {key} is {told}."
+def _note_settings(runs: Sequence[Measured]) -> Iterable[str]:
+    """Yield each setting that is not the same in all results: for each of its values, the runs."""
+    for key in dict.fromkeys(key for run in runs for key in run.settings):
+        found: defaultdict[str, list[str]] = defaultdict(list)
+        for run in runs:
+            value = run.settings.get(key)
+            found["not stated" if value is None else str(value)].append(run.name)
+        if len(found) > 1:
+            told = "; ".join(f"{value} in {_list_some(names)}" for value, names in found.items())
+            yield f"The results were measured with different settings: {key} is {told}."
 
 
 def _note_run(run: UsedRun) -> Iterable[str]:

@@ -1,5 +1,6 @@
 """Groups of measurements by needle, gel or any other field, and what n counts in them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Literal
@@ -16,7 +17,6 @@ Unit = Literal["specimen", "insertion"]
 
 DEFAULT_FIELDS = ("needle_id", "gelatin_percent")
 ALIASES: Mapping[str, str] = {"needle": "needle_id", "gel": "gelatin_percent", "gel ratio": "gelatin_percent"}
-_FALLBACK = "run"
 _NO_SPECIMEN = (
     "Some pictures name no specimen. If several show insertions into the same gel, they are no independent values:"
     " intervals are then too narrow, and p too small."
@@ -39,8 +39,8 @@ def group_rows(
     Returns
     -------
     rows : DataFrame
-        With `group`, empty for a row in none, for each field its value as text, `by_FIELD`, and `block`, the block of
-        gel, empty where none is named.
+        In the order of their groups, with `group`, empty for a row in none, and `block`, the block of gel, empty where
+        none is named.
     by : tuple of str
         The fields.
     notes : list of str
@@ -52,15 +52,13 @@ def group_rows(
         When a field is not known, or there is only one group.
     """
     usual = [name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any()]
-    fields = [ALIASES.get(name, name) for name in by] or usual
-    notes = []
+    fields, notes = [ALIASES.get(name, name) for name in by] or usual or ["run"], []
     grouped = _label_rows(rows, runs, fields)
     if not by:
         grouped["group"] = grouped["group"].fillna(rows["run"])
-        if len(runs) > 1 and len(_list_groups(grouped)) < 2:
-            if fields:
-                notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
-            fields = [_FALLBACK]
+        if len(runs) > 1 and len(_list_groups(grouped)) < 2 and usual:
+            notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
+            fields = ["run"]
             grouped = _label_rows(rows, runs, fields)
     ungrouped = int(grouped["group"].isna().sum())
     if ungrouped:
@@ -72,18 +70,27 @@ def group_rows(
 
 
 def _label_rows(rows: pd.DataFrame, runs: Sequence[Measured], fields: Sequence[str]) -> pd.DataFrame:
-    """Return the rows with group and fields; a row of which a field is not known has no group."""
-    values = pd.DataFrame({name: _find_values(rows, runs, name) for name in fields}, rows.index, dtype=object)
-    named = values.apply(lambda column: column.map(lambda value: _name_value(column.name, value), "ignore"))
-    known = values.notna().all(axis=1) & bool(fields)
-    groups = [
-        ", ".join(parts) if whole else None for parts, whole in zip(named.to_numpy(), known, strict=True)
-    ]
-    return rows.assign(group=pd.Series(groups, rows.index, dtype=object)).join(values.add_prefix("by_"))
+    """Return the rows with their group, in the order of the values; a row of which a field is not known has none."""
+    values = pd.concat([_find_values(rows, runs, name) for name in fields], axis=1).dropna()
+    ranked = sorted(
+        (tuple(map(_rank, cells)), place, ", ".join(map(_name_value, fields, cells)))
+        for place, cells in zip(values.index, values.to_numpy(), strict=True)
+    )
+    groups = pd.Series({place: name for _, place, name in ranked}, dtype=object)
+    labelled = rows.assign(group=groups)
+    return pd.concat([labelled.loc[groups.index], labelled.drop(groups.index)])
 
 
 def _list_groups(rows: pd.DataFrame) -> list[str]:
     return list(rows.loc[rows["value"].notna(), "group"].dropna().unique())
+
+
+def _rank(value: str) -> tuple[float, str]:
+    """Return the sort key of a value: numbers as numbers, before texts."""
+    try:
+        return float(value), ""
+    except ValueError:
+        return math.inf, value
 
 
 def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
@@ -121,7 +128,7 @@ def _to_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _name_value(field: object, value: str) -> str:
+def _name_value(field: str, value: str) -> str:
     if field == "gelatin_percent":
         return f"{value} % gelatin"
     return value if field in {"needle_id", "run", "specimen"} else f"{field} {value}"
@@ -155,13 +162,3 @@ def choose_unit(counted: pd.DataFrame) -> tuple[Unit, list[str]]:
         return "specimen", [_BY_SPECIMEN]
     single = [str(name) for name, count in blocks.items() if count < 2]
     return "insertion", [_ONE_BLOCK.format("; ".join(single[:4]) + ("; ..." if len(single) > 4 else ""))]
-
-
-def order_groups(rows: pd.DataFrame, by: Sequence[str]) -> list[str]:
-    """Return the names of the groups by their values, numbers as numbers."""
-    first = rows.dropna(subset=["group"]).drop_duplicates("group").set_index("group")
-    keys = {}
-    for name in by:
-        keys[f"{name} as a number"] = pd.to_numeric(first[f"by_{name}"], errors="coerce")
-        keys[name] = first[f"by_{name}"]
-    return list(pd.DataFrame(keys, first.index).sort_values(list(keys)).index) if keys else list(first.index)

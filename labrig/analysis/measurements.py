@@ -1,6 +1,5 @@
 """The measurements of runs as one table: what their results list, with the trials of the record."""
 
-import io
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,36 +9,22 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from pydantic import BaseModel, ValidationError
 
-from labrig.analysis.result import RESULT_FILE, TABLES_FILE
+from labrig.analysis.result import TABLES_FILE
 from labrig.errors import InputError, LabrigError, RecordError
-from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.lab import choose_runs_dir
 from labrig.protocol.model import Model
 from labrig.record.catalogue import list_runs, manifest_fields
 from labrig.record.condition import Fields
-from labrig.record.layout import is_simulated
-from labrig.record.reader import Run, open_run
-from labrig.record.tables import unescape_formula
+from labrig.record.layout import is_simulated, read_document
+from labrig.record.reader import Run, open_run, read_result_table
+from labrig.record.results import read_result
 
-_AGAIN = "make a new result with `labrig reanalyze`"
-# Names that may look like numbers.
-_TEXT = ("specimen", "needle_id")
-_NOT_MEASURED = frozenset(
-    {
-        "trial",
-        "frame",
-        "hole",
-        "gelatin_percent",
-        "accepted",
-        "found",
-        "image",
-        "role",
-        "reason",
-        *_TEXT,
-    }
-)
+_NOT_MEASURED = frozenset({
+    "trial", "frame", "hole", "gelatin_percent", "accepted", "found", "image", "role", "reason", "specimen",
+    "needle_id",
+})  # fmt: skip
+_FIRST = ("run", "experiment", "result", "started", "left_out")
 
 
 @dataclass(frozen=True)
@@ -48,14 +33,6 @@ class LeftOut:
 
     run: Path
     error: LabrigError
-
-
-class _Stamp(BaseModel):
-    """What a result states of itself; more is ignored."""
-
-    settings: dict[str, Any] = {}
-    overrides: tuple[str, ...] = ()
-    not_in_interval: tuple[str, ...] = ()
 
 
 class UsedRun(Model):
@@ -72,7 +49,7 @@ class UsedRun(Model):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A run and its newest result, whose tables are read when they are asked for.
+    """A run and its newest result.
 
     Attributes
     ----------
@@ -84,15 +61,15 @@ class Measured:
         Of the measurement.
     not_in_interval : tuple of str
         Sources of error that the result knows nothing of.
-    columns : Mapping
-        Of each table that names trials, the columns.
+    tables : Mapping
+        Those that name trials.
     """
 
     run: Run
     about: UsedRun
     settings: Mapping[str, Any]
     not_in_interval: tuple[str, ...]
-    columns: Mapping[str, tuple[str, ...]]
+    tables: Mapping[str, pd.DataFrame]
 
     @property
     def name(self) -> str:
@@ -107,48 +84,49 @@ class Measured:
 
     def find_column(self, quantity: str) -> tuple[str, str] | None:
         """Return the first table and column of a quantity, `COLUMN` or `TABLE.COLUMN`; None without one."""
-        found = ((table, quantity.removeprefix(f"{table}.")) for table in self.columns)
-        return next(((table, name) for table, name in found if name in self.columns[table]), None)
+        found = ((table, quantity.removeprefix(f"{table}.")) for table in self.tables)
+        return next(((table, name) for table, name in found if name in self.tables[table]), None)
 
     @property
     def quantities(self) -> list[str]:
         """The columns that may hold a quantity, those of the first table by their name alone."""
-        first = next(iter(self.columns), None)
+        first = next(iter(self.tables), None)
         return [
             name if table == first else f"{table}.{name}"
-            for table, names in self.columns.items()
-            for name in names
+            for table, rows in self.tables.items()
+            for name in map(str, rows)
             if name not in _NOT_MEASURED
         ]
 
-    def read_measurements(self, table: str) -> pd.DataFrame:
+    def list_measurements(self, table: str) -> pd.DataFrame:
         """Return the rows of a table that count, one for each trial or imported picture.
 
         Columns: `run`, `experiment`, `result`, `started` (UTC; of an import, of the run), `left_out` (why a person had
         the trial not evaluated; else empty), those of the table, then those of the beginning of each trial that the
         table lacks.
-
-        Raises
-        ------
-        RecordError
-            When the table cannot be read.
         """
-        about, trials = self.about, _read_trials(self.run)
-        path = self.run.path / f"analysis/{about.result:03d}/{table}.csv"
-        rows = _take_final_rows(_read_csv(path), trials)
-        if not trials.empty:
-            added = [name for name in trials.columns if name not in rows.columns or name == "trial"]
-            rows = rows.merge(trials[added], on="trial", how="left")
-        times = rows["start_t_s"] if "start_t_s" in rows else [None] * len(rows)
-        whole = rows.drop(columns=["start_t_s", "final_frame"], errors="ignore").assign(
-            run=about.run,
-            experiment=about.experiment,
-            result=about.result,
-            started=pd.Series([_find_time(self.run, t_s) for t_s in times], rows.index, dtype=object),
-            left_out=pd.Series(_explain_left_out(self.run, rows["trial"]), rows.index, dtype=object),
+        rows, trials = self.tables[table], self.run.trials.drop(columns=["stop_t_s", "exit_status"])
+        # A list is no value to group by.
+        trials = trials.loc[:, ~trials.map(lambda cell: isinstance(cell, list | dict)).any().astype(bool)]
+        added = [name for name in map(str, trials) if name not in rows or name == "trial"]
+        rows = rows.astype({"trial": "Int64"}).merge(trials[added], on="trial", how="left")
+        # Of a trial with several pictures the final one counts.
+        several = rows["trial"].notna() & rows.duplicated("trial", keep=False)
+        if "frame" in rows:
+            rows = rows[~several | (rows["frame"] == rows["final_frame"]).fillna(value=False)]
+        times_s = rows["start_t_s"].astype("float64").fillna(0.0)
+        decisions = self.run.decisions
+        about = self.about.model_dump(include={"run", "experiment", "result"})
+        whole = rows.drop(columns=["start_t_s", "final_frame"]).assign(
+            **about,
+            started=times_s.map(self.run.find_moment).map(
+                lambda at: at.isoformat(timespec="seconds"), "ignore"
+            ),
+            left_out=rows["trial"].map(
+                lambda trial: decisions.explain_left_out(int(trial)) or None, "ignore"
+            ),
         )
-        first = ["run", "experiment", "result", "started", "left_out"]
-        return whole[[*first, *(name for name in whole if name not in first)]]
+        return whole[[*_FIRST, *(name for name in whole if name not in _FIRST)]]
 
 
 def _open_run(path: Path) -> Measured:
@@ -161,32 +139,21 @@ def _open_run(path: Path) -> Measured:
         raise InputError(f"{path} has no result", f"make one with: labrig reanalyze {path}")
     number = run.result_numbers[-1]
     folder = run.result_dir(number)
-    stamp = _read_stamp(folder / RESULT_FILE)
+    result, listed = read_result(folder), read_document(folder / TABLES_FILE)
+    names = [
+        name for name, table in listed.items() if any(one["name"] == "trial" for one in table["columns"])
+    ]
     about = UsedRun(
         run=path.resolve().name,
         experiment=str(run.manifest.get("experiment")),
         result=number,
-        overrides=stamp.overrides,
+        overrides=tuple(result.get("overrides", ())),
         exit_status=str(run.manifest.get("exit_status")),
         verdict=run.annotations.verdict,
         simulated=is_simulated(run.manifest),
     )
-    return Measured(run, about, stamp.settings, stamp.not_in_interval, _list_columns(folder))
-
-
-def _read_csv(path: Path) -> pd.DataFrame:
-    try:
-        rows = pd.read_csv(
-            io.BytesIO(read_file(path, MAX_RESULT_BYTES)),
-            dtype=dict.fromkeys(_TEXT, str),
-            keep_default_na=False,
-            na_values=[""],
-        )
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
-    for name in rows.select_dtypes(exclude=["number", "bool"]).columns:
-        rows[name] = rows[name].map(unescape_formula, na_action="ignore")
-    return rows
+    tables = {name: read_result_table(folder / f"{name}.csv") for name in names}
+    return Measured(run, about, result["settings"], tuple(result.get("not_in_interval", ())), tables)
 
 
 def open_measured_runs(
@@ -241,11 +208,11 @@ def load_runs(
     reasons = {str(run.run): run.error.message for run in left_out}
     tables = []
     for run in measured:
-        wanted = next(iter(run.columns), None) if table is None else table
-        if wanted is None or wanted not in run.columns:
+        wanted = next(iter(run.tables), None) if table is None else table
+        if wanted is None or wanted not in run.tables:
             reasons[str(run.run.path)] = "its result has no such table of measurements"
         else:
-            tables.append(run.read_measurements(wanted))
+            tables.append(run.list_measurements(wanted))
     if reasons:
         warnings.warn(f"{len(reasons)} runs are left out: see attrs['left_out']", stacklevel=2)
     joined = join_measurements(tables)
@@ -264,55 +231,3 @@ def join_measurements(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
         else pd.DataFrame()
     )
     return joined.reindex(columns=list(names))
-
-
-def _read_stamp(path: Path) -> _Stamp:
-    try:
-        return _Stamp.model_validate(parse_json(read_file(path, MAX_RESULT_BYTES)))
-    except (OSError, ValueError) as error:
-        reason = "it is no result" if isinstance(error, ValidationError) else str(error)
-        raise RecordError(f"{path} cannot be read: {reason}", _AGAIN) from error
-
-
-def _list_columns(folder: Path) -> dict[str, tuple[str, ...]]:
-    """Return the columns of each table that names trials."""
-    path = folder / TABLES_FILE
-    try:
-        listed: Any = parse_json(read_file(path, MAX_RESULT_BYTES))
-        tables = {
-            str(name): tuple(str(column["name"]) for column in table["columns"])
-            for name, table in listed.items()
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise RecordError(f"{path} cannot be read: {error}", _AGAIN) from error
-    return {name: columns for name, columns in tables.items() if "trial" in columns}
-
-
-def _read_trials(run: Run) -> pd.DataFrame:
-    """Return the trials of a run: what they began with, and their final picture; lists are left out."""
-    trials = run.trials.drop(columns=["stop_t_s", "exit_status"], errors="ignore")
-    lists = [
-        name for name in trials.columns if trials[name].map(lambda cell: isinstance(cell, list | dict)).any()
-    ]
-    return trials.drop(columns=lists)
-
-
-def _take_final_rows(rows: pd.DataFrame, trials: pd.DataFrame) -> pd.DataFrame:
-    """Return one row for each trial: of several, that of the trial's final picture; rows without a trial stay."""
-    several = rows["trial"].notna() & rows.duplicated("trial", keep=False)
-    if "frame" not in rows.columns or not several.any():
-        return rows
-    finals = set(trials["final_frame"].dropna()) if "final_frame" in trials.columns else set()
-    return rows[~several | rows["frame"].isin(finals)]
-
-
-def _explain_left_out(run: Run, trials: "pd.Series[float]") -> list[str | None]:
-    """Return why each trial is not to be evaluated; None if it is, or for a picture without a trial."""
-    decisions = run.decisions
-    return [None if pd.isna(trial) else decisions.explain_left_out(int(trial)) or None for trial in trials]
-
-
-def _find_time(run: Run, t_s: float | None) -> str | None:
-    """Return the calendar time of a rig time; None for a run that does not say when it began."""
-    moment = run.find_moment(0.0 if t_s is None or pd.isna(t_s) else float(t_s))
-    return None if moment is None else moment.isoformat(timespec="seconds")

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -23,7 +22,7 @@ from labrig.vision.curvature import (
 )
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.picture import Mask, Picture, load_mask
+from labrig.vision.picture import Mask, load_mask
 from labrig.vision.plane import PlaneMap
 
 INTRINSICS_FILE = "intrinsics.json"
@@ -31,16 +30,6 @@ PLANE_FILE = "plane.json"
 MASK_FILE = "mask"
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Unreadable:
-    """A picture that cannot be measured, and the reason."""
-
-    reason: str
-
-
-Measured = CurvatureMeasurement | Unreadable
 
 
 def measure_pictures(
@@ -52,7 +41,7 @@ def measure_pictures(
     workers: int,
     progress: Progress | None = None,
     meanwhile: Sequence[Callable[[], Any]] = (),
-) -> tuple[list[Measured], list[Any]]:
+) -> tuple[list[CurvatureMeasurement], list[Any]]:
     """Measure pictures of the needle, in the order given, whatever the number of workers.
 
     One that loses the needle, which the pictures before and after it show go on, is refused.
@@ -60,7 +49,7 @@ def measure_pictures(
     Parameters
     ----------
     pictures : sequence of RecordedPicture
-        One that cannot be read, or was changed, gives an `Unreadable`.
+        One that cannot be read, or was changed, is refused with the reason.
     plane, settings
         How to measure them.
     mask : Mask or None
@@ -92,22 +81,18 @@ def measure_pictures(
             answers = map_in_order(pool, _call, jobs)
         others = [next(answers) for _ in meanwhile]
         measured = _report(answers, len(pictures), progress)
-    return list(_judge_films(pictures, measured)), others
-
-
-def _judge_films(pictures: Sequence[RecordedPicture], measured: Sequence[Measured]) -> Iterator[Measured]:
-    """Yield the measurements, refused where the pictures before and after of the same trial show the needle go on."""
-    for _, film in groupby(zip(pictures, measured, strict=True), lambda pair: pair[0].line.trial):
-        own = [one for _, one in film]
-        kept = refuse_cut_short([None if isinstance(one, Unreadable) else one for one in own])
-        yield from (old if new is None else new for old, new in zip(own, kept, strict=True))
+    # The pictures of a trial are a film, in which those before and after one judge it.
+    films = groupby(zip(pictures, measured, strict=True), lambda pair: pair[0].line.trial)
+    return [one for _, film in films for one in refuse_cut_short([one for _, one in film])], others
 
 
 def _call(job: Callable[[], Any]) -> Any:
     return job()
 
 
-def _report(measured: Iterable[Measured], of: int, progress: Progress | None) -> list[Measured]:
+def _report(
+    measured: Iterable[CurvatureMeasurement], of: int, progress: Progress | None
+) -> list[CurvatureMeasurement]:
     """Return what comes, and tell of each."""
     done = []
     for measurement in measured:
@@ -119,27 +104,14 @@ def _report(measured: Iterable[Measured], of: int, progress: Progress | None) ->
 
 def measure_picture(
     picture: RecordedPicture, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
-) -> Measured:
-    """Return the measurement of a recorded picture, or why there is none."""
+) -> CurvatureMeasurement:
+    """Return the measurement of a recorded picture; one that cannot be read is refused."""
     try:
-        return measure_image(picture.read(), plane, settings, mask)
+        return measure_curvature(picture.read(), plane, settings, mask=mask)
     except (PictureError, RecordError) as error:
         # The folder on this computer is no part of a result.
-        reason = error.message.replace(str(picture.run / picture.line.file), Path(picture.line.file).name)
-        return Unreadable(reason)
-
-
-def measure_image(
-    image: Picture, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
-) -> CurvatureMeasurement:
-    """Return the measurement of a picture.
-
-    Raises
-    ------
-    PictureError
-        When the mask is of another size.
-    """
-    return measure_curvature(image, plane, settings, mask=mask)
+        file = picture.line.file
+        return CurvatureMeasurement.refuse(error.message.replace(str(picture.run / file), Path(file).name))
 
 
 def load_plane_map(run: Run) -> PlaneMap:

@@ -9,7 +9,7 @@ import math
 import shutil
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -17,7 +17,6 @@ from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, Union, get_a
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from labrig.durable import write_atomically
@@ -27,7 +26,8 @@ from labrig.protocol.model import Model
 from labrig.record.events import Decisions
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
-from labrig.record.tables import escape_formula, is_budget, name_budget_columns
+from labrig.record.tables import encode_csv, split_vectors
+from labrig.vision.curvature import CentreLine
 from labrig.vision.error_budget import ErrorBudget
 
 RESULT_FILE = "result.json"
@@ -35,17 +35,26 @@ TABLES_FILE = "tables.json"
 LINES_FILE = "centre_lines.npz"
 
 Point = tuple[float, float]
-FloatArray = NDArray[np.float64]
-_NONE: Mapping[str, str] = {}
+CentreLines: TypeAlias = Mapping[int, CentreLine]
+"""By the number of the frame."""
+_BLANK: Mapping[Any, Any] = {Point: (None, None), ErrorBudget: ErrorBudget().model_dump()}
+"""What stands in a table for a value that is not known, so that it has its columns."""
 _AGAIN = "make a new result with `labrig reanalyze`"
 
 
-@dataclass(frozen=True)
-class Rows:
-    """A table: the model of a row, whose fields are the columns, and the rows."""
+def tabulate(model: type[Model], rows: Iterable[Model], without: Container[str] = ()) -> pd.DataFrame:
+    """Return models as a table with a number, or a text, in each cell: see `split_vectors`."""
+    fields = {name: field for name, field in model.model_fields.items() if not field.exclude}
+    names = [name for name in fields if name not in without]
+    table = pd.DataFrame((row.model_dump(include=set(names)) for row in rows), columns=names, dtype=object)
+    for name in names:
+        for kind in _BLANK.keys() & set(get_args(fields[name].annotation)):
+            table[name] = [_BLANK[kind] if cell is None else cell for cell in table[name]]
+    return split_vectors(table).map(_join_texts)
 
-    model: type[Model]
-    rows: Sequence[Model]
+
+def _join_texts(cell: object) -> object:
+    return "; ".join(map(str, cell)) if isinstance(cell, tuple) else cell
 
 
 class ResultPart(BaseModel):
@@ -101,7 +110,7 @@ class Result(Model):
     left_out: LeftOutTrials = NOTHING_LEFT_OUT
 
     @property
-    def tables(self) -> Mapping[str, Rows]:
+    def tables(self) -> Mapping[str, pd.DataFrame]:
         """The tables of the result by name; each is also written as CSV."""
         return {}
 
@@ -161,9 +170,9 @@ class Sentinel(Model):
         return None if self.drift is None else 100.0 * self.drift
 
 
-def make_origin_table(origins: Sequence[TrialOrigin]) -> dict[str, Rows]:
+def make_origin_table(origins: Sequence[TrialOrigin]) -> dict[str, pd.DataFrame]:
     """Return the table of the origins of trials; no table if no sheath was searched for."""
-    return {"origins": Rows(TrialOrigin, origins)} if origins else {}
+    return {"origins": tabulate(TrialOrigin, origins)} if origins else {}
 
 
 Content_co = TypeVar("Content_co", bound=Result, covariant=True)
@@ -212,22 +221,6 @@ class Findings:
     save: Callable[[Path], None] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class CentreLines:
-    """The needle's centre line in each picture that shows one, by the number of the frame.
-
-    `mm` holds points (N, 2), columns (y, z), from the sheath's tip on; `px` the same points in the picture, columns
-    (u, v); `window` the first point of the circle fit and the one behind its last.
-    """
-
-    mm: Mapping[int, FloatArray]
-    px: Mapping[int, FloatArray]
-    window: Mapping[int, tuple[int, int]]
-
-
-NO_LINES = CentreLines({}, {}, {})
-
-
 def write_result(path: Path, findings: Findings) -> AnyResult:
     """Write a result into its folder, `result.json` last.
 
@@ -251,15 +244,9 @@ def _write_parts(path: Path, findings: Findings) -> AnyResult:
     result = AnalysisResult(path, findings.content)
     listed = {}
     for name, table in findings.content.tables.items():
-        columns = _list_columns(table.model)
-        write_atomically(path / f"{name}.csv", _encode_csv(table, columns))
-        listed[name] = {
-            "file": f"{name}.csv",
-            "columns": [
-                {"name": column, "unit": _find_unit(column)} for pair in columns.values() for column in pair
-            ],
-            "rows": len(table.rows),
-        }
+        write_atomically(path / f"{name}.csv", encode_csv(table))
+        columns = [{"name": column, "unit": _find_unit(column)} for column in table.columns]
+        listed[name] = {"file": f"{name}.csv", "columns": columns, "rows": len(table)}
     write_atomically(path / TABLES_FILE, encode_document(listed))
     write_atomically(path / RESULT_FILE, encode_document(result.document))
     return result
@@ -270,21 +257,18 @@ def list_quantities(content: Result) -> dict[str, Quantity]:
 
     An interval is two quantities, named as in the tables. None: not known.
     """
-    own = [name for name in type(content).model_fields if name not in {*Result.model_fields, "kind"}]
-    found: dict[str, Quantity] = {}
-    for name in own:
-        columns, value = _name_columns(name), getattr(content, name)
-        if len(columns) > 1:
-            found.update(zip(columns, value or (None,) * len(columns), strict=True))
-        elif _is_quantity(type(content).model_fields[name].annotation):
-            found[name] = value
-    return found
+    others = {"kind", *Result.model_fields}
+    others |= {
+        name for name, field in type(content).model_fields.items() if not _is_quantity(field.annotation)
+    }
+    table = tabulate(type(content), [content], others)
+    return dict(table.astype(object).where(table.notna(), None).iloc[0])
 
 
 def _is_quantity(kind: Any) -> bool:
-    """Return whether a field of this type holds a number, a truth value or a word, and no collection of them."""
+    """Return whether a field of this type holds a number, a truth value, a word or an interval."""
     parts = get_args(kind) if get_origin(kind) in {Union, UnionType} else (kind,)
-    return all(part in {bool, int, float, str, NoneType} for part in parts)
+    return all(part in {bool, int, float, str, NoneType, Point} for part in parts)
 
 
 def find_newest_result_folder(run: Run) -> Path | None:
@@ -326,18 +310,34 @@ def load_result(run: Run, model: type[Result], number: int | None = None) -> Any
 
 
 def save_centre_lines(lines: CentreLines, folder: Path) -> None:
-    """Write the centre lines into the folder of a result. Raises `DiskError`."""
-    write_atomically(folder / LINES_FILE, _pack(lines))
+    """Write the needle's centre line in pictures into the folder of a result. Raises `DiskError`.
+
+    All lines stand end to end, since a thousand small arrays would take a second to load, and in single precision,
+    which is a hundred times finer than any picture: they are only drawn, never fitted.
+    """
+    buffer, empty = io.BytesIO(), np.empty((0, 2))
+    np.savez_compressed(
+        buffer,
+        frames=np.array(list(lines), dtype=np.int64),
+        starts=np.cumsum([0, *(len(line.mm) for line in lines.values())], dtype=np.int64),
+        windows=np.array([line.window for line in lines.values()], dtype=np.int64).reshape(-1, 2),
+        mm=np.concatenate([empty, *(line.mm for line in lines.values())]).astype(np.float32),
+        px=np.concatenate([empty, *(line.px for line in lines.values())]).astype(np.float32),
+    )
+    write_atomically(folder / LINES_FILE, buffer.getvalue())
 
 
 def load_centre_lines(folder: Path) -> CentreLines:
     """Read the centre lines of a result; none without the file. Raises `RecordError` when it is damaged."""
     file = folder / LINES_FILE
     if not file.exists():
-        return NO_LINES
+        return {}
     try:
         with np.load(io.BytesIO(read_file(file, MAX_RESULT_BYTES)), allow_pickle=False) as arrays:
-            return _unpack(arrays)
+            ends = arrays["starts"][1:]
+            mm, px = (np.split(arrays[name].astype(np.float64), ends)[:-1] for name in ("mm", "px"))
+            rows = zip(arrays["frames"].tolist(), mm, px, arrays["windows"].tolist(), strict=True)
+            return {frame: CentreLine(mm, px, (first, end)) for frame, mm, px, (first, end) in rows}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordError(f"{file} cannot be read: {error}", _AGAIN) from error
 
@@ -351,92 +351,11 @@ def describe_error(error: OSError | ValidationError) -> str:
     return f"{place}: {first['msg']}" if place else first["msg"]
 
 
-def _pack(lines: CentreLines) -> bytes:
-    """Put all lines end to end: a thousand small arrays would take a second to load.
-
-    Single precision is a hundred times finer than any picture; these lines are only drawn, never fitted.
-    """
-    frames = sorted(lines.mm)
-    lengths = [len(lines.mm[frame]) for frame in frames]
-    empty = np.empty((0, 2))
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        frames=np.array(frames, dtype=np.int64),
-        starts=np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64),
-        windows=np.array([lines.window[frame] for frame in frames], dtype=np.int64).reshape(-1, 2),
-        mm=np.concatenate([empty, *(lines.mm[frame] for frame in frames)]).astype(np.float32),
-        px=np.concatenate([empty, *(lines.px[frame] for frame in frames)]).astype(np.float32),
-    )
-    return buffer.getvalue()
-
-
-def _unpack(arrays: Mapping[str, NDArray[Any]]) -> CentreLines:
-    frames, inner = arrays["frames"].tolist(), arrays["starts"][1:-1]
-    mm, px = (np.split(arrays[name].astype(np.float64), inner) if frames else [] for name in ("mm", "px"))
-    windows = [(first, last) for first, last in arrays["windows"].tolist()]
-    return CentreLines(
-        dict(zip(frames, mm, strict=True)),
-        dict(zip(frames, px, strict=True)),
-        dict(zip(frames, windows, strict=True)),
-    )
-
-
-# A pair of numbers becomes two columns.
-_PAIRS = {
-    "radius_ci95_mm": ("radius_ci95_low_mm", "radius_ci95_high_mm"),
-    "ci95_mm": ("ci95_low_mm", "ci95_high_mm"),
-    "target_error_interval_mm": ("target_error_low_mm", "target_error_high_mm"),
-    "centre_mm": ("centre_y_mm", "centre_z_mm"),
-    "tip_mm": ("tip_y_mm", "tip_z_mm"),
-    "tip_px": ("tip_u_px", "tip_v_px"),
-    "estimate_mm": ("estimate_y_mm", "estimate_z_mm"),
-    "innovation_mm": ("innovation_y_mm", "innovation_z_mm"),
-    "true_mm": ("true_y_mm", "true_z_mm"),
-    "sheath_tip_mm": ("sheath_tip_y_mm", "sheath_tip_z_mm"),
-    "entry_mm": ("entry_y_mm", "entry_z_mm"),
-    "origin_mm": ("origin_y_mm", "origin_z_mm"),
-    "tip_from_origin_mm": ("tip_aside_of_origin_mm", "tip_along_from_origin_mm"),
-    "expected_mm": ("expected_y_mm", "expected_z_mm"),
-}
-_SOURCES = tuple(ErrorBudget.model_fields)
-# Spreadsheets take "+y" for a formula, and the centre has the same information.
-_LEFT_OUT = {"bend"}
 # The longest first: a speed in mm/s also ends with s.
 _UNITS = ("mm_s", "rad_s", "mm", "px", "rad", "deg", "s", "h", "hz", "percent")
-
-
-def _list_columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
-    """Return the columns of each field of a row."""
-    return {name: _name_columns(name) for name in model.model_fields if name not in _LEFT_OUT}
-
-
-def _name_columns(name: str) -> tuple[str, ...]:
-    return name_budget_columns(name, _SOURCES) if is_budget(name) else _PAIRS.get(name, (name,))
 
 
 def _find_unit(column: str) -> str | None:
     """Return the unit in the name of a column; None without one."""
     found = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), None)
     return None if found is None else found.replace("_", "/")
-
-
-def _encode_csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:
-    """Return a table as CSV with units in the names of the columns; unknown values are empty."""
-    rows = [
-        [cell for name in columns for cell in _format_cells(name, getattr(row, name))] for row in table.rows
-    ]
-    names = [column for pair in columns.values() for column in pair]
-    return pd.DataFrame(rows, columns=names, dtype=object).to_csv(index=False, lineterminator="\n").encode()
-
-
-def _format_cells(name: str, value: object) -> Sequence[object]:
-    if isinstance(value, ErrorBudget):
-        return [getattr(value, source) for source in _SOURCES]
-    if value is None:
-        return (None,) * len(_name_columns(name))
-    if name in _PAIRS and isinstance(value, tuple):
-        return value
-    if isinstance(value, tuple):
-        value = "; ".join(str(item) for item in value)
-    return (escape_formula(value),)

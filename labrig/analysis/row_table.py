@@ -10,14 +10,14 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, create_model
+from pydantic import Field
 
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import Findings, Result, Rows, Summary, TextTable
+from labrig.analysis.result import Findings, Result, Summary, TextTable
 from labrig.errors import LabrigError, MeasurementRefusedError, PictureError, RecordError
-from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import FrameLine, TrialStart, TrialStop
 from labrig.record.reader import Run
@@ -82,11 +82,9 @@ class RowTable(Result):
         return tuple(dict.fromkeys(name for row in self.rows for name in row))
 
     @property
-    def tables(self) -> Mapping[str, Rows]:
+    def tables(self) -> Mapping[str, pd.DataFrame]:
         """The rows as a table."""
-        fields: dict[str, Any] = dict.fromkeys(self.columns, (Value, None))
-        model = create_model("MeasuredRow", __base__=Model, **fields)
-        return {"rows": Rows(model, [model(**row) for row in self.rows])} if self.rows else {}
+        return {"rows": pd.DataFrame(self.rows, dtype=object)} if self.rows else {}
 
 
 def analyze_rows(

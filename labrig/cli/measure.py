@@ -55,13 +55,18 @@ def curvature(
     def measure(path: Path) -> Row:
         found = measured[path] = measure_curvature(read_picture(path), mapping, settings)
         left_out = list_not_in_interval(mapping, [found.radius_budget_mm])
-        return {**found.to_json(), "not_in_interval": list(left_out)}
+        return {**found.model_dump(mode="json"), "not_in_interval": list(left_out)}
 
     def compare(rows: Sequence[Row]) -> list[Row]:
-        film = refuse_cut_short([measured.get(path) for path in images])
+        film = refuse_cut_short(list(measured.values()))
+        lost = {
+            path: kept
+            for (path, found), kept in zip(measured.items(), film, strict=True)
+            if kept is not found
+        }
         return [
-            row if found is None or found is measured[path] else {**found.to_json(), "not_in_interval": []}
-            for path, row, found in zip(images, rows, film, strict=True)
+            {**lost[path].model_dump(mode="json"), "not_in_interval": []} if path in lost else row
+            for path, row in zip(images, rows, strict=True)
         ]
 
     def list_cells(row: Row) -> Iterable[str | None]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
+from labrig.analysis.result import find_newest_result_folder, load_centre_lines
 from labrig.devices.drives.states import describe_statusword
 from labrig.errors import InputError
 from labrig.experiments.registry import make_run_view
@@ -23,7 +23,7 @@ def make_view_file(run: Run, say: Callable[[str], None]) -> Path:
         When it cannot be written.
     """
     folder = find_newest_result_folder(run)
-    lines = NO_LINES if folder is None else load_centre_lines(folder)
+    lines = {} if folder is None else load_centre_lines(folder)
     return write_view(run, lines, _make_view(run, say), describe_statusword)
 
 

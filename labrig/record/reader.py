@@ -438,10 +438,14 @@ class Pictures(Sequence[NDArray[np.uint8]]):
         return self.places[index].read()
 
 
+_TEXTS = {"specimen": str, "needle_id": str}
+"""Columns of names, which may look like numbers."""
+
+
 def read_result_table(path: Path) -> pd.DataFrame:
     """Return a table of a result, as the analysis wrote it. Raises `RecordError` when it is no table."""
     try:
-        table = pd.read_csv(path)
+        table = pd.read_csv(path, dtype=_TEXTS, keep_default_na=False, na_values=[""])
     except (OSError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error
     texts = [name for name in table.columns if not pd.api.types.is_numeric_dtype(table[name])]

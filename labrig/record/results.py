@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 from labrig.durable import disk_errors, write_atomically
 from labrig.errors import Problem, RecordError
@@ -76,7 +77,7 @@ def open_result(run: Path, number: int) -> Path:
     return inside(run, f"{ANALYSIS}/{number:03d}")
 
 
-def read_result(folder: Path) -> dict[str, object]:
+def read_result(folder: Path) -> dict[str, Any]:
     """Return result.json of a result as it stands. Raises `RecordError` when it cannot be read."""
     return read_document(folder / _RESULT, MAX_RESULT_BYTES, _AGAIN)
 

@@ -1,7 +1,7 @@
 """Tables for people: a unit in every name, one number a cell."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -12,7 +12,7 @@ _PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
     ("mm", 3): ("x", "y", "z"),
     ("px", 2): ("u", "v"),
 }
-_INTERVAL = "ci95"
+_INTERVAL = re.compile("ci95|interval")
 _BUDGET = "_budget_mm"
 _AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
@@ -32,15 +32,16 @@ def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
     """Return a table in which each component of a vector has its own column.
 
     `tip_mm` becomes `tip_y_mm` and `tip_z_mm` (x before them where there are three), `tip_px` `tip_u_px` and
-    `tip_v_px`, `radius_ci95_mm` `radius_ci95_low_mm` and `radius_ci95_high_mm`. Other lists stay. An error budget
-    such as `radius_budget_mm` becomes `sigma_radius_lens_mm` and so on.
+    `tip_v_px`, `radius_ci95_mm` `radius_ci95_low_mm` and `radius_ci95_high_mm`, `error_interval_mm` `error_low_mm` and
+    `error_high_mm`. Other lists stay. An error budget such as `radius_budget_mm` becomes `sigma_radius_lens_mm` and so
+    on.
     """
     columns: dict[str, Any] = {}
     for name in map(str, table.columns):
         values: list[Any] = list(table[name])
         budget = next((value for value in values if isinstance(value, Mapping)), None)
-        if is_budget(name) and budget is not None:
-            parts = dict(zip(name_budget_columns(name, budget), budget, strict=True))
+        if name.endswith(_BUDGET) and budget is not None:
+            parts = {f"sigma_{name.removesuffix(_BUDGET)}_{source}_mm": source for source in budget}
         else:
             parts = {part: number for number, part in enumerate(_name_parts(name, values))}
         for part, key in parts.items():
@@ -51,26 +52,16 @@ def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(columns, index=table.index)
 
 
-def is_budget(name: str) -> bool:
-    """Return whether a column holds error budgets."""
-    return name.endswith(_BUDGET)
-
-
-def name_budget_columns(name: str, sources: Iterable[str]) -> tuple[str, ...]:
-    """Return the columns of an error budget: for `radius_budget_mm` and its source lens `sigma_radius_lens_mm`."""
-    return tuple(f"sigma_{name.removesuffix(_BUDGET)}_{source}_mm" for source in sources)
-
-
 def _name_parts(name: str, values: Sequence[object]) -> list[str]:
     vectors = [value for value in values if isinstance(value, list | tuple)]
     sizes = {len(vector) for vector in vectors}
-    if not vectors and _INTERVAL in name and all(value is None for value in values):
+    if not vectors and _INTERVAL.search(name) and all(value is None for value in values):
         sizes = {2}  # an interval without any value has two columns too
     if len(sizes) != 1 or not all(_is_number(item) for vector in vectors for item in vector):
         return []
     stem, _, unit = name.rpartition("_")
-    if _INTERVAL in stem and sizes == {2}:
-        return [f"{stem}_low_{unit}", f"{stem}_high_{unit}"]
+    if _INTERVAL.search(stem) and sizes == {2}:
+        return [f"{stem.removesuffix('_interval')}_{end}_{unit}" for end in ("low", "high")]
     return [f"{stem}_{part}_{unit}" for part in _PARTS.get((unit, sizes.pop()), ())]
 
 
@@ -87,6 +78,11 @@ def escape_formula(value: object) -> object:
     if not isinstance(value, str) or not value.startswith(_FORMULA_STARTS) or _NUMBERS.fullmatch(value):
         return value
     return f"'{value}"
+
+
+def encode_csv(table: pd.DataFrame) -> bytes:
+    """Return a table as CSV in UTF-8; unknown values are empty."""
+    return table.map(escape_formula).to_csv(index=False, lineterminator="\n").encode()
 
 
 def unescape_formula(text: str) -> str:

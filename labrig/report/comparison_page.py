@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from labrig.analysis.comparison import ComparedRuns, Comparison, Group
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
-from labrig.record.tables import escape_formula
+from labrig.record.tables import encode_csv
 from labrig.report.figures import SETTINGS, DrawnFigure, svg, write_figure
 from labrig.report.formatting import count_decimals, label_quantity, number, signed, split_quantity
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
@@ -39,8 +39,7 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     first = ["group", "block", "value"]
     others = [name for name in table.columns if name not in first and not str(name).startswith("by_")]
     tidy = table[[*first, *others]]
-    written = tidy.map(escape_formula).to_csv(index=False, lineterminator="\n")
-    write_atomically(folder / TABLE_FILES[0], written.encode())
+    write_atomically(folder / TABLE_FILES[0], encode_csv(tidy))
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))

@@ -117,9 +117,9 @@ def write_view(run: Run, lines: CentreLines, view: View, describe_status: Descri
         stream.save(unfinished, default_blueprint=_make_blueprint(view, _find_motion(recorded)))
         try:
             _RecordDrawing(stream, view, describe_status).draw(recorded)
-            for line in run.frame_lines if lines.px else ():
+            for line in run.frame_lines if lines else ():
                 set_time(stream, line.t_s)
-                draw_shaft(stream, [lines.px[line.frame]] if line.frame in lines.px else [])
+                draw_shaft(stream, [lines[line.frame].px] if line.frame in lines else [])
             view.send(stream, TIME)
         finally:
             stream.disconnect()

@@ -18,7 +18,7 @@ import scipy.io
 from labrig.durable import disk_errors, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
-from labrig.record.tables import escape_formula, split_vectors
+from labrig.record.tables import encode_csv, split_vectors
 
 Tables = dict[str, pd.DataFrame]
 _Row = tuple[Mapping[str, Any], Mapping[str, Any], int]
@@ -150,7 +150,7 @@ def _make_plain(column: "pd.Series[Any]") -> "pd.Series[Any]":
 def write_csv(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     """Write a CSV file for each table, in UTF-8; unknown values are empty."""
     for name, table in tables.items():
-        table.map(escape_formula).to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+        (folder / f"{name}.csv").write_bytes(encode_csv(table))
 
 
 def write_parquet(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:

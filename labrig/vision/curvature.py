@@ -17,15 +17,16 @@ Without the part of the light it did so in 88, 82 and 79 % (900 pictures).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic_core import to_jsonable_python
+from pydantic import Field, InstanceOf
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
+from labrig.protocol.model import Model
 from labrig.text import round_down
 from labrig.vision.circle import Circle, fit_circle
 from labrig.vision.error_budget import LEAST_LIGHT_SHIFT_PX, ErrorBudget, propagate_map
@@ -117,7 +118,23 @@ class CurvatureSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class CurvatureMeasurement:
+class CentreLine:
+    """A needle's centre line, from the entry to the tip.
+
+    Attributes
+    ----------
+    mm, px : ndarray (N, 2)
+        Columns (y, z) and (u, v).
+    window : (int, int)
+        First and end row of the part that is fitted.
+    """
+
+    mm: FloatArray
+    px: FloatArray
+    window: tuple[int, int]
+
+
+class CurvatureMeasurement(Model):
     """The measurement of the needle's bend in one picture; unknown values are None.
 
     Attributes
@@ -148,18 +165,13 @@ class CurvatureMeasurement:
     residual_rms_mm : float or None
         Distance of the centre line from the circle.
     bend : "+y", "-y" or None
-    centre_line_mm, centre_line_px : ndarray (N, 2)
-        Columns (y, z) and (u, v), from the entry to the tip; empty unless found.
-    window : (int, int)
-        First and end row of the fitted part of the centre line.
+    line : CentreLine or None
+        Its centre line, which is in no document.
     """
 
     found: bool
     accepted: bool
     reason: str | None
-    centre_line_mm: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    centre_line_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    window: tuple[int, int] = (0, 0)
     radius_mm: float | None = None
     radius_ci95_mm: tuple[float, float] | None = None
     sigma_radius_mm: float | None = None
@@ -175,13 +187,12 @@ class CurvatureMeasurement:
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
     bend: Bend | None = None
+    line: InstanceOf[CentreLine] | None = Field(default=None, exclude=True, repr=False)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the document that `labrig measure curvature --json` prints for a picture, without the centre line."""
-        left_out = {"centre_line_mm", "centre_line_px", "window"}
-        kept = {name: value for name, value in vars(self).items() if name not in left_out}
-        document: dict[str, Any] = to_jsonable_python(kept)
-        return document
+    @classmethod
+    def refuse(cls, reason: str) -> Self:
+        """Return that of a picture in which no needle is measured."""
+        return cls(found=False, accepted=False, reason=reason)
 
 
 def measure_curvature(
@@ -219,17 +230,16 @@ def measure_curvature(
             image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm, mask=mask
         )
     except MeasurementRefusedError as refusal:
-        return CurvatureMeasurement(found=False, accepted=False, reason=_make_sentence(refusal))
+        return CurvatureMeasurement.refuse(_make_sentence(refusal))
     entry, tip = (_pair(point) for point in plane.to_mm(np.vstack((shaft.entry_px, shaft.tip_px))))
     ends_mm = (settings.window_start_mm, shaft.length_mm - settings.window_end_mm)
-    first, end = np.searchsorted(shaft.arc_mm, ends_mm)
+    first, end = np.searchsorted(shaft.arc_mm, ends_mm).tolist()
+    window = (first, max(first, end))
     located = CurvatureMeasurement(
         found=True,
         accepted=False,
         reason=None,
-        centre_line_mm=shaft.centre_mm,
-        centre_line_px=shaft.centre_px,
-        window=(int(first), int(max(first, end))),
+        line=CentreLine(shaft.centre_mm, shaft.centre_px, window),
         tip_mm=tip,
         tip_px=_pair(shaft.tip_px),
         tip_budget_mm=budget_tip(shaft, plane, settings.roll_sd_rad),
@@ -239,46 +249,44 @@ def measure_curvature(
         arc_length_mm=shaft.length_mm,
     )
     try:
-        return _fit_circle(located, shaft, plane, settings)
+        return located.model_copy(update=_fit_circle(window, shaft, plane, settings))
     except MeasurementRefusedError as refusal:
-        return replace(located, reason=_make_sentence(refusal))
+        return located.model_copy(update={"reason": _make_sentence(refusal)})
 
 
-def refuse_cut_short(film: Sequence[CurvatureMeasurement | None]) -> list[CurvatureMeasurement | None]:
-    """Return the measurements of successive pictures, None where there is none, without those that lost the needle.
+def refuse_cut_short(film: Sequence[CurvatureMeasurement]) -> list[CurvatureMeasurement]:
+    """Return the measurements of successive pictures; those that lost the needle are refused.
 
     Where the pictures before and after show the same centre line, and both show it go on far beyond the end of this
     one, its end is none.
     """
     kept = list(film)
     for number, (before, one, after) in enumerate(zip(film, film[1:], film[2:], strict=False), start=1):
-        if before is None or one is None or after is None:
-            continue
         beyond_mm = min(_go_on_mm(one, before), _go_on_mm(one, after))
         if beyond_mm > _FAR_BEYOND_MM:
             reason = (
                 f"The needle is lost after {one.arc_length_mm:.1f} mm: the pictures before and after this one show it "
                 f"go on for {beyond_mm:.1f} mm, and {_FAR_BEYOND_MM:g} mm is the most."
             )
-            kept[number] = CurvatureMeasurement(found=False, accepted=False, reason=reason)
+            kept[number] = CurvatureMeasurement.refuse(reason)
     return kept
 
 
 def _go_on_mm(one: CurvatureMeasurement, other: CurvatureMeasurement) -> float:
     """Return by how much another picture's needle is longer, if it is the same; 0 if not."""
-    if one.arc_length_mm is None or other.arc_length_mm is None:
+    if one.line is None or other.line is None:
         return 0.0
-    line, longer = one.centre_line_mm[::_EVERY_ROW], other.centre_line_mm
+    line, longer = one.line.mm[::_EVERY_ROW], other.line.mm
     away_mm = np.linalg.norm(line[:, None] - longer[None], axis=2).min(axis=1)
     same = float(np.quantile(away_mm, _MOST_ROWS)) <= _SAME_LINE_MM
-    return other.arc_length_mm - one.arc_length_mm if same else 0.0
+    return (other.arc_length_mm or 0.0) - (one.arc_length_mm or 0.0) if same else 0.0
 
 
 def _fit_circle(
-    located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
-) -> CurvatureMeasurement:
-    """Add the circle through the window to a measurement. Raises MeasurementRefusedError if there is none."""
-    rows = slice(*located.window)
+    window: tuple[int, int], shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
+) -> dict[str, Any]:
+    """Return what the circle through a window of rows says. Raises MeasurementRefusedError if there is none."""
+    rows = slice(*window)
     points, arc_mm = shaft.centre_mm[rows], shaft.arc_mm[rows]
     length_mm = float(arc_mm[-1] - arc_mm[0]) if len(arc_mm) else 0.0
     least_mm = max(settings.min_window_mm, _LEAST_BLOCKS * _BLOCK_MM)
@@ -299,19 +307,18 @@ def _fit_circle(
     budget, ci95 = _estimate_uncertainty(circle.radius, influences, gain, systematic)
     reason = _judge_circle(circle, points, budget.total, settings)
     ahead, aside = points[len(points) // 4] - points[0], np.asarray(circle.centre) - points[0]
-    return replace(
-        located,
-        accepted=reason is None,
-        reason=reason,
-        radius_mm=circle.radius,
-        radius_ci95_mm=ci95,
-        sigma_radius_mm=budget.total,
-        sigma_calibration_mm=budget.calibration,
-        radius_budget_mm=budget,
-        centre_mm=circle.centre,
-        residual_rms_mm=circle.residual_rms,
-        bend="+y" if ahead[1] * aside[0] - ahead[0] * aside[1] > 0.0 else "-y",
-    )
+    return {
+        "accepted": reason is None,
+        "reason": reason,
+        "radius_mm": circle.radius,
+        "radius_ci95_mm": ci95,
+        "sigma_radius_mm": budget.total,
+        "sigma_calibration_mm": budget.calibration,
+        "radius_budget_mm": budget,
+        "centre_mm": circle.centre,
+        "residual_rms_mm": circle.residual_rms,
+        "bend": "+y" if ahead[1] * aside[0] - ahead[0] * aside[1] > 0.0 else "-y",
+    }
 
 
 def _find_directions(circle: Circle, points: FloatArray) -> FloatArray:

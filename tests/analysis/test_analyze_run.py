@@ -342,8 +342,7 @@ def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: MeasuredRun) -> 
     """The stored lines are those of the pictures, in mm and in pixels, with the window that was fitted."""
     lines = load_centre_lines(measured.result.path)
     frame = measured.content.measurements[2].frame
-    mm, px = lines.mm[frame], lines.px[frame]
-    first, end = lines.window[frame]
+    mm, px, (first, end) = lines[frame].mm, lines[frame].px, lines[frame].window
     assert mm.shape == px.shape
     assert 0 < first < end < len(mm)
     length_mm = np.hypot(*np.diff(mm, axis=0).T).sum()
@@ -393,4 +392,4 @@ def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
     result = measure(open_run(run.path), workers=2).result
     assert isinstance(result.content, CurvatureResult)
     assert result.content.measurements == ()
-    assert load_centre_lines(result.path).mm == {}
+    assert load_centre_lines(result.path) == {}

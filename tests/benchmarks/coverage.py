@@ -64,7 +64,7 @@ def measure_render(band: int, number: int) -> Outcome:
         outcome = replace(outcome, tip_error_mm=off_mm, tip_sigma_mm=found.tip_budget_mm.total)
     if not found.accepted or found.radius_mm is None or budget is None or interval is None:
         return outcome
-    away = np.hypot(*(found.centre_line_px[slice(*found.window)] - needle.centre_px).T) / needle.px_per_mm
+    away = np.hypot(*(found.line.px[slice(*found.line.window)] - needle.centre_px).T) / needle.px_per_mm
     return replace(
         outcome,
         error_mm=found.radius_mm - needle.radius_mm,

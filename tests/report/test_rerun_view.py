@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
+from labrig.analysis.result import CentreLines, load_centre_lines
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.states import describe_statusword
 from labrig.errors import MachineError, RecordError
@@ -45,7 +45,7 @@ def test_the_view_is_made_with_and_without_a_result(page: WrittenPage, tmp_path:
     assert with_lines == page.run.path / "view.rrd"
     assert with_lines.stat().st_size > 50_000
     assert write_view(page.run, _lines(page), NO_VIEW, describe_statusword) == with_lines
-    assert write_view(record_sweep(tmp_path), NO_LINES, NO_VIEW, describe_statusword).stat().st_size > 50_000
+    assert write_view(record_sweep(tmp_path), {}, NO_VIEW, describe_statusword).stat().st_size > 50_000
     assert list(page.run.path.glob(".view*")) == []
 
 
@@ -54,14 +54,14 @@ def test_a_damaged_picture_leaves_no_view(tmp_path: Path) -> None:
     run = record_sweep(tmp_path)
     (run.path / "frames" / "000000.png").write_bytes(b"no picture")
     with pytest.raises(RecordError, match=r"000000\.png"):
-        write_view(run, NO_LINES, NO_VIEW, describe_statusword)
+        write_view(run, {}, NO_VIEW, describe_statusword)
     assert list(run.path.glob("*view.rrd*")) == []
 
 
 def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path: Path) -> None:
     """The mark says at which depth it was taken, and goes with the next picture."""
     run = open_run(shutil.copytree(RECORDS / "steerability", tmp_path / "run"))
-    shown = read_view(write_view(run, NO_LINES, NO_VIEW, describe_statusword))
+    shown = read_view(write_view(run, {}, NO_VIEW, describe_statusword))
     trials = len(run.trials)
     assert len(shown["/camera/old/words"]) == trials > 0
     depth_mm = max(line.insertion_mm for line in run.frame_lines if line.insertion_mm is not None)
@@ -72,7 +72,7 @@ def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path
 def test_curves_of_a_plot_differ_in_colour(tmp_path: Path) -> None:
     """Every curve of an insertion has a colour, and no two of the same plot have the same."""
     run = open_run(shutil.copytree(INSERTION, tmp_path / "run"))
-    file = write_view(run, NO_LINES, follow_run(run), describe_statusword)
+    file = write_view(run, {}, follow_run(run), describe_statusword)
     colours = read_colours(file)
     curves = [
         place for place, values in read_view(file).items() if any(type(value) is float for value in values)

@@ -12,7 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from labrig.errors import InputError
-from labrig.vision.curvature import CurvatureSettings, measure_curvature, refuse_cut_short
+from labrig.vision.curvature import (
+    CurvatureMeasurement,
+    CurvatureSettings,
+    measure_curvature,
+    refuse_cut_short,
+)
 from labrig.vision.plane import PlaneMap
 from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
@@ -76,7 +81,7 @@ def test_measurement_names_the_needles_ends_and_bend():
     assert m.bend == "-y"
     assert m.centre_mm == pytest.approx((-28.0, 1.5), abs=0.05)
     assert m.residual_rms_mm < 0.005
-    fitted = m.centre_line_mm[slice(*m.window)]
+    fitted = m.line.mm[slice(*m.line.window)]
     assert np.hypot(*np.diff(fitted, axis=0).T).sum() == pytest.approx(40.0 - 4.0 - 2.0, abs=0.3)
 
 
@@ -159,8 +164,9 @@ def test_a_picture_that_loses_the_needle_of_its_neighbours_is_refused():
     long = measure_picture(RenderedNeedle())
     short = measure_picture(RenderedNeedle(length_mm=20.0), seed=6)
     other = measure_picture(RenderedNeedle(length_mm=20.0, sheath_tip_mm=(2.0, 0.0)), seed=6)
-    film = refuse_cut_short([short, long, short, long, other, long, None])
-    assert [None if one is None else one.found for one in film] == [True, True, False, True, True, True, None]
+    unread = CurvatureMeasurement.refuse("It cannot be read.")
+    film = refuse_cut_short([short, long, short, long, other, long, unread])
+    assert [one.found for one in film] == [True, True, False, True, True, True, False]
     assert film[2].reason.startswith("The needle is lost after 20.0 mm: the pictures before and after")
 
 
@@ -168,14 +174,14 @@ def test_refused_picture_is_all_none_but_the_reason():
     """A picture without a needle is neither found nor accepted, and says why in a sentence."""
     m = measure_picture(None)
     assert (m.found, m.accepted, m.tip_px, m.radius_mm) == (False, False, None, None)
-    assert m.centre_line_mm.shape == (0, 2)
+    assert m.line is None
     assert m.reason[0].isupper()
     assert m.reason.endswith(".")
 
 
 def test_json_has_the_documented_keys_and_only_numbers_that_json_knows():
     """The document of a found and of a refused picture has the same keys, and no NaN or infinity."""
-    documents = [measure_picture(needle).to_json() for needle in (RenderedNeedle(), None)]
+    documents = [measure_picture(needle).model_dump() for needle in (RenderedNeedle(), None)]
     for document in documents:
         assert json.loads(json.dumps(document, allow_nan=False)).keys() == documents[0].keys()
 

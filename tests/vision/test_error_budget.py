@@ -57,7 +57,7 @@ def test_interval_holds_the_truth_with_light_from_one_side():
 def test_sources_add_up_to_the_error_bar():
     """The squares of the known sources add up to the radius' variance, and unknown ones are null in JSON."""
     found = measure(NEEDLE)
-    document = json.loads(json.dumps(found.to_json()))
+    document = json.loads(json.dumps(found.model_dump()))
     sources = document["radius_budget_mm"]
     assert [name for name, sigma in sources.items() if sigma is None] == ["lens", "plane", "surface", "roll"]
     assert found.radius_budget_mm.missing == ("lens", "plane", "surface", "roll")
@@ -75,8 +75,8 @@ def test_a_lamp_beside_the_needle_shows_in_radius_and_tip(side):
     """
     even = measure(replace(NEEDLE, noise=1.0))
     lit = measure(replace(NEEDLE, noise=1.0, lamp=40.0, lamp_rad=np.pi / 4 + side * np.pi / 2))
-    first, end = lit.window
-    away = np.hypot(*(lit.centre_line_px[first:end] - NEEDLE.centre_px).T) / NEEDLE.px_per_mm
+    first, end = lit.line.window
+    away = np.hypot(*(lit.line.px[first:end] - NEEDLE.centre_px).T) / NEEDLE.px_per_mm
     shift_mm = abs(float(away.mean()) - NEEDLE.radius_mm)
     assert even.radius_budget_mm.lighting < 0.5 * even.radius_budget_mm.fit
     assert lit.radius_budget_mm.lighting > 2.0 * lit.radius_budget_mm.fit

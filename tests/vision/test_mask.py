@@ -44,6 +44,6 @@ def test_masked_stretch_of_the_needle_does_not_count():
     masked[:, 560:580] = True
     whole = measure_curvature(picture, LENS.plane_map(), SETTINGS)
     part = measure_curvature(picture, LENS.plane_map(), SETTINGS, mask=masked)
-    assert len(part.centre_line_px) <= len(whole.centre_line_px) - 15
-    assert not ((part.centre_line_px[:, 0] > 562) & (part.centre_line_px[:, 0] < 577)).any()
+    assert len(part.line.px) <= len(whole.line.px) - 15
+    assert not ((part.line.px[:, 0] > 562) & (part.line.px[:, 0] < 577)).any()
     assert part.radius_mm == pytest.approx(whole.radius_mm, abs=0.05)

@@ -4,7 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
+import pandas as pd
+
+from labrig.analysis.result import Point, Result, Sentinel, TrialOrigin, make_origin_table, tabulate
 from labrig.experiments.insertion.events import SeenMarker, Sighted
 from labrig.protocol.model import Model
 from labrig.steering.problem import Obstacle
@@ -198,15 +200,15 @@ class InsertionResult(Result):
     not_in_interval: tuple[str, ...] = ()
 
     @property
-    def tables(self) -> Mapping[str, Rows]:
+    def tables(self) -> Mapping[str, pd.DataFrame]:
         """The tables of the result."""
-        steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
+        steps = {f"steps-{trial.trial}": tabulate(InsertionStep, trial.steps) for trial in self.insertions}
         markers = {
-            f"markers-{trial.trial}": Rows(MarkerStep, trial.marker_steps)
+            f"markers-{trial.trial}": tabulate(MarkerStep, trial.marker_steps)
             for trial in self.insertions
             if trial.marker_steps
         }
-        insertions = {"insertions": Rows(InsertionRow, self.insertions)}
+        insertions = {"insertions": tabulate(InsertionRow, self.insertions)}
         return insertions | make_origin_table(self.origins) | steps | markers
 
 

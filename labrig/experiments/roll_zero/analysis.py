@@ -20,7 +20,7 @@ from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
 from labrig.steering.torsion_fit import TorsionBend, fit_torsion
-from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
+from labrig.vision.curvature import CurvatureSettings
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
 
@@ -49,9 +49,7 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     seen = [
         (roll_rad, lateral_offset_mm(measurement.tip_mm, _find_last_origin(line.frame, origins)))
         for line, measurement in zip(pictures, measured, strict=True)
-        if isinstance(measurement, CurvatureMeasurement)
-        and measurement.tip_mm is not None
-        and (roll_rad := line.rotation_rad) is not None
+        if measurement.tip_mm is not None and (roll_rad := line.rotation_rad) is not None
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
     steps, radius_mm, reasons = protocol.roll_zero, protocol.needle.design_radius_mm, list[str]()

@@ -4,7 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from labrig.analysis.result import Result, Rows, Sentinel, Summary, TrialOrigin, make_origin_table
+import pandas as pd
+
+from labrig.analysis.result import Result, Sentinel, Summary, TrialOrigin, make_origin_table, tabulate
 from labrig.protocol.model import Model
 from labrig.steering.torsion_fit import TorsionFit
 from labrig.text import number
@@ -51,9 +53,9 @@ class RollZeroResult(Result):
     torsion: TorsionResult | None = None
 
     @property
-    def tables(self) -> Mapping[str, Rows]:
+    def tables(self) -> Mapping[str, pd.DataFrame]:
         """The tables of the result."""
-        holes = {} if self.torsion is None else {"torsion": Rows(TorsionHoleResult, self.torsion.holes)}
+        holes = {} if self.torsion is None else {"torsion": tabulate(TorsionHoleResult, self.torsion.holes)}
         return make_origin_table(self.origins) | holes
 
 

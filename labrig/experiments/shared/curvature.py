@@ -9,13 +9,11 @@ from types import MappingProxyType
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import ReadFrame, find_origins
 from labrig.analysis.pictures import (
-    Measured,
-    Unreadable,
     list_not_in_interval,
     load_plane_map,
     measure_pictures,
 )
-from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
+from labrig.analysis.result import Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import check_sentinel
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import average_means, find_final_pictures, summarise_specimens
@@ -90,11 +88,11 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     trials = _list_trials(run)
     pictures = _list_pictures(run, trials)
     places = tuple(run.pictures.places[picture.line.frame] for picture in pictures)
-    plane, read, lines = load_plane_map(run), partial(_get_picture, run.pictures), run.frame_lines
-    sheaths = [line for line in lines if line.role == order.sheath_role]
+    plane, read, recorded = load_plane_map(run), partial(_get_picture, run.pictures), run.frame_lines
+    sheaths = [line for line in recorded if line.role == order.sheath_role]
     others = (
         partial(_find_origins, order.sheath, read, sheaths, plane),
-        partial(check_sentinel, order.sentinel, read, lines, plane),
+        partial(check_sentinel, order.sentinel, read, recorded, plane),
     )
     measured, (origins, sentinel) = measure_pictures(
         places, plane, settings, mask, workers=request.workers, progress=request.progress, meanwhile=others
@@ -119,7 +117,12 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
         sentinel=sentinel,
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
     )
-    return Findings(content, partial(save_centre_lines, _collect_centre_lines(results, measured)))
+    lines = {
+        picture.line.frame: measurement.line
+        for picture, measurement in zip(pictures, measured, strict=True)
+        if measurement.line is not None
+    }
+    return Findings(content, partial(save_centre_lines, lines))
 
 
 def _get_picture(frames: Pictures, frame: int) -> Picture:
@@ -161,7 +164,7 @@ def _read_drawn_radii(run: Run) -> dict[int, float]:
 def describe_picture(
     line: FrameLine,
     trial: SpecimenTrialStart | None,
-    measured: Measured,
+    measured: CurvatureMeasurement,
     drawn_mm: Mapping[int, float] = MappingProxyType({}),
 ) -> PictureResult:
     """Return the result of a measured picture of a trial, if it belongs to one; `drawn_mm` has the true radii."""
@@ -174,20 +177,4 @@ def describe_picture(
         "insertion_mm": line.insertion_mm,
         "true_radius_mm": None if trial is None else drawn_mm.get(trial.trial),
     }
-    if isinstance(measured, Unreadable):
-        return PictureResult(**place, found=False, accepted=False, reason=measured.reason)
-    values = {name: value for name, value in measured.to_json().items() if name in PictureResult.model_fields}
-    return PictureResult.model_validate({**place, **values}, strict=False)
-
-
-def _collect_centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
-    found = {
-        result.frame: measurement
-        for result, measurement in zip(results, measured, strict=True)
-        if isinstance(measurement, CurvatureMeasurement) and len(measurement.centre_line_mm)
-    }
-    return CentreLines(
-        {frame: measurement.centre_line_mm for frame, measurement in found.items()},
-        {frame: measurement.centre_line_px for frame, measurement in found.items()},
-        {frame: measurement.window for frame, measurement in found.items()},
-    )
+    return PictureResult(**place, **measured.model_dump())

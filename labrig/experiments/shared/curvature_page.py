@@ -148,9 +148,9 @@ def _make_series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLi
         label=row.label,
         mark=row.mark,
         paths_mm=tuple(
-            lines.mm[result.frame] - np.asarray(result.entry_mm)
+            lines[result.frame].mm - np.asarray(result.entry_mm)
             for result in own
-            if result.frame in lines.mm and result.entry_mm is not None
+            if result.frame in lines and result.entry_mm is not None
         ),
         radii_mm=tuple(result.radius_mm for result in own if result.radius_mm is not None),
         mean_mm=row.measured.mean_radius_mm,

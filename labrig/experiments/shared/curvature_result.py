@@ -3,32 +3,32 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
+import pandas as pd
 from pydantic import FiniteFloat
 
 from labrig.analysis.result import (
     Point,
     Result,
     ResultPart,
-    Rows,
     Sentinel,
     Summary,
     TextTable,
     TrialOrigin,
     make_origin_table,
     require_part,
+    tabulate,
 )
 from labrig.protocol.model import Model
 from labrig.text import interval, number
-from labrig.vision.error_budget import ErrorBudget
+from labrig.vision.curvature import CurvatureMeasurement
 
 
-class PictureResult(Model):
+class PictureResult(CurvatureMeasurement):
     """One picture: its trial, and its measurement; unknown and refused values are None.
 
     `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
-    needle's tip in their frame, (lateral, along). All other points are in the plane's frame. `radius_budget_mm` and
-    `tip_budget_mm` say what the standard deviations of radius and tip consist of. `true_radius_mm` is the radius that a
-    simulated world drew for its trial.
+    needle's tip in their frame, (y, z). All other points are in the plane's frame. `true_radius_mm` is the radius that
+    a simulated world drew for its trial.
     """
 
     frame: int
@@ -40,27 +40,9 @@ class PictureResult(Model):
     hole: int | None
     needle_id: str | None
     insertion_mm: float | None
-    found: bool
-    accepted: bool
-    reason: str | None
-    radius_mm: float | None = None
-    radius_ci95_mm: Point | None = None
-    sigma_radius_mm: float | None = None
-    sigma_calibration_mm: float | None = None
-    radius_budget_mm: ErrorBudget | None = None
-    centre_mm: Point | None = None
-    bend: str | None = None
-    tip_mm: Point | None = None
-    tip_px: Point | None = None
-    tip_budget_mm: ErrorBudget | None = None
-    sheath_tip_mm: Point | None = None
-    sheath_heading_rad: float | None = None
-    entry_mm: Point | None = None
     origin_mm: Point | None = None
     origin_heading_rad: float | None = None
     tip_from_origin_mm: Point | None = None
-    arc_length_mm: float | None = None
-    residual_rms_mm: float | None = None
     true_radius_mm: float | None = None
 
 
@@ -117,11 +99,11 @@ class CurvatureResult(Result):
     not_in_interval: tuple[str, ...] = ()
 
     @property
-    def tables(self) -> Mapping[str, Rows]:
+    def tables(self) -> Mapping[str, pd.DataFrame]:
         """The tables of the result."""
-        tables: dict[str, Rows] = {
-            "measurements": Rows(PictureResult, self.measurements),
-            "specimens": Rows(SpecimenResult, self.specimens),
+        tables: dict[str, pd.DataFrame] = {
+            "measurements": tabulate(PictureResult, self.measurements),
+            "specimens": tabulate(SpecimenResult, self.specimens),
         }
         return tables | make_origin_table(self.origins)
 

@@ -22,6 +22,7 @@ from labrig.report.pictures import (
     polyline,
     scale_bar,
 )
+from labrig.vision.curvature import CentreLine
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
 
@@ -29,6 +30,7 @@ FloatArray = NDArray[np.float64]
 # A polyline of this many points looks like a curve at any size that a page has.
 _LINE_POINTS = 60
 _CIRCLE_POINTS = 180
+_NO_LINE = CentreLine(np.empty((0, 2)), np.empty((0, 2)), (0, 0))
 # Long enough to make a degree visible.
 _DIRECTION_MM = 30.0
 
@@ -109,14 +111,13 @@ def _draw(
     except RecordError:
         return None
     width, height = size_of(image)
-    shaft = lines.px.get(result.frame, np.empty((0, 2)))
-    window = shaft[slice(*lines.window.get(result.frame, (0, 0)))]
+    line = lines.get(result.frame, _NO_LINE)
     return DrawnPicture(
         href=data_uri(jpeg(image, size), "image/jpeg"),
         width=width,
         height=height,
-        shaft=polyline(_thin(shaft)),
-        window=polyline(_thin(window)),
+        shaft=polyline(_thin(line.px)),
+        window=polyline(_thin(line.px[slice(*line.window)])),
         circle=_draw_circle(result, plane, (width, height)),
         tip=result.tip_px,
         found=_locate_origin(result, plane),

@@ -27,7 +27,6 @@ from labrig.record.reader import Run
 from labrig.report.palette import mark
 from labrig.report.rerun_view import draw_shaft, set_time
 from labrig.report.view import View
-from labrig.vision.curvature import CurvatureMeasurement
 
 _OVERVIEWS = (("/radii", "Radius of each hole, mean and 95 % interval of its gel (mm)"),)
 
@@ -144,9 +143,8 @@ class _Measuring:
 
     def _draw_measured(self, stream: rr.RecordingStream, picture: RecordedPicture) -> None:
         measured = measure_picture(picture, self._plane, self._settings, self._mask)
-        line_px = [measured.centre_line_px] if isinstance(measured, CurvatureMeasurement) else []
         set_time(stream, picture.line.t_s)
-        draw_shaft(stream, [px for px in line_px if len(px)])
+        draw_shaft(stream, [] if measured.line is None else [measured.line.px])
         trial = _find_trial(self._drawing.trials, picture.line.trial)
         if _is_final(picture.line):
             result = describe_picture(picture.line, trial, measured)

@@ -8,7 +8,6 @@ from tempfile import mkdtemp
 import pytest
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
 from labrig.devices.operator import ConfirmStopped
@@ -117,7 +116,7 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
         for picture in (film.pictures[0], film.pictures[-1])
     )
     assert math.dist(first, last) > 20.0
-    followed = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
+    followed = read_view(write_view(run, {}, follow_run(run), describe_statusword))
     assert followed["/depth/to the target"][-1] < 1.0
 
 

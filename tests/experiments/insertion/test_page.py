@@ -4,7 +4,6 @@ import re
 
 import pytest
 
-from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
@@ -76,12 +75,11 @@ def test_the_view_shows_the_insertion_too() -> None:
     run = record_insertion()
     analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     assert (
-        not {"/nis/NIS", "/camera/plan"}
-        & read_view(write_view(run, NO_LINES, NO_VIEW, describe_statusword)).keys()
+        not {"/nis/NIS", "/camera/plan"} & read_view(write_view(run, {}, NO_VIEW, describe_statusword)).keys()
     )
-    shown = read_view(write_view(run, NO_LINES, make_run_view(run), describe_statusword))
+    shown = read_view(write_view(run, {}, make_run_view(run), describe_statusword))
     assert {"/nis/NIS", "/camera/plan", "/camera/target", "/depth/needle"} <= shown.keys()
-    followed = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
+    followed = read_view(write_view(run, {}, follow_run(run), describe_statusword))
     assert followed["/nis/NIS"] == pytest.approx(shown["/nis/NIS"])
 
 

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
 from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
@@ -25,10 +24,10 @@ def test_radii_that_are_measured_live_are_those_of_the_result(tmp_path: Path) ->
     recorder.record_event(MarkBad(trial=2, reason="the needle was bent"), 0.0)
     recorder.close("success", "", NOW)
     run = open_run(path)
-    live = read_view(write_view(run, NO_LINES, follow_run(run), describe_statusword))
+    live = read_view(write_view(run, {}, follow_run(run), describe_statusword))
     result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     run = open_run(run.path)
-    measured = read_view(write_view(run, NO_LINES, make_run_view(run), describe_statusword))
+    measured = read_view(write_view(run, {}, make_run_view(run), describe_statusword))
     of_gel_b = [place for place in measured if place.startswith("/radii/gel B")]
     assert {place: live[place] for place in of_gel_b} == {place: measured[place] for place in of_gel_b}
     means = [group["mean_radius_mm"] for group in result.document["specimens"]]

@@ -5,19 +5,14 @@ This is the only module that imports dask, which is installed with the extra `cl
 
 import logging
 import re
-from collections.abc import Iterator, Mapping
-from concurrent.futures import CancelledError, Executor
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from threading import Event
 
 from dask.distributed import Client, KilledWorker
 
-from labrig.analysis.engine import (
-    INSTALL_HINT,
-    Pool,
-    describe_installation,
-    digest_installation,
-)
+from labrig.analysis.engine import Pool, describe_installation
 from labrig.errors import InputError, MachineError, WorkersError
 
 _ADDRESS = re.compile(r"(tcp|tls)://[^/\s:]+:\d{1,5}")
@@ -35,20 +30,12 @@ class _Cluster(Pool):
     patience_s = 5.0
 
     def __init__(self, client: Client, place: str, work: str, wait_s: float) -> None:
-        super().__init__(work)
+        super().__init__(work, client.get_executor(pure=False))
+        self.installation = describe_installation()
         self._client = client
         self._place = place
         self._wait_s = wait_s
-        self._executor: Executor = client.get_executor(pure=False)
         self._workers = 1
-
-    @property
-    def executor(self) -> Executor:
-        return self._executor
-
-    @property
-    def installation(self) -> str:
-        return digest_installation()
 
     def count_workers(self) -> int:
         # Of a scheduler that is out of reach the last count is good enough: its tasks tell the reason.
@@ -71,14 +58,10 @@ class _Cluster(Pool):
             raise WorkersError(f"the cluster {self._place} does not answer any more", _CONNECT_HINT)
         _wait_for_workers(self._client, self._place, self._wait_s)
 
-    def require_usable(self) -> None:
-        self.renew()
-        _require_same_installation(self._client)
-
     def close(self) -> None:
         """Drop what the workers still do, unless the scheduler is gone and they with it."""
         if self._client.status == "running":
-            self._executor.shutdown(wait=False)
+            self.executor.shutdown(wait=False)
 
 
 @contextmanager
@@ -103,7 +86,7 @@ def open_cluster(
     InputError
         When the address cannot be used.
     MachineError
-        When no scheduler or no worker answers, or a worker has another installation than this process.
+        When no scheduler or no worker answers, or a worker does several tasks at a time.
     """
     for name in _LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -116,7 +99,7 @@ def open_cluster(
         raise MachineError(told, _CONNECT_HINT) from error
     with client:
         _wait_for_workers(client, place, answer_s)
-        _require_same_installation(client)
+        _require_one_task_each(client)
         pool = _Cluster(client, place, work, lost_s)
         try:
             yield pool
@@ -133,22 +116,11 @@ def _wait_for_workers(client: Client, place: str, wait_s: float) -> None:
         ) from error
 
 
-def _require_same_installation(client: Client) -> None:
-    """Refuse workers that compute several tasks at a time, or not with our code. Raises `WorkersError`."""
+def _require_one_task_each(client: Client) -> None:
+    """Refuse workers that compute several tasks at a time. Raises `WorkersError`."""
     for worker, threads in sorted(client.nthreads().items()):
         if threads != 1:
             raise WorkersError(
                 f"worker {worker} does {threads} tasks at a time in one process, expected 1",
                 f"start it with --nthreads 1 --nworkers {threads}",
             )
-    ours = describe_installation()
-    for worker, found in sorted(client.run(describe_installation, on_error="return").items()):
-        if not isinstance(found, Mapping):
-            raise WorkersError(
-                f"worker {worker} cannot import labrig: {type(found).__name__}: {found}", INSTALL_HINT
-            )
-        for name, value in ours.items():
-            if found.get(name) != value:
-                raise WorkersError(
-                    f"worker {worker} has {name} {found.get(name)}, this process has {value}", INSTALL_HINT
-                )

@@ -5,8 +5,6 @@ with it, is a value among the others. Nothing here changes a result: neither the
 workers.
 """
 
-import hashlib
-import json
 import multiprocessing
 import os
 import platform
@@ -41,7 +39,7 @@ DEFAULT_WORKERS = min(CORES, 8)
 _TASKS_AHEAD = 16
 _MOST_DEATHS = 2
 _MEMORY_HINT = "free some memory, or use fewer processes, and try again"
-INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
+_INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
 _COMPUTING = ("numpy", "scipy", "opencv-python-headless", "filterpy", "shapely")
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -56,24 +54,20 @@ class Pool(ABC):
     ----------
     work : str
         What they do, in the past tense, for messages.
+    executor : Executor
+        What tasks are submitted to; another one after `renew`.
+    installation : Mapping or None
+        What a worker must have installed; None if it cannot have another.
     patience_s : float or None
         How long a task is waited for before `renew` [s]; None where tasks of lost workers come back by themselves.
     """
 
+    installation: Mapping[str, str] | None = None
     patience_s: float | None = None
 
-    def __init__(self, work: str) -> None:
+    def __init__(self, work: str, executor: Executor) -> None:
         self.work = work
-
-    @property
-    @abstractmethod
-    def executor(self) -> Executor:
-        """What tasks are submitted to; another one after `renew`."""
-
-    @property
-    @abstractmethod
-    def installation(self) -> str | None:
-        """The digest that a worker must have of its own installation; None if it cannot have another."""
+        self.executor = executor
 
     @abstractmethod
     def count_workers(self) -> int:
@@ -93,10 +87,6 @@ class Pool(ABC):
             When no worker can be had.
         """
 
-    @abstractmethod
-    def require_usable(self) -> None:
-        """Raise the reason, a `WorkersError`, if what one worker cannot do no other can do either."""
-
 
 class _ProcessPool(Pool):
     """Forked processes of this computer.
@@ -104,21 +94,14 @@ class _ProcessPool(Pool):
     They start in milliseconds, share what is loaded, and end with their parent.
     """
 
-    installation = None
-
     def __init__(self, workers: int, work: str) -> None:
-        super().__init__(work)
         self._workers = workers
-        self._executor = self._open()
+        super().__init__(work, self._open())
 
     def _open(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
             self._workers, multiprocessing.get_context(WORKER_START_METHOD), end_with_parent
         )
-
-    @property
-    def executor(self) -> Executor:
-        return self._executor
 
     def count_workers(self) -> int:
         return self._workers
@@ -128,13 +111,10 @@ class _ProcessPool(Pool):
 
     def renew(self) -> None:
         self.close()
-        self._executor = self._open()
-
-    def require_usable(self) -> None:
-        """Forked workers have the code of their parent, and nothing else."""
+        self.executor = self._open()
 
     def close(self) -> None:
-        self._executor.shutdown(cancel_futures=True)
+        self.executor.shutdown(cancel_futures=True)
 
 
 @contextmanager
@@ -188,7 +168,8 @@ class _Queue(Generic[_Task, _Result]):
                 continue
             if isinstance(error, WorkersError):
                 raise error
-            self._pool.require_usable()
+            if isinstance(error, ImportError):
+                raise WorkersError(f"a worker cannot import labrig: {error}", _INSTALL_HINT) from error
             self.jobs.popleft()
             return BugError(f"labrig itself failed: {type(error).__name__}: {error}", "please report it")
         return self.jobs.popleft().future.result()
@@ -318,7 +299,7 @@ def _find_error(future: "Future[Any]") -> BaseException | None:
 
 
 def _do_task(
-    call: Callable[[_Task], _Result], task: _Task, installation: str | None
+    call: Callable[[_Task], _Result], task: _Task, installation: Mapping[str, str] | None
 ) -> _Result | LabrigError:
     """Do a task in a worker.
 
@@ -327,12 +308,10 @@ def _do_task(
     WorkersError
         When the worker's installation is not that of the command, or it cannot do this task.
     """
-    if installation not in {None, digest_installation()}:
-        raise WorkersError(
-            f"a worker on {platform.node()} has another installation: labrig {__version__}, code"
-            f" {digest_sources()[:12]}, digest {digest_installation()[:12]}, expected {str(installation)[:12]}",
-            INSTALL_HINT,
-        )
+    for name, expected in (installation or {}).items():
+        if (found := describe_installation().get(name)) != expected:
+            told = f"a worker on {platform.node()} has {name} {found}, this process has {expected}"
+            raise WorkersError(told, _INSTALL_HINT)
     _use_single_threads()
     try:
         return call(task)
@@ -371,9 +350,3 @@ def describe_installation() -> Mapping[str, str]:
         "python": ".".join(platform.python_version_tuple()[:2]),
         **{name: metadata.version(name) for name in _COMPUTING},
     }
-
-
-@cache
-def digest_installation() -> str:
-    """Return the SHA-256 of what `describe_installation` returns."""
-    return hashlib.sha256(json.dumps(describe_installation(), sort_keys=True).encode()).hexdigest()

@@ -17,7 +17,7 @@ from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, Union, get_a
 
 import numpy as np
 import pandas as pd
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
@@ -57,22 +57,6 @@ def _join_texts(cell: object) -> object:
     return "; ".join(map(str, cell)) if isinstance(cell, tuple) else cell
 
 
-class ResultPart(BaseModel):
-    """The members that a part of a document needs, so that its page can be written; it may have more."""
-
-    model_config = ConfigDict(extra="allow")
-
-
-def require_part(part: type[ResultPart]) -> AfterValidator:
-    """Check a part of a result, which stays as it is."""
-
-    def check(document: dict[str, Any]) -> dict[str, Any]:
-        part.model_validate(document)
-        return document
-
-    return AfterValidator(check)
-
-
 class LeftOutTrials(Model):
     """How many trials a person had left out: skipped before they started, marked as bad, or made again."""
 
@@ -102,7 +86,7 @@ class Result(Model):
     schema_version: Literal[1] = 1
     parent: int | None
     created: str
-    settings: dict[str, Any]
+    settings: Any
     overrides: tuple[str, ...]
     inputs: dict[str, str]
     provenance: dict[str, Any]
@@ -114,9 +98,9 @@ class Result(Model):
         """The tables of the result by name; each is also written as CSV."""
         return {}
 
-    def list_members(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+    def list_members(self, settings: Mapping[str, Any] | Model) -> dict[str, Any]:
         """Return the members that every result has, of which nothing but the settings of the measurement is new."""
-        return {**{name: getattr(self, name) for name in Result.model_fields}, "settings": dict(settings)}
+        return {**{name: getattr(self, name) for name in Result.model_fields}, "settings": settings}
 
 
 class TrialOrigin(Model):

@@ -39,6 +39,7 @@ def curvature(
     """Exit with 0 when every picture has a radius, 1 otherwise, 2 when no picture could be read."""
     from labrig.analysis.pictures import list_not_in_interval
     from labrig.cli.mapping import load_plane_map
+    from labrig.protocol.yaml_file import validate_values
     from labrig.vision.curvature import (
         CurvatureMeasurement,
         CurvatureSettings,
@@ -48,7 +49,8 @@ def curvature(
     from labrig.vision.picture import read_picture
 
     mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
-    settings = CurvatureSettings(needle_diameter_mm=needle_diameter_mm, sheath_diameter_mm=sheath_diameter_mm)
+    diameters = {"needle_diameter_mm": needle_diameter_mm, "sheath_diameter_mm": sheath_diameter_mm}
+    settings = validate_values(diameters, "the options", CurvatureSettings)
 
     measured: dict[Path, CurvatureMeasurement] = {}
 

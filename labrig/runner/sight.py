@@ -133,7 +133,7 @@ class PictureSight:
 
     def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:
         """Find the end of a bent needle."""
-        settings = CurvatureSettings(diameter_mm, sheath_diameter_mm)
+        settings = CurvatureSettings(needle_diameter_mm=diameter_mm, sheath_diameter_mm=sheath_diameter_mm)
         measured = measure_curvature(taken.image, self.plane, settings, mask=self._mask)
         if measured.tip_mm is None:
             raise MeasurementRefusedError(

@@ -16,7 +16,8 @@ coverage`).
 Without the part of the light it did so in 88, 82 and 79 % (900 pictures).
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
@@ -25,8 +26,9 @@ from numpy.typing import NDArray
 from pydantic import Field, InstanceOf
 from scipy.special import stdtrit
 
-from labrig.errors import InputError, MeasurementRefusedError
-from labrig.protocol.model import Model
+from labrig.errors import MeasurementRefusedError
+from labrig.protocol.model import Conflict, Model, NonNegativeMm, PositiveMm
+from labrig.protocol.sections import AnalysisWindow, limit_conflict
 from labrig.text import round_down
 from labrig.vision.circle import Circle, fit_circle
 from labrig.vision.error_budget import LEAST_LIGHT_SHIFT_PX, ErrorBudget, propagate_map
@@ -59,61 +61,34 @@ _LARGEST_RMS = 0.5
 # Two pictures show the same needle if so many of the one's rows, of which every tenth is looked at, lie within this
 # length of the other's centre line. Where the other's is longer by more than the last, the one has lost the needle.
 _MOST_ROWS, _EVERY_ROW, _SAME_LINE_MM, _FAR_BEYOND_MM = 0.9, 10, 0.3, 10.0
-# The error of a roll beyond 30 degrees is not small, and its effect cannot be propagated.
-_LARGEST_ROLL_SD_RAD = np.deg2rad(30.0)
 
 
-@dataclass(frozen=True)
-class CurvatureSettings:
-    """Known dimensions of the needle, and the conditions for accepting a radius.
+class CurvatureSettings(AnalysisWindow):
+    """What a radius is measured with: the window of a protocol, and the diameters of needle and sheath.
 
-    Attributes
-    ----------
-    needle_diameter_mm : float
-        Right within a factor of about 1.5.
-    sheath_diameter_mm : float or None
-        None if the picture shows no sheath and the needle enters from the border.
-    window_start_mm, window_end_mm : float
-        Arc length left out behind the entry (the sheath's tip) and before the needle's tip.
-    min_window_mm : float
-        Shortest window for a radius; at least 15 mm, which the interval needs.
-    max_radius_sigma_mm : float
-        Largest standard deviation of an accepted radius.
-    max_radius_sigma_percent : float or None
-        Its largest share of the radius; a radius is accepted within either limit. None: only the first counts.
-    roll_sd_rad : float or None
-        Standard deviation of the bevel's roll out of the plane of the map; None if it is not known.
-
-    Raises
-    ------
-    InputError
-        If a length is not finite and positive (window ends and roll may be zero).
+    The needle's is right within a factor of about 1.5. That of the sheath is None if the picture shows none, and the
+    needle enters from the border. The window is at least 15 mm long, which the interval needs. `roll_sd_deg` is None
+    if it is not known.
     """
 
-    needle_diameter_mm: float = 1.2
-    sheath_diameter_mm: float | None = 2.0
-    window_start_mm: float = 4.0
-    window_end_mm: float = 2.0
-    min_window_mm: float = 15.0
-    max_radius_sigma_mm: float = 0.5
-    max_radius_sigma_percent: float | None = None
-    roll_sd_rad: float | None = None
+    needle_diameter_mm: PositiveMm = 1.2
+    sheath_diameter_mm: PositiveMm | None = 2.0
+    window_start_mm: NonNegativeMm = 4.0
+    window_end_mm: NonNegativeMm = 2.0
+    min_window_mm: PositiveMm = 15.0
+    max_radius_sigma_mm: PositiveMm = 0.5
+    roll_sd_deg: float | None = Field(None, ge=0, le=30)  # type: ignore[assignment] # a protocol always states it
 
-    def __post_init__(self) -> None:
-        tiny = np.finfo(float).tiny
-        for name, value in vars(self).items():
-            least = 0.0 if name.startswith(("window", "roll")) else tiny
-            most = _LARGEST_ROLL_SD_RAD if name == "roll_sd_rad" else np.finfo(float).max
-            if value is not None and not least <= value <= most:
-                limit = "positive and finite" if name != "roll_sd_rad" else f"between 0 and {most:.2f}"
-                raise InputError(
-                    f"{name} is {value}, must be {limit}", "lengths are in mm, a roll's sigma in rad"
-                )
+    @property
+    def roll_sd_rad(self) -> float | None:
+        """Standard deviation of the bevel's roll out of the plane of the map."""
+        return None if self.roll_sd_deg is None else math.radians(self.roll_sd_deg)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield that of a sheath in which the needle has no room."""
         if self.sheath_diameter_mm is not None and self.sheath_diameter_mm <= self.needle_diameter_mm:
-            raise InputError(
-                f"sheath_diameter_mm is {self.sheath_diameter_mm}, not above the needle's "
-                f"{self.needle_diameter_mm}",
-                "leave it out where no sheath is in the picture",
+            yield limit_conflict(
+                "sheath_diameter_mm", self.sheath_diameter_mm, "needle_diameter_mm", self.needle_diameter_mm
             )
 
 

@@ -214,7 +214,7 @@ def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: 
     first, second = measure(run).result, measure(run, "analysis.window_start_mm=6").result
     assert [path.name for path in (first.path, second.path)] == ["001", "002"]
     assert (first.content.parent, second.content.parent) == (None, 1)
-    assert second.content.settings["window_start_mm"] == 6.0
+    assert second.content.settings.window_start_mm == 6.0
     assert second.content.overrides == ("analysis.window_start_mm=6",)
     assert _raw_bytes(run.path) == before
     shutil.copytree(second.path, second.path.with_name("002.bak"))
@@ -359,7 +359,7 @@ def test_the_result_names_what_it_rests_on(measured: MeasuredRun) -> None:
     assert {"protocol.yaml", "calibration/plane.json", "truth.jsonl"} <= content.inputs.keys()
     assert content.provenance["labrig"] == "0.1.0"
     assert content.created == "2026-11-21T09:30:00+00:00"
-    assert content.settings["needle_diameter_mm"] == 1.2
+    assert content.settings.needle_diameter_mm == 1.2
 
 
 @pytest.mark.parametrize(

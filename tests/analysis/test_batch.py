@@ -86,16 +86,6 @@ class _FarExecutor(Executor):
 class _FarPool(Pool):
     """A worker on a computer that does not have a run."""
 
-    installation = None
-
-    def __init__(self, run: Path) -> None:
-        super().__init__("analysed runs")
-        self._executor = _FarExecutor(run)
-
-    @property
-    def executor(self) -> Executor:
-        return self._executor
-
     def count_workers(self) -> int:
         return 1
 
@@ -105,13 +95,11 @@ class _FarPool(Pool):
     def renew(self) -> None:
         """No worker is lost."""
 
-    def require_usable(self) -> None:
-        """It stays as it is."""
-
 
 def test_a_worker_that_does_not_see_a_run_ends_the_analysis(tmp_path: Path) -> None:
     """Its pictures would be called missing: the worker's computer and the run are named; it gets no result."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
+    far = _FarPool("analysed runs", _FarExecutor(runs[0]))
     with pytest.raises(WorkersError, match=rf"{platform.node()} does not see {runs[0]}"):
-        list(analyze_runs(runs, find_run_experiment, _FarPool(runs[0]), created=NOW, provenance=PROVENANCE))
+        list(analyze_runs(runs, find_run_experiment, far, created=NOW, provenance=PROVENANCE))
     assert [path.name for path in (runs[0] / "analysis").iterdir()] == ["001"]

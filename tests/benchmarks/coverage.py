@@ -56,7 +56,11 @@ def measure_render(band: int, number: int) -> Outcome:
     light = LIGHTS[number % len(LIGHTS)]
     needle = draw_random_needle(FIRST_SEED + number, BANDS_MM[band], light)
     plane = PlaneMap.from_scale(needle.px_per_mm, (0.0, 0.0), "right")
-    found = measure_curvature(needle.draw(), plane, CurvatureSettings(needle.diameter_mm, needle.sheath_mm))
+    found = measure_curvature(
+        needle.draw(),
+        plane,
+        CurvatureSettings(needle_diameter_mm=needle.diameter_mm, sheath_diameter_mm=needle.sheath_mm),
+    )
     budget, interval = found.radius_budget_mm, found.radius_ci95_mm
     outcome = Outcome(band, light)
     if found.tip_px is not None and found.tip_budget_mm is not None:

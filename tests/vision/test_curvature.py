@@ -1,7 +1,6 @@
 """The radius: its error, the coverage of its interval, and its refusals."""
 
 import json
-from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -89,7 +88,7 @@ def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
     """The interval shows twelve millimetres of closing hinges in the window; outside the window they are harmless."""
     image = bench().picture(RenderedNeedle(ramp_mm=12.0), RenderedGel(), 1)
     inside, outside = (
-        measure_curvature(image, LENS.plane_map(), replace(SETTINGS, window_start_mm=start))
+        measure_curvature(image, LENS.plane_map(), SETTINGS.model_copy(update={"window_start_mm": start}))
         for start in (0.0, 13.0)
     )
     assert not inside.accepted
@@ -121,7 +120,7 @@ def test_gentle_arc_is_refused_for_its_standard_deviation():
 def test_needle_on_two_arcs_is_refused():
     """A path that follows no single circle is refused, even if a part of it fits a circle well."""
     image = bench().picture(RenderedNeedle(ramp_mm=80.0, radius_mm=12.0), RenderedGel(), 5)
-    wanted = replace(SETTINGS, max_radius_sigma_mm=50.0)
+    wanted = SETTINGS.model_copy(update={"max_radius_sigma_mm": 50.0})
     m = measure_curvature(image, LENS.plane_map(), wanted)
     assert m.found
     assert not m.accepted
@@ -132,7 +131,7 @@ def test_needle_without_a_sheath_enters_at_the_border():
     """Without a stated sheath the arc length counts from the border, and the sheath's tip is unknown."""
     m = measure_picture(
         RenderedNeedle(sheath_diameter_mm=1.2),
-        wanted=replace(SETTINGS, sheath_diameter_mm=None, window_start_mm=24.0),
+        wanted=SETTINGS.model_copy(update={"sheath_diameter_mm": None, "window_start_mm": 24.0}),
     )
     assert m.accepted
     assert m.sheath_tip_mm is None
@@ -204,7 +203,7 @@ def test_picture_of_another_size_than_calibrated_is_wrong_input():
 )
 def test_impossible_settings_are_refused(wrong):
     """Each length must be positive and finite, and the sheath wider than the needle; the message names it."""
-    with pytest.raises(InputError, match=next(iter(wrong))):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
         CurvatureSettings(**wrong)
 
 
@@ -219,5 +218,5 @@ def test_no_picture_raises(blocks, enlarge, insertion, sheath_mm):
     """Any picture yields a measurement with a reason or a radius."""
     image = cv2.resize(blocks, None, fx=enlarge, fy=enlarge, interpolation=cv2.INTER_CUBIC)
     plane = PlaneMap.from_scale(8.0, (0.0, 0.0), insertion)
-    m = measure_curvature(image, plane, replace(SETTINGS, sheath_diameter_mm=sheath_mm))
+    m = measure_curvature(image, plane, SETTINGS.model_copy(update={"sheath_diameter_mm": sheath_mm}))
     assert m.accepted == (m.reason is None)

@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from labrig.errors import InputError
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place, propagate_map
@@ -141,14 +140,14 @@ def test_roll_out_of_the_plane_is_added_where_it_is_known():
 
     Where the camera stands is not known without intrinsics: the roll's part is not known either.
     """
-    stated = replace(SETTINGS, roll_sd_rad=np.deg2rad(4.0))
+    stated = SETTINGS.model_copy(update={"roll_sd_deg": 4.0})
     known = measure(NEEDLE, stated, FAR)
     assert known.radius_budget_mm.roll > 0.0
     assert known.tip_budget_mm.roll < 0.001
-    assert measure(NEEDLE, replace(SETTINGS, roll_sd_rad=0.0), FAR).radius_budget_mm.roll == 0.0
+    assert measure(NEEDLE, SETTINGS.model_copy(update={"roll_sd_deg": 0.0}), FAR).radius_budget_mm.roll == 0.0
     assert measure(NEEDLE, stated).radius_budget_mm.roll is None
-    with pytest.raises(InputError, match="roll_sd_rad"):
-        CurvatureSettings(roll_sd_rad=1.0)
+    with pytest.raises(ValueError, match="roll_sd_deg"):
+        CurvatureSettings(roll_sd_deg=31.0)
 
 
 def test_a_rolled_needle_seems_less_bent():
@@ -164,7 +163,7 @@ def test_no_source_makes_the_interval_shorter():
     """A needle seen over few blocks has a wide interval, and a known roll before it does not narrow it."""
     short = replace(NEEDLE, length_mm=22.0)
     without, known = (
-        measure(short, replace(SETTINGS, roll_sd_rad=roll), FAR) for roll in (None, np.deg2rad(2.0))
+        measure(short, SETTINGS.model_copy(update={"roll_sd_deg": roll}), FAR) for roll in (None, 2.0)
     )
     assert known.sigma_radius_mm > without.sigma_radius_mm
     assert np.diff(known.radius_ci95_mm) >= np.diff(without.radius_ci95_mm)

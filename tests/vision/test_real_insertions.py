@@ -51,7 +51,9 @@ def measure_frames(diameter_mm):
 def test_a_needle_that_is_paler_than_at_its_entry_is_followed_to_its_end(frame, length_mm):
     """Frames in which the shaft was lost behind the dark holder lie on the line of their neighbours, 8 mm a frame."""
     path = PICTURES / "DC_50_feedbackfinal_alvo3" / f"ImgFeedback{frame}.jpg"
-    found = measure_curvature(read_picture(path), PLANE, CurvatureSettings(1.0, None))
+    found = measure_curvature(
+        read_picture(path), PLANE, CurvatureSettings(needle_diameter_mm=1.0, sheath_diameter_mm=None)
+    )
     assert found.found, found.reason
     assert found.arc_length_mm == pytest.approx(length_mm, abs=2.0)
 

@@ -19,7 +19,7 @@ from labrig.errors import (
 )
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCalibrationProtocol, GraphPaper
-from labrig.experiments.camera_calibration.result import CalibrationResult
+from labrig.experiments.camera_calibration.result import CalibrationResult, CalibrationSettings
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.reader import Run
 from labrig.vision.calibrate_lens import calibrate_from_pictures, find_board
@@ -50,7 +50,7 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
     plane, plane_reasons = _calibrate_plane(run, pictures.papers, lens, protocol)
     stamp = request.stamp
     content = CalibrationResult(
-        **stamp.list_members({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
+        **stamp.list_members(CalibrationSettings(board=protocol.board, plane=protocol.plane)),
         accepted=_is_accepted(lens) and _is_accepted(plane),
         reasons=(
             *lens_reasons,

@@ -19,7 +19,7 @@ def make_page(
 ) -> Page:
     """Return the page of a calibration: lens and plane, how well the board covered the picture, and the paper."""
     board = protocol.board
-    pitch_mm = protocol.plane.pitch_mm if result is None else result.content.settings["plane"]["pitch_mm"]
+    pitch_mm = protocol.plane.pitch_mm if result is None else result.content.settings.plane.pitch_mm
     facts = (
         ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
         ("Graph paper", f"{pitch_mm:g} mm"),

@@ -1,19 +1,18 @@
 """What a camera calibration found."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import FiniteFloat
-
-from labrig.analysis.result import Point, Result, ResultPart, Summary, require_part
-
-
-class _GraphPaper(ResultPart):
-    pitch_mm: FiniteFloat
+from labrig.analysis.result import Point, Result, Summary
+from labrig.experiments.camera_calibration.protocol import Board, GraphPaper
+from labrig.protocol.model import Model
 
 
-class _Settings(ResultPart):
-    plane: _GraphPaper
+class CalibrationSettings(Model):
+    """What was photographed."""
+
+    board: Board
+    plane: GraphPaper
 
 
 class CalibrationResult(Result):
@@ -24,7 +23,7 @@ class CalibrationResult(Result):
     """
 
     kind: Literal["calibration"] = "calibration"
-    settings: Annotated[dict[str, Any], require_part(_Settings)]
+    settings: CalibrationSettings
     accepted: bool
     reasons: tuple[str, ...]
     intrinsics: dict[str, Any] | None

@@ -38,7 +38,9 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
         When its lines are damaged.
     """
     pictures = [line for line in run.frame_lines if line.role == RollZeroRole.NEEDLE]
-    settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
+    settings = CurvatureSettings(
+        needle_diameter_mm=protocol.needle.diameter_mm, sheath_diameter_mm=protocol.sheath.diameter_mm
+    )
     places = tuple(run.pictures.places[line.frame] for line in pictures)
     plane = load_plane_map(run)
     origins = _find_hole_origins(run, plane, protocol.sheath)

@@ -1,8 +1,7 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
@@ -69,8 +68,7 @@ class CurvatureOrder:
         return CurvatureSettings(
             needle_diameter_mm=self.needle.diameter_mm,
             sheath_diameter_mm=self.needle.sheath_diameter_mm,
-            **self.window.model_dump(exclude={"roll_sd_deg"}),
-            roll_sd_rad=math.radians(self.window.roll_sd_deg),
+            **self.window.model_dump(),
         )
 
 
@@ -109,7 +107,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     finals = find_final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg, drawn_mm)
     content = CurvatureResult(
-        **request.stamp.list_members({**_describe_settings(settings), "roll_sd_deg": roll_sd_deg}),
+        **request.stamp.list_members(settings),
         specimens=specimens,
         mean_radius_mm=average_means(specimens),
         measurements=results,
@@ -134,11 +132,6 @@ def _find_origins(
 ) -> tuple[TrialOrigin, ...]:
     """Return the origin of each trial; imported pictures have no trials, and an origin of their own."""
     return () if sheath is None else find_origins(read, lines, plane, sheath)
-
-
-def _describe_settings(settings: CurvatureSettings) -> dict[str, float | None]:
-    """Return the settings as a result keeps them; the roll stands there in degrees, as in the protocol."""
-    return {name: value for name, value in asdict(settings).items() if name != "roll_sd_rad"}
 
 
 def _list_trials(run: Run) -> list[SpecimenTrialStart]:

@@ -96,7 +96,7 @@ def make_curvature_page(
                 if result.accepted and result.radius_ci95_mm is not None and result.true_radius_mm is not None
                 for low, high in (result.radius_ci95_mm,)
             ],
-            "roll_sd_deg": content.settings.get("roll_sd_deg"),
+            "roll_sd_deg": content.settings.roll_sd_deg,
             "steerability": design is not None,
         },
     )

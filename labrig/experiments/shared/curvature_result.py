@@ -1,26 +1,23 @@
 """The result of measuring the curvature of needles, picture by picture and gel by gel."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import pandas as pd
-from pydantic import FiniteFloat
 
 from labrig.analysis.result import (
     Point,
     Result,
-    ResultPart,
     Sentinel,
     Summary,
     TextTable,
     TrialOrigin,
     make_origin_table,
-    require_part,
     tabulate,
 )
 from labrig.protocol.model import Model
 from labrig.text import interval, number
-from labrig.vision.curvature import CurvatureMeasurement
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 
 
 class PictureResult(CurvatureMeasurement):
@@ -75,14 +72,6 @@ class SpecimenResult(Model):
         return self.mean_radius_mm - self.true_mean_radius_mm
 
 
-class _Settings(ResultPart):
-    window_start_mm: FiniteFloat
-    window_end_mm: FiniteFloat
-    min_window_mm: FiniteFloat
-    max_radius_sigma_mm: FiniteFloat
-    sheath_diameter_mm: FiniteFloat | None
-
-
 class CurvatureResult(Result):
     """The result of a steerability run or of imported pictures.
 
@@ -90,7 +79,7 @@ class CurvatureResult(Result):
     """
 
     kind: Literal["curvature"] = "curvature"
-    settings: Annotated[dict[str, Any], require_part(_Settings)]
+    settings: CurvatureSettings
     specimens: tuple[SpecimenResult, ...]
     mean_radius_mm: float | None
     measurements: tuple[PictureResult, ...]

@@ -46,30 +46,20 @@ def find_frame(path: str, document: Mapping[str, Any]) -> int | None:
     return found
 
 
-def _order(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document without its stamp; at each level the lists of pictures come first, then what has such lists."""
+def _order(value: Any) -> Any:
+    """Return a document without its stamp, and at each level what has lists of pictures before what has none."""
+    if isinstance(value, list | tuple):
+        return [_order(item) for item in value]
+    if not isinstance(value, Mapping):
+        return value
     members = {
-        key: bool(value) if key in _SENTENCES and isinstance(value, str) else _order_nested(value)
-        for key, value in document.items()
+        key: bool(one) if key in _SENTENCES and isinstance(one, str) else _order(one)
+        for key, one in value.items()
         if key not in _STAMP
     }
-    return dict(sorted(members.items(), key=lambda item: _rank(item[1])))
+    return dict(sorted(members.items(), key=lambda member: not _has_pictures(member[1])))
 
 
-def _order_nested(value: object) -> object:
-    if isinstance(value, Mapping):
-        return _order(value)
-    return [_order_nested(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def _rank(value: object) -> int:
-    if _is_of_pictures(value):
-        return 0
-    rows = value if isinstance(value, list) else []
-    within = (part for row in rows if isinstance(row, Mapping) for part in row.values())
-    return 1 if any(map(_is_of_pictures, within)) else 2
-
-
-def _is_of_pictures(value: object) -> bool:
-    rows = value if isinstance(value, list) else []
-    return bool(rows) and all(isinstance(row, Mapping) and "frame" in row for row in rows)
+def _has_pictures(value: object) -> bool:
+    rows = [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
+    return any("frame" in row or any(map(_has_pictures, row.values())) for row in rows)

@@ -1,18 +1,16 @@
 """What `labrig devices camera` does: takes pictures, scores each, and shows them in a browser."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict, replace
-from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
 from labrig.cli.calibration_files import require_writable
 from labrig.cli.output import print_checks, print_json, print_line, say
 from labrig.cli.signals import SignalNote, note_signals
-from labrig.devices.camera import Camera, require_calibrated_camera
+from labrig.devices.camera import Camera
 from labrig.devices.clocks import SystemClock
 from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
@@ -20,20 +18,14 @@ from labrig.durable import write_atomically
 from labrig.errors import InputError
 from labrig.report.local_server import suggest_forwarding
 from labrig.report.picture_page import NO_PICTURE, PicturePage, ShownPicture
-from labrig.runner.sight import load_plane_map
 from labrig.vision.calibration_file import CameraInUse, encode_frame
-from labrig.vision.drawing import Landmark, find_landmarks
-from labrig.vision.picture import Picture
 from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
-from labrig.vision.plane import PlaneMap
 
 _INTERRUPTED = 130
 _COUNTED = 16
 _REMEMBERED = 64
 _PERIOD_S = 0.1
 """Shortest time between two pictures that a person watches: nobody sees more, and a simulated camera has no rate."""
-_SHEATH_MM = 2.0
-"""Outer diameter of the sheath that is searched, within a factor of about 1.5."""
 _STATUS = {True: "PASS", False: "FAIL", None: "WARN"}
 
 
@@ -59,13 +51,10 @@ def view_camera(rig: RigDescription, *, web: bool, save: Path | None) -> int:
         in_use = CameraInUse(driver=rig.camera.driver, device=rig.camera.address, settings=camera.settings)
         shown = ShownPicture(0, NO_PICTURE, f"Camera of rig {rig.name}", camera=in_use)
         pictures = _take_pictures(camera, shown, interrupted)
-        plane = partial(_load_valid_plane, rig, camera)
-        search = partial(find_landmarks, plane=plane, sheath_diameter_mm=_SHEATH_MM)
-        taken = _show(pictures, search) if web else list(islice(pictures, _COUNTED))
+        taken = _show(pictures) if web else list(islice(pictures, _COUNTED))
         if not taken:
             return _INTERRUPTED
         last = taken[-1]
-        landmarks = last.landmarks or (search(last.image) if interrupted() is None else ())
     is_good = all(score.good is not False for score in last.scores)
     print_json({
         "rig": rig.name,
@@ -74,9 +63,8 @@ def view_camera(rig: RigDescription, *, web: bool, save: Path | None) -> int:
         "pictures": [
             {"picture": one.number, "scores": [asdict(score) for score in one.scores]} for one in taken
         ],
-        "landmarks": [asdict(mark) for mark in landmarks],
     })  # fmt: skip
-    _print(rig, last, landmarks)
+    _print(rig, last)
     if save is not None:
         _require_new_png(save)  # somebody may have made it meanwhile
         write_atomically(save, encode_frame(last.image, in_use))
@@ -101,22 +89,14 @@ def _take_pictures(camera: Camera, shown: ShownPicture, interrupted: SignalNote)
         yield replace(shown, number=number, image=frame.image, scores=scores)
 
 
-def _show(
-    pictures: Iterator[ShownPicture], search: Callable[[Picture], tuple[Landmark, ...]]
-) -> list[ShownPicture]:
-    """Show pictures in a browser to their end, while landmarks are searched in one beside that; return the last."""
-    clock, searching, last = SystemClock(), Future[tuple[Landmark, ...]](), []
-    searching.set_result(())
-    # The end waits for the search, a second or two: a thread that is inside OpenCV when Python ends aborts it.
-    with closing(PicturePage()) as page, ThreadPoolExecutor(1) as worker:
+def _show(pictures: Iterator[ShownPicture]) -> list[ShownPicture]:
+    """Show pictures in a browser to their end; return the last."""
+    clock, last = SystemClock(), []
+    with closing(PicturePage()) as page:
         say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
-        landmarks: tuple[Landmark, ...] = ()
         for picture in pictures:
-            if searching.done():
-                landmarks = searching.result()
-                searching = worker.submit(search, picture.image)
-            last = [replace(picture, landmarks=landmarks)]
-            page.show(last[0])
+            last = [picture]
+            page.show(picture)
             clock.sleep(_PERIOD_S)
     return last
 
@@ -127,14 +107,7 @@ def _require_new_png(save: Path | None) -> None:
     require_writable(save, force=False, hint="choose another name")
 
 
-def _load_valid_plane(rig: RigDescription, camera: Camera) -> PlaneMap:
-    """Return the rig's plane map if the camera is set as it was then. Raises `InputError`."""
-    for path in rig.calibration_paths().values():
-        require_calibrated_camera(rig.camera, path, camera.settings)
-    return load_plane_map(rig)
-
-
-def _print(rig: RigDescription, last: ShownPicture, landmarks: Sequence[Landmark]) -> None:
+def _print(rig: RigDescription, last: ShownPicture) -> None:
     print_line(f"picture {last.number} of rig {rig.name}")
     print_checks([
         {
@@ -145,5 +118,3 @@ def _print(rig: RigDescription, last: ShownPicture, landmarks: Sequence[Landmark
         }
         for score in last.scores
     ])  # fmt: skip
-    for mark in landmarks:
-        print_line(f"      {mark.name}: {'' if mark.found else 'not found: '}{mark.text}", 6)

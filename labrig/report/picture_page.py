@@ -18,7 +18,6 @@ import numpy as np
 
 from labrig.report.local_server import LOCALHOST, LocalServer, Reply, say
 from labrig.vision.calibration_file import UNKNOWN_CAMERA, CameraInUse, encode_frame
-from labrig.vision.drawing import Landmark
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.picture_quality import Score
 
@@ -69,8 +68,6 @@ class ShownPicture:
     image : ndarray of uint8, (H, W) or (H, W, 3)
     heading : str
     scores : sequence of Score
-    landmarks : sequence of Landmark
-        What was found in it, or in one shortly before.
     camera : CameraInUse
         Its camera, kept in a saved test frame.
     """
@@ -79,7 +76,6 @@ class ShownPicture:
     image: Picture
     heading: str
     scores: Sequence[Score] = ()
-    landmarks: Sequence[Landmark] = ()
     camera: CameraInUse = UNKNOWN_CAMERA
 
     def document(self, *, asks: bool) -> dict[str, Any]:
@@ -91,7 +87,6 @@ class ShownPicture:
             "height": height,
             "heading": self.heading,
             "scores": [asdict(score) for score in self.scores],
-            "landmarks": [asdict(mark) for mark in self.landmarks],
             "asks": asks,
         }
 

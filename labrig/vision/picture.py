@@ -49,16 +49,6 @@ _WHITE = 128
 _BOXES_PX = (15, 61, 241, 961)
 _LEAST_SEEN = 0.2
 _CONVERT = "save it as an 8-bit PNG or JPEG"
-# How viewers show a picture, by the value of the tag (CIPA DC-008, 4.6.5.1).
-_SHOWN = {
-    2: "mirrored",
-    3: "turned by 180 degrees",
-    4: "mirrored and turned by 180 degrees",
-    5: "mirrored and turned by 90 degrees to the left",
-    6: "turned by 90 degrees to the right",
-    7: "mirrored and turned by 90 degrees to the right",
-    8: "turned by 90 degrees to the left",
-}
 
 
 def read_picture(path: Path) -> Picture:
@@ -181,10 +171,11 @@ def _check_header(picture: Image.Image, path: Path | str) -> None:
     width, height = picture.size
     if width * height > MAX_PIXELS:
         raise PictureError(f"{path} has {width} x {height} pixels, at most {MAX_PIXELS} are read", "crop it")
-    turned = _SHOWN.get(_read_orientation(picture))
-    if turned is not None:
+    orientation = _read_orientation(picture)
+    if orientation in range(2, 9):
         raise PictureError(
-            f"{path} is to be shown {turned} (EXIF orientation), so its pixels are not where a viewer shows them",
+            f"{path} is to be shown turned or mirrored (EXIF orientation {orientation}), so its pixels are not where a "
+            "viewer shows them",
             "save it upright without that mark (mogrify -auto-orient turns it), every picture of this camera alike",
         )
 

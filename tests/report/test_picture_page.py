@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from labrig.report.picture_page import PicturePage, Pixel, ShownPicture, Verdict
-from labrig.vision.drawing import Landmark
+from labrig.vision.picture_quality import Score
 
 IMAGE = np.arange(40 * 60, dtype=np.uint32).astype(np.uint8).reshape(40, 60)
 HOSTILE = "<img src=x onerror=alert(1)>\"'&"
@@ -25,9 +25,7 @@ def _take(pixel: Pixel) -> Verdict:
 def page() -> Iterator[PicturePage]:
     """Serve a page that asks for a pixel."""
     with closing(PicturePage(take=_take)) as served:
-        served.show(
-            ShownPicture(3, IMAGE, HOSTILE, landmarks=[Landmark("sheath", found=False, text=HOSTILE)])
-        )
+        served.show(ShownPicture(3, IMAGE, HOSTILE, [Score("focus", None, "", None, HOSTILE)]))
         yield served
 
 
@@ -57,7 +55,7 @@ def test_text_reaches_the_page_as_json_alone(page: PicturePage) -> None:
     reply, content = _request(page, "state.json")
     assert reply.getheader("Content-Type") == "application/json"
     state = json.loads(content)
-    assert (state["heading"], state["landmarks"][0]["text"]) == (HOSTILE, HOSTILE)
+    assert (state["heading"], state["scores"][0]["text"]) == (HOSTILE, HOSTILE)
     _, script = _request(page, "picture.js")
     assert not any(
         word in script for word in (b"innerHTML", b"insertAdjacentHTML", b"document.write", b"eval(")

@@ -1,4 +1,4 @@
-// Shows the newest picture with what is drawn over it, and sends the pixel that a person confirms. What labrig says
+// Shows the newest picture and its scores, and sends the pixel that a person confirms. What labrig says
 // enters the page as text, never as HTML.
 "use strict";
 
@@ -54,15 +54,6 @@ function showScores(scores) {
   ]));
 }
 
-function showLandmarks(landmarks) {
-  const group = get("landmarks");
-  group.replaceChildren();
-  for (const mark of landmarks) {
-    for (const line of mark.lines) drawLine(group, line, mark.name.replace(" ", "-"));
-  }
-  fillRows(get("searched"), landmarks.map((mark) => [[mark.name], [(mark.found ? "" : "not found: ") + mark.text]]));
-}
-
 function show(state) {
   get("heading").textContent = state.heading;
   document.title = state.heading;
@@ -79,7 +70,6 @@ function show(state) {
   get("u").max = state.width - 1;
   get("v").max = state.height - 1;
   showScores(state.scores);
-  showLandmarks(state.landmarks);
   shown = state;
 }
 
@@ -147,7 +137,6 @@ async function follow() {
 }
 
 for (const end of ["load", "error"]) get("picture").addEventListener(end, () => { isLoading = false; });
-get("draws").addEventListener("change", (event) => { get("landmarks").classList.toggle("off", !event.target.checked); });
 get("picture").addEventListener("click", pick);
 get("u").addEventListener("input", drawCross);
 get("v").addEventListener("input", drawCross);

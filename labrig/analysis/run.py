@@ -126,26 +126,13 @@ def _resolve_protocol(
     for override in overrides:
         key = override.partition("=")[0]
         if not any(key.startswith(f"{each}.") or ("." in each and key == each) for each in known):
+            near = get_close_matches(key.partition(".")[0], known, 1)
+            named = ", ".join(each if "." in each else f"{each}.*" for each in known) or "nothing"
             raise InputError(
-                f"{override!r} cannot be changed after the run: {_name_changeable(known)}",
-                _suggest_key(key.partition(".")[0], experiment) if known else "run its protocol again",
+                f"{override!r} cannot be changed after the run: only {named} can",
+                f"did you mean {near[0]}.?" if near else "run its protocol again",
             )
     return load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
-
-
-def _name_changeable(known: Sequence[str]) -> str:
-    named = ", ".join(key if "." in key else f"{key}.*" for key in known)
-    return f"only {named} can" if known else "nothing can"
-
-
-def _suggest_key(section: str, experiment: MeasuredExperiment) -> str:
-    """Return the section that was probably meant, and a key that can be changed."""
-    near = get_close_matches(section, experiment.reanalysis_keys, 1)
-    meant = f"did you mean {near[0]}.? " if near else ""
-    first = experiment.reanalysis_keys[0]
-    model = experiment.protocol_model.model_fields[first].annotation
-    keys = getattr(model, "model_fields", {})
-    return f"{meant}for example {first}.{next(iter(keys), 'key')}=VALUE"
 
 
 def _hash_inputs(run: Run) -> dict[str, str]:

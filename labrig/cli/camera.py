@@ -19,7 +19,7 @@ from labrig.errors import InputError
 from labrig.report.local_server import suggest_forwarding
 from labrig.report.picture_page import NO_PICTURE, PicturePage, ShownPicture
 from labrig.vision.calibration_file import CameraInUse, encode_frame
-from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
+from labrig.vision.picture_quality import judge_picture, measure_flicker
 
 _INTERRUPTED = 130
 _COUNTED = 16
@@ -82,10 +82,9 @@ def _take_pictures(camera: Camera, shown: ShownPicture, interrupted: SignalNote)
         if interrupted() is not None:
             return
         frame = camera.capture()
-        quality = measure_quality(frame.image)
         times_s.append(frame.t_s)
-        means.append(quality.mean_grey)
-        scores = judge_quality(quality, measure_flicker(times_s, means))
+        means.append(float(frame.image.mean()))
+        scores = judge_picture(frame.image, measure_flicker(times_s, means))
         yield replace(shown, number=number, image=frame.image, scores=scores)
 
 

@@ -9,7 +9,7 @@ Flicker is the variation of the mean brightness, without its slow drift. Lamps o
 frequency; pictures at a lower rate show a beat of that.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -28,50 +28,8 @@ _STRONG, _STEEPEST, _FEWEST_EDGES = 0.5, 0.99, 50
 _FEWEST_FOR_FLICKER = 8
 
 
-@dataclass(frozen=True)
-class PictureQuality:
-    """What one picture tells.
-
-    Attributes
-    ----------
-    edge_width_px : float or None
-        Median width of the strongest edges [px]; None for a picture with too few edges.
-    saturated, black : float
-        Shares of the pixels at grey level 254 or more, and 1 or less.
-    median_grey, low_grey, high_grey : float
-        Median, 1 % and 99 % quantile of the grey level.
-    mean_grey : float
-        Mean of the grey level.
-    """
-
-    edge_width_px: float | None
-    saturated: float
-    black: float
-    median_grey: float
-    low_grey: float
-    high_grey: float
-    mean_grey: float
-
-
-def measure_quality(image: Picture) -> PictureQuality:
-    """Measure a picture, (H, W) or (H, W, 3)."""
-    grey = as_grey(image)
-    counts = np.bincount(grey.ravel(), minlength=256)
-    shares = np.cumsum(counts) / grey.size
-    low, median, high = (float(np.searchsorted(shares, share)) for share in (0.01, 0.5, 0.99))
-    return PictureQuality(
-        edge_width_px=_measure_edge_width(grey),
-        saturated=float(1.0 - shares[_SATURATED - 1]),
-        black=float(shares[_BLACK]),
-        median_grey=median,
-        low_grey=low,
-        high_grey=high,
-        mean_grey=float(counts @ np.arange(256)) / grey.size,
-    )
-
-
-def _measure_edge_width(grey: Picture) -> float | None:
-    """Return the median width [px] of the strongest edges; None if there are too few."""
+def measure_edge_width(grey: Picture) -> float | None:
+    """Return the median width [px] of the strongest edges of a picture (H, W); None if there are too few."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SMOOTH_PX)
     du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     slope = cv2.magnitude(du, dv)
@@ -108,11 +66,16 @@ def measure_flicker(times_s: Sequence[float], means: Sequence[float]) -> float |
 
 
 # Of eight drawn insertions at 0.065 mm a pixel, with more and more blur, radii are 0.03 mm off at edges of 5.8 px, the
-# first is refused at 6.7 px, five at 7.7 px.
-_MOST_EDGE_WIDTH_PX = 6.0
-# Conventional limits: room for noise and uneven light above, grey levels enough to place an edge below.
-_MOST_PERCENT, _MOST_FLICKER_PERCENT = 1.0, 2.0
-_LEAST_GREY, _MOST_GREY = 50.0, 220.0
+# first is refused at 6.7 px, five at 7.7 px. The others are conventional: room for noise and uneven light above, grey
+# levels enough to place an edge below.
+_LIMITS: Mapping[str, tuple[float, float, str, str]] = {
+    "focus": (0.0, 6.0, " px", "edges are {:.1f} px wide"),
+    "saturation": (0.0, 1.0, " %", "{:.1f} % of the pixels are saturated"),
+    "black": (0.0, 1.0, " %", "{:.1f} % of the pixels are black"),
+    "exposure": (50.0, 220.0, "", "median grey level {:.0f}"),
+    "flicker": (0.0, 2.0, " %", "brightness varies by {:.1f} %"),
+}
+"""Least and largest value, their unit, and what is told of a value."""
 
 _DARKEN = "shorten the exposure, or dim the light"
 _BRIGHTEN = "lengthen the exposure, or add light"
@@ -148,38 +111,30 @@ class Score:
     hint: str = ""
 
 
-def judge_quality(quality: PictureQuality, flicker: float | None) -> tuple[Score, ...]:
-    """Return the scores of the newest picture, and of the flicker in those before it."""
-    width_px, median = quality.edge_width_px, quality.median_grey
-    saturated, black = 100.0 * quality.saturated, 100.0 * quality.black
-    changes = None if flicker is None else 100.0 * flicker
-    levels = f"median grey level {median:.0f}, 98 % from {quality.low_grey:.0f} to {quality.high_grey:.0f}"
-    sharp = "no sharp edges in the picture" if width_px is None else f"edges are {width_px:.1f} px wide"
-    find = "show the camera graph paper or the needle" if width_px is None else _SHARPEN
-    steady = (
-        f"known from {_FEWEST_FOR_FLICKER} pictures on"
-        if changes is None
-        else f"brightness varies by {changes:.1f} %"
-    )
-    aside = _BRIGHTEN if median < _LEAST_GREY else _DARKEN
-    rows: tuple[tuple[str, float | None, float, float, str, str, str], ...] = (
-        ("focus", width_px, 0.0, _MOST_EDGE_WIDTH_PX, " px", sharp, find),
-        (
-            "saturation",
-            saturated,
-            0.0,
-            _MOST_PERCENT,
-            " %",
-            f"{saturated:.1f} % of the pixels are saturated",
-            _DARKEN,
+def judge_picture(image: Picture, flicker: float | None) -> tuple[Score, ...]:
+    """Return the scores of a picture, (H, W) or (H, W, 3), and of the flicker in those before it."""
+    grey = as_grey(image)
+    shares = np.cumsum(np.bincount(grey.ravel(), minlength=256)) / grey.size
+    median = float(np.searchsorted(shares, 0.5))
+    aside = _BRIGHTEN if median < _LIMITS["exposure"][0] else _DARKEN
+    return (
+        _judge("focus", measure_edge_width(grey), _SHARPEN, "no sharp edges: show graph paper or the needle"),
+        _judge("saturation", 100.0 * float(1.0 - shares[_SATURATED - 1]), _DARKEN),
+        _judge("black", 100.0 * float(shares[_BLACK]), _BRIGHTEN),
+        _judge("exposure", median, aside),
+        _judge(
+            "flicker",
+            None if flicker is None else 100.0 * flicker,
+            _STEADY,
+            f"known from {_FEWEST_FOR_FLICKER} pictures on",
         ),
-        ("black", black, 0.0, _MOST_PERCENT, " %", f"{black:.1f} % of the pixels are black", _BRIGHTEN),
-        ("exposure", median, _LEAST_GREY, _MOST_GREY, "", levels, aside),
-        ("flicker", changes, 0.0, _MOST_FLICKER_PERCENT, " %", steady, "" if changes is None else _STEADY),
     )
-    scores = []
-    for name, value, least, most, unit, text, hint in rows:
-        good = None if value is None else least <= value <= most
-        limit = f"{least:g} to {most:g}" if least else f"at most {most:g}"
-        scores.append(Score(name, value, limit + unit, good, text, "" if good else hint))
-    return tuple(scores)
+
+
+def _judge(name: str, value: float | None, hint: str, unknown: str = "") -> Score:
+    least, most, unit, text = _LIMITS[name]
+    limit = (f"{least:g} to {most:g}" if least else f"at most {most:g}") + unit
+    if value is None:
+        return Score(name, None, limit, None, unknown)
+    good = least <= value <= most
+    return Score(name, value, limit, good, text.format(value), "" if good else hint)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labrig.vision.picture_quality import judge_quality, measure_flicker, measure_quality
+from labrig.vision.picture_quality import judge_picture, measure_edge_width, measure_flicker
 
 
 def _disc(blur_px: float, noise_sd: float = 2.0) -> NDArray[np.uint8]:
@@ -20,7 +20,7 @@ def _disc(blur_px: float, noise_sd: float = 2.0) -> NDArray[np.uint8]:
 def test_the_width_of_an_edge_is_two_and_a_half_times_its_blur(blur_px: float) -> None:
     """The width of a blurred step is that of its Gaussian within a fifth, whatever its contrast."""
     for image in (_disc(blur_px), _disc(blur_px) // 2 + 60):
-        width_px = measure_quality(image).edge_width_px
+        width_px = measure_edge_width(image)
         assert width_px == pytest.approx(np.sqrt(2 * np.pi) * np.hypot(blur_px, 0.7), rel=0.2)
 
 
@@ -28,17 +28,17 @@ def test_noise_and_even_grey_have_no_focus() -> None:
     """Neither shows an edge, so that the score is not known."""
     noise = np.random.default_rng(1).normal(120.0, 6.0, (300, 400)).astype(np.uint8)
     for image in (noise, np.full((300, 400), 120, np.uint8)):
-        assert measure_quality(image).edge_width_px is None
-    (focus, *_) = judge_quality(measure_quality(noise), None)
+        assert measure_edge_width(image) is None
+    (focus, *_) = judge_picture(noise, None)
     assert (focus.value, focus.good) == (None, None)
-    assert "graph paper" in focus.hint
+    assert "graph paper" in focus.text
 
 
 def test_a_blurred_saturated_picture_is_told_what_to_do() -> None:
     """Each score beyond its limit states value, limit and remedy; the others have no hint."""
     image = _disc(5.0)
     image[:30] = 255
-    scores = {score.name: score for score in judge_quality(measure_quality(image), 0.031)}
+    scores = {score.name: score for score in judge_picture(image, 0.031)}
     assert {name: score.good for name, score in scores.items()} == {
         "focus": False,
         "saturation": False,
@@ -56,7 +56,7 @@ def test_a_blurred_saturated_picture_is_told_what_to_do() -> None:
 @pytest.mark.parametrize(("grey", "hint"), [(20, "lengthen"), (240, "shorten")])
 def test_a_dark_or_bright_picture_is_no_good(grey: int, hint: str) -> None:
     """The median grey level has to leave room on both sides."""
-    scores = judge_quality(measure_quality(np.full((50, 50, 3), grey, np.uint8)), None)
+    scores = judge_picture(np.full((50, 50, 3), grey, np.uint8), None)
     assert hint in next(score.hint for score in scores if score.name == "exposure")
 
 

@@ -1,13 +1,13 @@
 """The interface between the analysis engine and an experiment."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias, cast
+from typing import Any, cast
 
 from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.pictures import Progress
-from labrig.analysis.result import Findings, Result
+from labrig.analysis.result import Result
 from labrig.errors import LabrigError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.vision.picture import Mask
@@ -33,10 +33,6 @@ class AnalysisRequest:
     mask: Mask | None = None
     workers: int = DEFAULT_WORKERS
     progress: Progress | None = None
-
-
-Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings]
-"""(run, protocol, request) -> findings."""
 
 
 class MeasuredExperiment(ABC):
@@ -65,16 +61,6 @@ class MeasuredExperiment(ABC):
     def protocol_model(self) -> type[ExperimentProtocol]:
         """The model of its protocol."""
         return cast("type[ExperimentProtocol]", self.part("Protocol"))
-
-    @property
-    def result_model(self) -> type[Result]:
-        """The model of its result."""
-        return cast("type[Result]", self.part("RunResult"))
-
-    @property
-    def analyze(self) -> Analyze:
-        """The function that makes the result of a run."""
-        return cast("Analyze", self.part("analyze"))
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def analyze_run(
     )
     request = AnalysisRequest(stamp, load_mask_of_run(run), workers, progress)
     with name_damage(run.path, damage):
-        findings = experiment.analyze(run, protocol, request)
+        findings = experiment.part("analyze")(run, protocol, request)
     # The folder is made last, so that an analysis that fails leaves nothing behind.
     result = write_result(new_result_dir(run.path), findings)
     finish_result(result.path)
@@ -111,7 +111,7 @@ def _find_parent(run: Run, experiment: MeasuredExperiment) -> int | None:
     readable: list[int] = []
     for number in reversed(run.result_numbers):
         with suppress(RecordError):
-            result = load_result(run, experiment.result_model, number)
+            result = load_result(run, experiment.part("RunResult"), number)
             readable.append(number)
             if result is not None and not result.content.overrides:
                 return number

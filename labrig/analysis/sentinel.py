@@ -1,6 +1,6 @@
 """Grid pictures before and after a run: an error bar for its lengths, or the reason to refuse them."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from labrig.analysis.origin import ReadFrame
 from labrig.analysis.result import Sentinel
@@ -19,14 +19,14 @@ class GridRole(PictureRole):
 
 
 def check_sentinel(
-    section: GridSentinel | None, read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap
+    section: GridSentinel | None, read: ReadFrame, lines: Sequence[FrameLine], plane: PlaneMap
 ) -> Sentinel | None:
     """Compare the grid pictures of a run; None if its protocol asks for none."""
     return None if section is None else compare_grid_pictures(read, lines, plane, section.pitch_mm)
 
 
 def compare_grid_pictures(
-    read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap, pitch_mm: float
+    read: ReadFrame, lines: Sequence[FrameLine], plane: PlaneMap, pitch_mm: float
 ) -> Sentinel:
     """Compare the first grid picture before the run with the last one after it.
 
@@ -34,33 +34,27 @@ def compare_grid_pictures(
     ----------
     read : callable
         Returns the picture of a frame number.
-    lines : iterable of FrameLine
+    lines : sequence of FrameLine
         Lines of a run; other roles are skipped.
     """
-    frames: dict[str, list[int]] = {role: [] for role in GridRole}
-    for line in lines:
-        frames.get(line.role or "", []).append(line.frame)
-    if not all(frames.values()):
-        return Sentinel(
-            view=plane.view_sentence(),
-            accepted=True,
-            reason="There is no grid picture both before and after the run.",
-        )
+    of_role = {role: [line.frame for line in lines if line.role == role] for role in GridRole}
+    view = plane.view_sentence()
+    if not all(of_role.values()):
+        why = "There is no grid picture both before and after the run."
+        return Sentinel(view=view, accepted=True, reason=why)
     try:
-        before, after = (
-            check_grid(read(frame), plane, pitch_mm)
-            for frame in (frames[GridRole.BEFORE][0], frames[GridRole.AFTER][-1])
-        )
+        before = check_grid(read(of_role[GridRole.BEFORE][0]), plane, pitch_mm)
+        after = check_grid(read(of_role[GridRole.AFTER][-1]), plane, pitch_mm)
     except (CalibrationRefusedError, PictureError, RecordError) as refusal:
         why = f"The grid pictures cannot be compared: {refusal.message}."
-        return Sentinel(view=plane.view_sentence(), accepted=False, reason=why)
+        return Sentinel(view=view, accepted=False, reason=why)
     drift = compare_grids(before, after)
     return Sentinel(
         drift=drift.relative,
         bending_mm=drift.bending_mm,
         scale_before=before.scale,
         scale_after=after.scale,
-        view=plane.view_sentence(),
+        view=view,
         accepted=drift.accepted,
         reason=drift.reason,
     )

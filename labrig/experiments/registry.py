@@ -53,7 +53,7 @@ def load_run_result(run: Run, number: int | None = None) -> AnyResult | None:
     InputError, RecordError
         As `labrig.analysis.load_result` and `find_run_experiment`.
     """
-    return load_result(run, find_run_experiment(run).result_model, number)
+    return load_result(run, find_run_experiment(run).part("RunResult"), number)
 
 
 def make_run_view(run: Run) -> View:

@@ -92,7 +92,7 @@ def join(cluster: LocalCluster, folder: Path, environment: Mapping[str, str]) ->
     )
     try:
         with Client(cluster.scheduler_address) as client:
-            client.wait_for_workers(3, timeout=60)
+            client.wait_for_workers(3, timeout=300)
         yield
     finally:
         worker.terminate()

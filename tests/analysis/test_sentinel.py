@@ -31,6 +31,9 @@ def grid(pitch_px: float) -> NDArray[np.uint8]:
     return np.clip(200.0 - 70.0 * dark + noise, 0, 255).astype(np.uint8)
 
 
+BARE = np.full((600, 800), 120, np.uint8)
+
+
 def run_with(after_px: float) -> Sentinel:
     """Return the sentinel of a run after which the grid has this pitch in the picture."""
     return compare_grid_pictures(lambda frame: grid(after_px if frame else PX_PER_MM), LINES, PLANE, 1.0)
@@ -57,22 +60,33 @@ def test_drift_becomes_an_error_bar() -> None:
     assert wider.radius_ci95_mm == pytest.approx((28.0 - 0.149, 28.0 + 0.149), abs=0.015)
 
 
-def test_bumped_camera_refuses_every_radius() -> None:
-    """A change of scale of 2 % refuses every radius, with the reason at each picture."""
-    sentinel = run_with(PX_PER_MM * 1.02)
+HALVED = PlaneMap.from_scale(PX_PER_MM / 2.0, (0.0, 0.0), "right", (800, 600))
+
+
+@pytest.mark.parametrize(
+    ("plane", "before", "after", "words"),
+    [
+        (PLANE, grid(PX_PER_MM), grid(PX_PER_MM * 1.02), "the camera was bumped"),
+        (HALVED, grid(PX_PER_MM), grid(PX_PER_MM), "lines are 16.0 px apart in the picture"),
+        (PLANE, BARE, BARE, "cannot be compared"),
+    ],
+    ids=["bumped", "wrong map", "no paper"],
+)
+def test_what_the_paper_contradicts_refuses_every_radius(
+    plane: PlaneMap, before: NDArray[np.uint8], after: NDArray[np.uint8], words: str
+) -> None:
+    """Another scale after the run, another one than the map's, or no grid: the reason is at each picture."""
+    sentinel = compare_grid_pictures(lambda frame: after if frame else before, LINES, plane, 1.0)
     assert not sentinel.accepted
+    assert sentinel.view == plane.view_sentence()
     refused = complete_picture(radius(), None, sentinel)
     assert not refused.accepted
-    assert "the camera was bumped" in (refused.reason or "")
+    assert words in (refused.reason or "")
 
 
-def test_a_map_that_the_paper_contradicts_refuses_and_its_width_is_said() -> None:
-    """A map of 8 px/mm under paper of 16 px/mm is refused; the width of the picture is what a ruler checks."""
-    wrong = PlaneMap.from_scale(PX_PER_MM / 2.0, (0.0, 0.0), "right", (800, 600))
-    sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES, wrong, 1.0)
-    assert not sentinel.accepted
-    assert "lines are 16.0 px apart in the picture" in (sentinel.reason or "")
-    assert sentinel.view == "The picture is 100 mm wide and 75 mm high at the paper."
+def test_the_width_of_the_picture_is_said() -> None:
+    """A ruler checks it."""
+    assert HALVED.view_sentence() == "The picture is 100 mm wide and 75 mm high at the paper."
 
 
 def test_run_without_both_pictures_is_told_so() -> None:
@@ -81,10 +95,3 @@ def test_run_without_both_pictures_is_told_so() -> None:
     assert sentinel.drift is None
     assert "both before and after" in (sentinel.reason or "")
     assert complete_picture(radius(), None, sentinel) == complete_picture(radius(), None, None) == radius()
-
-
-def test_pictures_that_show_no_grid_refuse() -> None:
-    """If the grid pictures cannot be compared, no radius is stated."""
-    sentinel = compare_grid_pictures(lambda _: np.full((600, 800), 120, np.uint8), LINES, PLANE, 1.0)
-    assert not sentinel.accepted
-    assert "cannot be compared" in (sentinel.reason or "")

@@ -1,4 +1,4 @@
-"""Mean, spread and interval."""
+"""Mean, spread and interval, and tests of means against published results."""
 
 import math
 
@@ -6,10 +6,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
-from labrig.analysis.statistics import add_roll_uncertainty, compute_spread
+from labrig.analysis.statistics import (
+    add_roll_uncertainty,
+    compare_means,
+    compare_pairs,
+    compute_spread,
+    has_spread,
+)
 
-VALUES = st.lists(st.floats(10.0, 100.0), min_size=2, max_size=40)
+# Dobson (1983), PlantGrowth of R: weights of plants with a control and two treatments. pingouin's `welch_anova` and
+# `pairwise_gameshowell` printed the numbers; R's `oneway.test` prints the same F, degrees of freedom and p.
+GROWTH = (
+    [4.17, 5.58, 5.18, 6.11, 4.50, 4.61, 5.17, 4.53, 5.33, 5.14],
+    [4.81, 4.17, 4.41, 3.59, 5.87, 3.83, 6.03, 4.89, 4.32, 4.69],
+    [6.31, 5.12, 5.54, 5.50, 5.37, 5.29, 4.92, 6.15, 5.80, 5.26],
+)
+WELCH = (5.18097240811319, 17.12841861664413, 0.017392821490169984)
+GAMES_HOWELL = {(0, 1): 0.4745549222, (0, 2): 0.1128891769, (1, 2): 0.0237034547}
 
 
 @pytest.mark.parametrize(
@@ -26,7 +41,7 @@ def test_a_spread_is_that_of_the_tables(
     assert found.ci95 == expected
 
 
-@given(VALUES, st.floats(-5.0, 5.0))
+@given(st.lists(st.floats(10.0, 100.0), min_size=2, max_size=40), st.floats(-5.0, 5.0))
 def test_a_common_error_moves_the_mean_and_leaves_the_spread(values: list[float], shift: float) -> None:
     """An error common to all values does not widen the interval."""
     found, moved = compute_spread(values), compute_spread([value + shift for value in values])
@@ -57,3 +72,27 @@ def test_without_a_camera_the_roll_moves_the_lower_end_of_an_interval_only() -> 
     assert add_roll_uncertainty((28.0, 28.4), 2.0) == pytest.approx((28.0 * 0.99766, 28.4), abs=1e-3)
     assert add_roll_uncertainty((28.0, 28.4), 0.0) == (28.0, 28.4)
     assert add_roll_uncertainty(None, 2.0) is None
+
+
+@pytest.mark.processors
+def test_public_data_give_the_published_results() -> None:
+    """Welch's F, degrees of freedom and p, and p of pairs, are those of pingouin; an interval of a pair is scipy's."""
+    welch = compare_means(GROWTH)
+    assert welch is not None
+    assert (welch.f, welch.df_within, welch.p) == pytest.approx(WELCH, rel=1e-9)
+    assert welch.df_between == 2.0
+    pairs = compare_pairs(GROWTH)
+    whole = stats.tukey_hsd(*GROWTH, equal_var=False).confidence_interval(0.95)
+    low, high = np.asarray(whole.low), np.asarray(whole.high)
+    for (a, b), p in GAMES_HOWELL.items():
+        assert pairs[a, b].p == pytest.approx(p, abs=1e-8)
+        assert pairs[a, b].difference == pytest.approx(np.mean(GROWTH[a]) - np.mean(GROWTH[b]))
+        assert pairs[a, b].ci95 == pytest.approx((low[a, b], high[a, b]), rel=1e-5)
+
+
+def test_too_little_gives_no_test() -> None:
+    """Values without a spread are refused and not divided by."""
+    assert compare_means([[1.0, 2.0]]) is None
+    assert compare_means([[1.0, 2.0], [3.0, 3.0]]) is None
+    assert not has_spread([27.6])
+    assert not has_spread([27.6, 27.6])

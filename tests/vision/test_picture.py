@@ -30,19 +30,13 @@ def save(path, image):
     return path
 
 
-@pytest.mark.parametrize("name", ["grey", "colour"])
-def test_reads_pixels_as_they_were_saved(name, tmp_path, request):
-    """A PNG comes back bit for bit, grey as (H, W) and colour as blue-green-red."""
-    image = request.getfixturevalue(name)
-    read = read_picture(save(tmp_path / "picture.png", image))
-    assert read.dtype == np.uint8
-    assert (read == image).all()
-
-
-def test_drops_the_alpha_channel(colour, tmp_path):
-    """Transparency is not light, so only the colours are kept."""
-    with_alpha = np.dstack((colour, np.full(colour.shape[:2], 7, dtype=np.uint8)))
-    assert (read_picture(save(tmp_path / "alpha.png", with_alpha)) == colour).all()
+def test_reads_pixels_as_they_were_saved(grey, colour, tmp_path):
+    """A PNG comes back bit for bit, grey as (H, W) and colour as blue-green-red, without transparency."""
+    opacity = np.full((*grey.shape, 1), 7, dtype=np.uint8)
+    for saved, kept in ((grey, grey), (colour, colour), (np.dstack((colour, opacity)), colour)):
+        read = read_picture(save(tmp_path / "picture.png", saved))
+        assert read.dtype == np.uint8
+        assert np.array_equal(read, kept)
 
 
 def exif(orientation, order):
@@ -86,33 +80,44 @@ def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
     assert size_of(read_picture(path)) == (40, 30)
 
 
-@pytest.mark.parametrize("suffix", ["png", "jpg"])
-@pytest.mark.parametrize("share", [0.3, 0.9])
-def test_refuses_a_truncated_picture(suffix, share, colour, tmp_path):
-    """A truncated picture is refused, although decoders would fill it with grey."""
-    whole = save(tmp_path / f"whole.{suffix}", colour).read_bytes()
-    torn = tmp_path / f"torn.{suffix}"
-    torn.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(PictureError, match=rf"torn\.{suffix} is truncated"):
-        read_picture(torn)
+def flip(data):
+    """Return the content of a file with a flipped bit."""
+    return data[:60] + bytes([data[60] ^ 1]) + data[61:]
 
 
-def test_refuses_a_damaged_png(grey, tmp_path):
-    """A flipped bit fails the chunk's checksum."""
-    path = save(tmp_path / "picture.png", grey)
-    data = bytearray(path.read_bytes())
-    data[60] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(PictureError, match="damaged"):
+@pytest.mark.parametrize(
+    ("name", "spoil", "message"),
+    [
+        ("torn.png", lambda data: data[: len(data) // 3], r"torn\.png is truncated"),
+        ("torn.png", lambda data: data[: 9 * len(data) // 10], r"torn\.png is truncated"),
+        ("torn.jpg", lambda data: data[: len(data) // 3], r"torn\.jpg is truncated"),
+        ("torn.jpg", lambda data: data[: 9 * len(data) // 10], r"torn\.jpg is truncated"),
+        ("flipped.png", flip, "damaged"),
+        ("empty.png", lambda _: b"", "is empty"),
+        ("notes.jpg", lambda _: b"not a picture", "no picture"),
+    ],
+)
+def test_refuses_a_damaged_picture(name, spoil, message, colour, tmp_path):
+    """A truncated picture, which decoders would fill with grey, a flipped bit, and what is no picture."""
+    path = save(tmp_path / name, colour)
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(PictureError, match=message) as caught:
         read_picture(path)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(("name", "message"), [("gone.png", "does not exist"), (".", "folder")])
+def test_refuses_what_is_no_file(name, message, tmp_path):
+    """Missing files and folders are refused, each with its reason."""
+    with pytest.raises(PictureError, match=message):
+        read_picture(tmp_path / name)
 
 
 def test_refuses_sixteen_bits(grey, tmp_path):
     """Depths other than eight bits are not scaled by guess."""
     path = save(tmp_path / "deep.png", grey.astype(np.uint16) * 257)
-    with pytest.raises(PictureError, match=r"deep\.png has pixels of kind I;16") as caught:
+    with pytest.raises(PictureError, match=r"deep\.png has pixels of kind I;16"):
         read_picture(path)
-    assert "8-bit" in caught.value.hint
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
@@ -141,18 +146,3 @@ def test_numbers_in_names_are_those_of_decimal_digits():
     """A superscript is no digit of a number; picture2 still comes before picture10."""
     names = ["picture10.png", "10²5.png", "picture2.png"]
     assert sorted(map(Path, names), key=number_order) == [Path(names[1]), Path(names[2]), Path(names[0])]
-
-
-def test_refuses_what_is_no_picture(tmp_path):
-    """Missing files, folders, empty files and text are refused, each with its reason."""
-    (tmp_path / "notes.jpg").write_text("not a picture")
-    (tmp_path / "empty.png").touch()
-    for name, message in [
-        ("gone.png", "does not exist"),
-        (".", "folder"),
-        ("empty.png", "empty"),
-        ("notes.jpg", "no picture"),
-    ]:
-        with pytest.raises(PictureError, match=message) as caught:
-            read_picture(tmp_path / name)
-        assert caught.value.hint

@@ -17,8 +17,8 @@ a slip that the zero set by eye hides. Without `sheath.origin` in the protocol t
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,33 +39,32 @@ _COMMAND = "origin and linear encoder put it"
 _OTHERS = "linear encoder and the other trials put it"
 
 
-class _Deviation(NamedTuple):
+@dataclass(frozen=True)
+class _Deviation:
     """Deviation of a sheath from its expected pose: along the insertion, across it towards +y, and in heading."""
 
     along_mm: float
     across_mm: float
     turn_rad: float
 
-    def explain(self, limits: SheathOrigin, by: str) -> str | None:
-        """Return a sentence for each limit that is exceeded; `by` names the source of the expected pose."""
-        along_mm, across_mm, turn_deg = (
-            abs(self.along_mm),
-            abs(self.across_mm),
-            abs(math.degrees(self.turn_rad)),
-        )
-        where = "beyond" if self.along_mm > 0 else "short of"
-        told = (
-            along_mm > limits.along_mm
-            and f"The sheath's tip is {along_mm:.2f} mm {where} where {by}, and {limits.along_mm:g} mm along the "
-            "insertion is the most: the sheath slipped, or the camera was bumped.",
-            across_mm > limits.across_mm
-            and f"The sheath's tip is {across_mm:.2f} mm aside of where {by}, and {limits.across_mm:g} mm is the most "
-            "that its play explains: the camera was bumped, or the sheath is bent.",
-            turn_deg > limits.turn_deg
-            and f"The sheath heads {turn_deg:.1f} degrees off where {by}, and {limits.turn_deg:g} degrees is the most: "
-            "the camera was turned, or the sheath is bent.",
-        )
-        return " ".join(sentence for sentence in told if sentence) or None
+    def list_reasons(self, limits: SheathOrigin, by: str) -> Iterator[str]:
+        """Yield a sentence for each limit that is exceeded; `by` names the source of the expected pose."""
+        if abs(self.along_mm) > limits.along_mm:
+            where = "beyond" if self.along_mm > 0 else "short of"
+            yield (
+                f"The sheath's tip is {abs(self.along_mm):.2f} mm {where} where {by}, and {limits.along_mm:g} mm along "
+                "the insertion is the most: the sheath slipped, or the camera was bumped."
+            )
+        if abs(self.across_mm) > limits.across_mm:
+            yield (
+                f"The sheath's tip is {abs(self.across_mm):.2f} mm aside of where {by}, and {limits.across_mm:g} mm is "
+                "the most that its play explains: the camera was bumped, or the sheath is bent."
+            )
+        if abs(math.degrees(self.turn_rad)) > limits.turn_deg:
+            yield (
+                f"The sheath heads {abs(math.degrees(self.turn_rad)):.1f} degrees off where {by}, and "
+                f"{limits.turn_deg:g} degrees is the most: the camera was turned, or the sheath is bent."
+            )
 
 
 def compare_with_command(
@@ -80,29 +79,24 @@ def compare_with_command(
     linear_mm : float
         The linear encoder's reading there.
     """
-    found = TrialOrigin(
+    beyond_mm = linear_mm - sheath.origin_depth_mm
+    off = _Deviation(pose.tip_mm[1] - beyond_mm, pose.tip_mm[0], pose.heading_rad)
+    is_limited = sheath.origin is not None
+    reasons = tuple(off.list_reasons(sheath.origin, _COMMAND)) if sheath.origin is not None else ()
+    return TrialOrigin(
         trial=trial,
         frame=frame,
         tip_mm=pose.tip_mm,
         tip_px=pose.tip_px,
         heading_rad=pose.heading_rad,
         linear_mm=linear_mm,
-        accepted=True,
+        expected_mm=(0.0, beyond_mm) if is_limited else None,
+        along_mm=off.along_mm if is_limited else None,
+        across_mm=off.across_mm if is_limited else None,
+        disagreement_mm=math.hypot(off.along_mm, off.across_mm) if is_limited else None,
+        accepted=not reasons,
+        reason=" ".join(reasons) or None,
     )
-    if sheath.origin is None:
-        return found
-    beyond_mm = linear_mm - sheath.origin_depth_mm
-    off = _Deviation(pose.tip_mm[1] - beyond_mm, pose.tip_mm[0], pose.heading_rad)
-    reason = off.explain(sheath.origin, _COMMAND)
-    compared = {
-        "expected_mm": (0.0, beyond_mm),
-        "along_mm": off.along_mm,
-        "across_mm": off.across_mm,
-        "disagreement_mm": math.hypot(off.along_mm, off.across_mm),
-        "accepted": reason is None,
-        "reason": reason,
-    }
-    return found.model_copy(update=compared)
 
 
 def find_origins(
@@ -193,10 +187,10 @@ def _invariant_pose(origin: TrialOrigin) -> NDArray[np.float64] | None:
 
 
 def _add_comparison(origin: TrialOrigin, off: _Deviation, sheath: Sheath) -> TrialOrigin:
+    reasons = tuple(off.list_reasons(sheath.origin or SheathOrigin(), _OTHERS))
     apart_mm = math.hypot(off.along_mm, off.across_mm)
-    update: dict[str, object] = {"from_others_mm": apart_mm}
-    if origin.expected_mm is None:
-        update["disagreement_mm"] = apart_mm
-    if origin.accepted and (reason := off.explain(sheath.origin or SheathOrigin(), _OTHERS)):
-        update |= {"accepted": False, "reason": reason}
+    disagreement_mm = origin.disagreement_mm if origin.expected_mm else apart_mm
+    update: dict[str, object] = {"from_others_mm": apart_mm, "disagreement_mm": disagreement_mm}
+    if origin.accepted and reasons:
+        update |= {"accepted": False, "reason": " ".join(reasons)}
     return origin.model_copy(update=update)

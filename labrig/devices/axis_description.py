@@ -12,9 +12,6 @@ from labrig.devices.can_description import NodeId
 from labrig.devices.check_result import CheckResult
 from labrig.devices.drives.drive import Drive
 from labrig.devices.input_channel import ChannelName, InputChannel
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.plugins import INTERFACE
@@ -150,19 +147,6 @@ class AxisDescription(Model):
     def check(self, link: CanLink, axis: str, clock: Clock) -> Iterable[CheckResult]:
         """Yield results of `labrig devices check`; nothing is written, and no `LabrigError` raised."""
         raise NotImplementedError
-
-    def simulate(
-        self,
-        wire: InProcessWire,  # noqa: ARG002 - for kinds that can be simulated
-        clock: Clock,  # noqa: ARG002
-        mechanics: Mechanics,  # noqa: ARG002
-        boot_time_s: float = 0.0,  # noqa: ARG002
-    ) -> SimulatedNode:
-        """Return a simulated drive on a wire. Raises `InputError` if this kind has none."""
-        raise InputError(
-            f"drives of kind {self.driver} cannot be simulated",
-            "choose another driver, or a rig of kind bench",
-        )
 
     @property
     def files(self) -> dict[str, Path]:

@@ -6,6 +6,7 @@ does. Markers are squares of black and white bits on a white card, over all of i
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -92,17 +93,12 @@ class Region:
         """The index of the region in a picture."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether the region has no pixel."""
-        return self.bottom <= self.top or self.right <= self.left
-
 
 def find_region(pixels: Floats, margin_px: float, lens: LensDescription) -> Region:
-    """Return the part of the picture within a margin of pixels (N, 2)."""
-    left, top = np.floor(pixels.min(axis=0) - margin_px).astype(int).tolist()
+    """Return the part of the picture within a margin of pixels (N, 2); it may be empty."""
+    left, top = np.maximum(np.floor(pixels.min(axis=0) - margin_px), 0).astype(int).tolist()
     right, bottom = (np.ceil(pixels.max(axis=0) + margin_px).astype(int) + 1).tolist()
-    return Region(max(0, top), min(lens.height_px, bottom), max(0, left), min(lens.width_px, right))
+    return Region(top, max(top, min(lens.height_px, bottom)), left, max(left, min(lens.width_px, right)))
 
 
 @dataclass(frozen=True)
@@ -140,8 +136,6 @@ def find_band(path: Floats, lens: LensDescription, margin_px: int = 0) -> Band |
     pixels = plane_to_pixels(seen, lens)
     halo_px = HALO_MM / plane.mm_per_px
     region = find_region(pixels, halo_px + margin_px, lens)
-    if region.is_empty:
-        return None
     nearest, inside = _find_nearest_nodes(pixels - (region.left, region.top), region, halo_px)
     if nearest.size == 0:
         return None
@@ -295,8 +289,6 @@ def draw_sheath(picture: Field32, hole: Hole, beyond_origin_mm: float, world: Wo
     diameter_mm = world.sheath.diameter_mm * float(scale[0])
     margin_px = (diameter_mm + HALO_MM) / plane.mm_per_px
     region = find_region(plane_to_pixels(axis, world.lens), margin_px, world.lens)
-    if region.is_empty:
-        return
     dy, dz = plane.y_mm[region.slices] - np.float32(tip[0]), plane.z_mm[region.slices] - np.float32(tip[1])
     lateral = np.asarray(dy * along_axis[1] - dz * along_axis[0], np.float32)
     behind = np.asarray(-dy * along_axis[0] - dz * along_axis[1], np.float32)
@@ -316,39 +308,38 @@ def _draw_sheath_steel(across: Field32, heading_rad: float, light: LightDescript
     return np.asarray(light.level * brushed + glow, np.float32)
 
 
+def _look_around(
+    centre_mm: Floats, reach_mm: float, lens: LensDescription
+) -> tuple[tuple[slice, slice], Field32, Field32]:
+    """Return the part of the picture about a place (y, z), possibly empty, and its pixels' dy and dz from there."""
+    plane = pixel_plane(lens)
+    around = find_region(plane_to_pixels(centre_mm[None], lens), reach_mm / plane.mm_per_px + 2, lens).slices
+    dy, dz = plane.y_mm[around] - np.float32(centre_mm[0]), plane.z_mm[around] - np.float32(centre_mm[1])
+    return around, np.asarray(dy, np.float32), np.asarray(dz, np.float32)
+
+
 def draw_bubble(picture: Field32, bubble: Bubble, shift_mm: float, world: WorldDescription) -> None:
     """Draw a bubble: a dark refracting rim, a clear middle, a bright spot towards the lamp."""
-    plane = pixel_plane(world.lens)
-    centre = (bubble.lateral_mm + shift_mm, bubble.z_mm)
-    middle = plane_to_pixels(np.array([centre]), world.lens)
-    region = find_region(middle, 1.6 * bubble.radius_mm / plane.mm_per_px + 2, world.lens)
-    if region.is_empty:
-        return
-    dy = (plane.y_mm[region.slices] - np.float32(centre[0])) / bubble.radius_mm
-    dz = (plane.z_mm[region.slices] - np.float32(centre[1])) / bubble.radius_mm
+    centre_mm = np.array([bubble.lateral_mm + shift_mm, bubble.z_mm])
+    around, dy, dz = _look_around(centre_mm, 1.6 * bubble.radius_mm, world.lens)
+    dy, dz = dy / bubble.radius_mm, dz / bubble.radius_mm
     out = np.sqrt(dy**2 + dz**2)
     azimuth = math.radians(world.light.azimuth_deg)
     lit = dy * math.sin(azimuth) + dz * math.cos(azimuth)
     rim = np.exp(-(((out - 0.86) / 0.16) ** 2)) * (1 - 0.35 * lit)
     spot = np.exp(-(((lit - 0.45) / 0.18) ** 2) - ((out - 0.45) / 0.2) ** 2)
-    picture[region.slices] *= 1 - 0.45 * rim + 0.30 * spot + 0.05 * np.exp(-(((out - 1.15) / 0.1) ** 2))
+    picture[around] *= 1 - 0.45 * rim + 0.30 * spot + 0.05 * np.exp(-(((out - 1.15) / 0.1) ** 2))
 
 
 def draw_ball(picture: Field32, ball: Ball, world: WorldDescription) -> None:
     """Draw an obstacle of tinted, translucent gel: darker with its thickness, and with a faint rim."""
-    plane = pixel_plane(world.lens)
     centre, scale = see_points(np.array([ball.centre_mm]), world.lens)
-    (y_mm, z_mm), radius_mm = centre[0], ball.radius_mm * float(scale[0])
-    middle = plane_to_pixels(centre, world.lens)
-    region = find_region(middle, 1.2 * radius_mm / plane.mm_per_px + 2, world.lens)
-    if region.is_empty:
-        return
-    dy = plane.y_mm[region.slices] - np.float32(y_mm)
-    dz = plane.z_mm[region.slices] - np.float32(z_mm)
+    radius_mm = ball.radius_mm * float(scale[0])
+    around, dy, dz = _look_around(centre[0], 1.2 * radius_mm, world.lens)
     out = np.sqrt(dy**2 + dz**2) / np.float32(radius_mm)
     inside = np.sqrt(np.clip(1 - out**2, 0, 1))
     rim = np.exp(-(((out - 0.98) * np.float32(radius_mm) / 0.25) ** 2))
-    picture[region.slices] *= 1 - 0.28 * inside - 0.06 * rim
+    picture[around] *= 1 - 0.28 * inside - 0.06 * rim
 
 
 _CUT_WIDTH_MM = 0.4  # of the slit that a withdrawn needle leaves
@@ -369,7 +360,7 @@ def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: 
     sharp = _draw_clear_gel(world, specimen, shift_mm, white)
     for ball in specimen.obstacles:
         draw_ball(sharp, ball, world)
-    for bubble in specimen.look.bubbles:
+    for bubble in specimen.bubbles:
         draw_bubble(sharp, bubble, shift_mm, world)
     for hole in specimen.holes.values():
         if hole is not present:
@@ -460,36 +451,9 @@ _SAMPLES = 5  # along each side of a pixel; odd
 _RIM_PX = 6  # of the part of the picture around a card, for the lens's blur
 
 
-@dataclass(frozen=True)
-class PrintedMarker:
-    """A marker: its brightness over that of clear gel in each cell, its rim included, and how large a cell is."""
-
-    marker: PrintedMarkerDescription
-    cells: Field32
-    cell_mm: float
-
-    @property
-    def half_mm(self) -> float:
-        """Half the side of the card."""
-        return len(self.cells) * self.cell_mm / 2
-
-    def sample(self, along_mm: Field32, up_mm: Field32, mm_per_px: float) -> tuple[Field32, Field32]:
-        """Return the brightness that pixels see at places from its middle, and the share of each that it covers."""
-        fine = math.ceil(self.cell_mm / mm_per_px) * _SAMPLES
-        columns, rows = (
-            np.asarray((self.half_mm + place) * fine / self.cell_mm + _SAMPLES - 0.5, np.float32)
-            for place in (along_mm, -up_mm)
-        )
-        seen = []
-        for sheet in (self.cells, np.ones_like(self.cells)):
-            large = np.pad(np.kron(sheet, np.ones((fine, fine), np.float32)), _SAMPLES)
-            pixels = cv2.blur(large, (_SAMPLES, _SAMPLES), borderType=cv2.BORDER_CONSTANT)
-            seen.append(np.asarray(cv2.remap(pixels, columns, rows, cv2.INTER_LINEAR), np.float32))
-        return seen[0], seen[1]
-
-
-def print_marker(marker: PrintedMarkerDescription) -> PrintedMarker:
-    """Return a marker as it is printed.
+@cache
+def print_marker(marker: PrintedMarkerDescription) -> Field32:
+    """Return the brightness of a marker's cells over that of clear gel, a rim of one cell included.
 
     Raises
     ------
@@ -503,36 +467,51 @@ def print_marker(marker: PrintedMarkerDescription) -> PrintedMarker:
             f"{len(dictionary.bytesList) - 1}",
             "correct markers: under world: in the rig file",
         )
-    across = dictionary.markerSize + 2
-    bits = cv2.aruco.generateImageMarker(dictionary, marker.marker_id, across)
-    cells = np.where(np.pad(bits, 1, constant_values=255) > 0, _CARD, _INK).astype(np.float32)
-    return PrintedMarker(marker, cells, marker.side_mm / across)
+    bits = cv2.aruco.generateImageMarker(dictionary, marker.marker_id, dictionary.markerSize + 2)
+    return np.where(np.pad(bits, 1, constant_values=255) > 0, _CARD, _INK).astype(np.float32)
 
 
 def draw_marker(
     light: Field32,
     world: WorldDescription,
-    printed: PrintedMarker,
+    marker: PrintedMarkerDescription,
     moved_mm: tuple[float, float],
     white: Field32,
 ) -> None:
     """Draw a marker that has moved by (y, z) over a blurred picture; `white` is the brightness of clear gel (H, W)."""
-    marker, lens, plane = printed.marker, world.lens, pixel_plane(world.lens)
+    lens, plane, cells = world.lens, pixel_plane(world.lens), print_marker(marker)
+    cell_mm = marker.side_mm / (len(cells) - 2)
+    half_mm = len(cells) * cell_mm / 2
     middle_y, middle_z = (place + moved for place, moved in zip(marker.position_mm, moved_mm, strict=True))
-    reach_mm = math.sqrt(2) * printed.half_mm
+    reach_mm = math.sqrt(2) * half_mm
     corners = [
         (marker.x_mm, middle_y + a * reach_mm, middle_z + b * reach_mm) for a in (-1, 1) for b in (-1, 1)
     ]
     region = find_region(plane_to_pixels(see_points(np.array(corners), lens)[0], lens), _RIM_PX, lens)
-    if region.is_empty:
+    window = light[region.slices]
+    if window.size == 0:
         return
     camera_x, foot_y, foot_z = camera_place_mm(lens)
     depth, turn = (camera_x - marker.x_mm) / camera_x, math.radians(marker.turn_deg)
     y = foot_y + (plane.y_mm[region.slices] - foot_y) * depth - middle_y
     z = foot_z + (plane.z_mm[region.slices] - foot_z) * depth - middle_z
-    ink, cover = printed.sample(
-        z * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - z * math.sin(turn), plane.mm_per_px
+    along_mm, down_mm = z * math.cos(turn) + y * math.sin(turn), z * math.sin(turn) - y * math.cos(turn)
+    fine = math.ceil(cell_mm / plane.mm_per_px) * _SAMPLES
+    columns, rows = (
+        np.asarray((half_mm + place) * fine / cell_mm + _SAMPLES - 0.5, np.float32)
+        for place in (along_mm, down_mm)
     )
-    window = light[region.slices]
-    window *= 1 - blur(cover, world.blur_px)
-    window += blur(white[region.slices] * ink, world.blur_px)
+    ink, cover = (
+        cv2.remap(
+            _average(np.kron(sheet, np.ones((fine, fine), np.float32))), columns, rows, cv2.INTER_LINEAR
+        )
+        for sheet in (cells, np.ones_like(cells))
+    )
+    window *= 1 - blur(np.asarray(cover, np.float32), world.blur_px)
+    window += blur(np.asarray(white[region.slices] * ink, np.float32), world.blur_px)
+
+
+def _average(sheet: Field32) -> Field32:
+    """Return what a pixel sees of a sheet, printed `_SAMPLES` times as fine as pixels, with a rim around it."""
+    seen = cv2.blur(np.pad(sheet, _SAMPLES), (_SAMPLES, _SAMPLES), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(seen, np.float32)

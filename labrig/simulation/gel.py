@@ -20,7 +20,7 @@ from labrig.simulation.description import (
     stream,
 )
 from labrig.simulation.lens import Field32, Floats
-from labrig.simulation.track import Track, Unevenness, draw_unevenness, no_unevenness
+from labrig.simulation.track import EVEN, Track, Unevenness, draw_unevenness
 
 LAST_POSITION_MM = 240.0  # holes lie between 0 and here
 _LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # the part that is visible from some hole
@@ -77,7 +77,7 @@ class Hole:
     play_mm: float
     heading_rad: float
     patchiness: Field32
-    unevenness: Unevenness = field(default_factory=no_unevenness)
+    unevenness: Unevenness = EVEN
     x_mm: float = 0.0
     lean_rad: float = 0.0
     slip_fraction: float = 0.0
@@ -116,16 +116,21 @@ class Ball:
     radius_mm: float
 
 
-@dataclass(frozen=True)
-class GelLook:
-    """How a block of gel looks, drawn when a picture first shows it: most virtual insertions take none.
+@dataclass
+class GelBlock:
+    """A block of gel with its obstacles, and its holes by the operator's number and position.
 
-    seed, name : what it is drawn by; bubble_count : how many air bubbles are cast.
+    A phantom is a block for one insertion, in which obstacles may be cast. Its look is drawn, by seed and name, when a
+    picture first shows it: most virtual insertions take none.
     """
 
-    seed: int
     name: str
+    gelatin_percent: float
+    seed: int
     bubble_count: int
+    obstacles: tuple[Ball, ...] = ()
+    is_phantom: bool = False
+    holes: dict[tuple[int | None, float], Hole] = field(default_factory=dict)
 
     @cached_property
     def bubbles(self) -> tuple[Bubble, ...]:
@@ -137,26 +142,11 @@ class GelLook:
         """Its relative brightness on a grid; the mean is 0."""
         return _cast_clouds(stream(self.seed, "clouds", self.name))
 
-
-@dataclass
-class GelBlock:
-    """A block of gel with its look and obstacles, and its holes by the operator's number and position.
-
-    A phantom is a block for one insertion, in which obstacles may be cast.
-    """
-
-    name: str
-    gelatin_percent: float
-    look: GelLook
-    obstacles: tuple[Ball, ...] = ()
-    is_phantom: bool = False
-    holes: dict[tuple[int | None, float], Hole] = field(default_factory=dict)
-
     def clouds_at(self, lateral_mm: Field32, z_mm: Field32) -> Field32:
         """Return the gel's relative brightness at gel coordinates (H, W); its mean is 0."""
         columns = (z_mm - np.float32(_Z_MM[0])) / np.float32(_CLOUD_GRID_MM)
         rows = (lateral_mm - np.float32(_LATERAL_MM[0])) / np.float32(_CLOUD_GRID_MM)
-        clouds = cv2.remap(self.look.clouds, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        clouds = cv2.remap(self.clouds, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
         return np.asarray(clouds, np.float32)
 
 
@@ -169,7 +159,7 @@ def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent
         For a gelatin that the world does not describe.
     """
     interpolate_radius_mm(world.gels, gelatin_percent)
-    return GelBlock(name, gelatin_percent, GelLook(seed, name, world.bubbles_per_specimen))
+    return GelBlock(name, gelatin_percent, seed, world.bubbles_per_specimen)
 
 
 def make_hole(
@@ -193,7 +183,7 @@ def make_hole(
         play_mm=world.sheath.lateral_play_sd_mm * play,
         heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
         patchiness=_draw_patchiness(random),
-        unevenness=draw_unevenness(world.disturbances, path) if disturbed else no_unevenness(),
+        unevenness=draw_unevenness(world.disturbances, path) if disturbed else EVEN,
         x_mm=world.sheath.x_play_sd_mm * x,
         lean_rad=math.radians(world.sheath.lean_play_sd_deg * lean),
         slip_fraction=world.disturbances.slip_sd_fraction * abs(slip) if disturbed else 0.0,

@@ -22,12 +22,8 @@ _UNDISTORT_LIMIT = 1e-6  # change in the last step, normalised; a few thousandth
 _BLOCK = 16_384  # points that stay in the processor's cache over all steps
 
 
-def distort(ideal: Floats, lens: LensDescription) -> Floats:
-    """Apply the lens's distortion to ideal normalised coordinates (..., 2); Brown 1966."""
-    return np.stack(_distort(ideal[..., 0], ideal[..., 1], lens), axis=-1)
-
-
-def _distort(a: Floats, b: Floats, lens: LensDescription) -> tuple[Floats, Floats]:
+def distort(a: Floats, b: Floats, lens: LensDescription) -> tuple[Floats, Floats]:
+    """Apply the lens's distortion to ideal normalised coordinates; Brown 1966."""
     k1, k2, p1, p2, k3 = lens.distortion
     r2 = a * a + b * b
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -55,7 +51,7 @@ def _undistort(distorted: Floats, lens: LensDescription) -> Floats:
     a, b, a_missed, b_missed = a_seen, b_seen, a_seen, b_seen
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_UNDISTORT_STEPS):
-            a_found, b_found = _distort(a, b, lens)
+            a_found, b_found = distort(a, b, lens)
             a_missed, b_missed = a_seen - a_found, b_seen - b_found
             a, b = a + a_missed, b + b_missed
     if not np.abs([a_missed, b_missed]).max() < _UNDISTORT_LIMIT:
@@ -68,7 +64,8 @@ def _undistort(distorted: Floats, lens: LensDescription) -> Floats:
 
 def project(points_camera_mm: Floats, lens: LensDescription) -> Floats:
     """Return the pixels (N, 2) of points (N, 3) in the camera frame [mm]."""
-    seen = distort(points_camera_mm[:, :2] / points_camera_mm[:, 2:], lens)
+    a, b = (points_camera_mm[:, :2] / points_camera_mm[:, 2:]).T
+    seen = np.column_stack(distort(a, b, lens))
     return seen * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
 
 

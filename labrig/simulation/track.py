@@ -15,7 +15,6 @@ friction along the needle holds it until the base has wound it up, however long 
 
 import math
 from dataclasses import dataclass
-from functools import cache, cached_property
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -31,27 +30,19 @@ _STRETCHES = round(LONGEST_PATH_MM / NODE_MM)
 _CAVITIES_BETWEEN = (12.0, 90.0)  # along the path, before the end of an insertion [mm]
 
 
-@dataclass(frozen=True, eq=False)
-class Unevenness:
+class Unevenness(NamedTuple):
     """For each stretch between nodes: the share of the curvature that is left, and the tip's own turns.
 
-    curvature_share (N,) : 1 in even gel, 0 in a cavity; turn_rad (N,) in the plane; lean_rad (N,) out of it.
+    curvature_share (N) : 1 in even gel, 0 in a cavity; turn_rad (N) in the plane; lean_rad (N) out of it.
     """
 
-    curvature_share: Floats
-    turn_rad: Floats
-    lean_rad: Floats
-
-    @cached_property
-    def stretches(self) -> tuple[list[float], list[float], list[float]]:
-        """The three as a path takes them, stretch by stretch."""
-        return self.curvature_share.tolist(), self.turn_rad.tolist(), self.lean_rad.tolist()
+    curvature_share: list[float]
+    turn_rad: list[float]
+    lean_rad: list[float]
 
 
-@cache
-def no_unevenness() -> Unevenness:
-    """Return even gel, without disturbances."""
-    return Unevenness(np.ones(_STRETCHES), np.zeros(_STRETCHES), np.zeros(_STRETCHES))
+EVEN = Unevenness([1.0] * _STRETCHES, [0.0] * _STRETCHES, [0.0] * _STRETCHES)
+"""Gel without disturbances."""
 
 
 def draw_unevenness(disturbances: DisturbancesDescription, random: np.random.Generator) -> Unevenness:
@@ -66,9 +57,9 @@ def draw_unevenness(disturbances: DisturbancesDescription, random: np.random.Gen
         share[int(start_mm / NODE_MM) : int(end_mm / NODE_MM)] = 0.0
     per_stretch = math.sqrt(NODE_MM)
     return Unevenness(
-        share,
-        math.radians(disturbances.heading_deg_per_root_mm) * per_stretch * steps[1],
-        math.radians(disturbances.out_of_plane_deg_per_root_mm) * per_stretch * steps[2],
+        share.tolist(),
+        (math.radians(disturbances.heading_deg_per_root_mm) * per_stretch * steps[1]).tolist(),
+        (math.radians(disturbances.out_of_plane_deg_per_root_mm) * per_stretch * steps[2]).tolist(),
     )
 
 
@@ -198,7 +189,7 @@ class Track:
         start_mm: tuple[float, float],
         heading_rad: float,
         bending: Bending,
-        unevenness: Unevenness | None = None,
+        unevenness: Unevenness = EVEN,
         *,
         out_of_plane: tuple[float, float] = (0.0, 0.0),
     ) -> None:
@@ -207,8 +198,7 @@ class Track:
         self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
         self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
         self._hinge_closing_mm = bending.hinge_closing_mm
-        even = no_unevenness() if unevenness is None else unevenness
-        self._shares, self._turns_rad, self._leans_rad = even.stretches
+        self._shares, self._turns_rad, self._leans_rad = unevenness
         self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
         self._end = self._nodes[0]
 

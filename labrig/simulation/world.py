@@ -120,7 +120,8 @@ class World:
         self._covering: tuple[str, Callable[[], Field32]] | None = None
         self._drawn: dict[str, tuple[object, Any]] = {}
         self._pictures: dict[str, int] = {}
-        self._markers = tuple(map(print_marker, description.markers))
+        for marker in description.markers:
+            print_marker(marker)  # refused here, not at the first picture
 
     # Drawn with the first picture: they take most of the time in which a world is made, and few worlds are looked at.
     @cached_property
@@ -420,10 +421,9 @@ class World:
         cut_mm = 0.0 if self._hole.track is None else self._hole.track.length_mm
         moved_mm = self._find_displacement_mm()
         return {
-            printed.marker.marker_id: (printed.marker, moved_mm)
-            for printed in self._markers
-            if printed.marker.covered_mm is None
-            or not printed.marker.covered_mm[0] <= cut_mm < printed.marker.covered_mm[1]
+            marker.marker_id: (marker, moved_mm)
+            for marker in self.description.markers
+            if marker.covered_mm is None or not marker.covered_mm[0] <= cut_mm < marker.covered_mm[1]
         }
 
     def sheath_point_mm(self, before_end_mm: float) -> tuple[float, float, float]:
@@ -472,7 +472,10 @@ class World:
         stands = (scene, linear_mm, hole.sheath_reach_mm)
         behind = self._draw_once("backdrop", stands, lambda: draw_backdrop(world, gel, hole, linear_mm))
         light = draw_with_needle(world, behind, hole, self._needle_span())
-        self._draw_markers(light)
+        seen = self.locate_markers()
+        for marker in world.markers:  # they lie over the needle; two may have one id
+            if marker.marker_id in seen:
+                draw_marker(light, world, marker, self._find_displacement_mm(), self._white)
         return light
 
     def _draw_once(self, layer: str, shown: object, draw: Callable[[], _Drawn]) -> _Drawn:
@@ -481,16 +484,6 @@ class World:
             self._drawn[layer] = (shown, draw())
         drawn: _Drawn = self._drawn[layer][1]
         return drawn
-
-    def _draw_markers(self, light: Field32) -> None:
-        """Draw the markers of a phantom where they are now, which lie over the needle."""
-        if self._specimen is None or not self._specimen.is_phantom:
-            return
-        seen = self.locate_markers()
-        for printed in self._markers:
-            if printed.marker.marker_id in seen:
-                _, moved_mm = seen[printed.marker.marker_id]
-                draw_marker(light, self.description, printed, moved_mm, self._white)
 
     def _find_displacement_mm(self) -> tuple[float, float]:
         """Return how far the target has moved along (y, z) [mm]."""

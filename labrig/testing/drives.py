@@ -16,6 +16,7 @@ from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.driver_section import find_section
 from labrig.devices.drives.drive import STILL_POLL_S, Drive, Homing
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE
@@ -88,11 +89,11 @@ class OpenedDrive:
 
 @contextmanager
 def simulated_drive(
-    driver: str, node_id: int = 1, section: AxisDescription | None = None
+    driver: str, node_id: int = 1, section: ProductSection | None = None
 ) -> Iterator[OpenedDrive]:
     """Put the simulated drive of a kind on a bus inside the process; the default is its example section."""
     clock, wire = SimulatedClock(), InProcessWire()
-    section = section or find_section(DRIVES, driver, AxisDescription).example(node_id)
+    section = section or find_section(DRIVES, driver, ProductSection).example(node_id)
     link = attach(wire, clock, _ANSWER_TIMEOUT_S)
     node = section.simulate(wire, clock, Mechanics())
     clock.on_advance(node.tick)

@@ -167,7 +167,7 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
     assert (refused.exit_code, way_out in refused.err.replace("\n", " ")) == (3, True)
     drive = at_bench.served.drives[1]
     drive.cut_power_stage()
-    drive.mend()
+    drive.restore_power_stage()
     at_bench.types("yes", "yes", "yes", "yes")
     done = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig, "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")

@@ -14,8 +14,8 @@ from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import Drive, Homing
 from labrig.devices.drives.epos2 import DRIVE, Epos2Axis
-from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.hardware import Hardware
 from labrig.devices.opening import WHOLE, Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
@@ -154,7 +154,7 @@ class OneDrive:
 
 @contextmanager
 def one_drive(
-    section: Cia402Section | None = None, told: Cia402Section | None = None, **drive_settings: Any
+    section: ProductSection | None = None, told: ProductSection | None = None, **drive_settings: Any
 ) -> Iterator[OneDrive]:
     """Set up a drive on a bus, with a driver; `told` is the driver's section, if it is another than the drive's."""
     clock, wire = SimulatedClock(), InProcessWire()
@@ -164,7 +164,6 @@ def one_drive(
         if section is None
         else section.simulate(wire, clock, _WALLS)
     )
-    assert isinstance(drive, SimulatedCia402Drive)
     clock.on_advance(drive.tick)
     driver = Cia402Drive(link, told or section or epos2_axis(), "insertion", clock)
     yield OneDrive(clock, wire, link, drive, driver)

@@ -12,6 +12,7 @@ from labrig.devices.rig_file import RigDescription
 from tests.devices.beats import listening, require_no_fault
 from tests.devices.cia402.sections import section_of
 from tests.devices.rigs import opened_rig, ready_rig, simulated_rig
+from tests.devices.wire_faults import FOR_GOOD, delay_next
 
 PERIOD_S, TIMEOUT_S = 0.1, 0.5
 ONE_WAY_S = 0.01
@@ -35,7 +36,7 @@ def rig_of(kind: str, folder: Path) -> RigDescription:
 def test_answers_of_20_ms_delay_no_beat(kind: str, tmp_path: Path) -> None:
     """Opening, homing, moving and closing: no beat is late by more than a period, and no drive trips."""
     with opened_rig(rig_of(kind, tmp_path)) as opened, listening(opened) as heard:
-        opened.hardware.wire.delay(10**9, ONE_WAY_S)
+        delay_next(opened.hardware.wire, opened.hardware.clock, FOR_GOOD, ONE_WAY_S)
         opened.rig.connect()
         opened.rig.reference_axes()
         for axis in opened.rig.axes:
@@ -55,13 +56,13 @@ def test_an_exchange_without_end_is_no_supervision() -> None:
         assert isinstance(drive, Cia402Drive)
         opened.rig.wait(0.1)
         began_s = clock.now_s()
-        opened.hardware.wire.delay(10**9, ONE_WAY_S)
+        delay_next(opened.hardware.wire, opened.hardware.clock, FOR_GOOD, ONE_WAY_S)
         while clock.now_s() < began_s + LONGEST_EXCHANGE_S + 2 * TIMEOUT_S:
             drive.upload(co.POSITION_ACTUAL)
         assert heard.times_s[-1] - began_s <= LONGEST_EXCHANGE_S + 2 * ONE_WAY_S
-        brake = opened.drives["insertion"].journal.last("still")
-        assert brake is not None
-        assert brake.t_s - heard.times_s[-1] <= TIMEOUT_S + 5.0 / 200 + ONE_WAY_S
+        assert (
+            opened.drives["insertion"].shaft.still_s - heard.times_s[-1] <= TIMEOUT_S + 5.0 / 200 + ONE_WAY_S
+        )
 
 
 def test_another_thread_sends_no_beat() -> None:

@@ -158,7 +158,7 @@ def test_a_signal_ends_a_homing() -> None:
         )
         with pytest.raises(InterruptedRunError, match="SIGTERM"):
             opened.rig.home("insertion", Homing(-3, timeout_s=60.0))
-        homing = drive.journal.last("homing")
+        homing = drive.find_last("homing")
         assert homing is not None
         assert homing.text == "stopped"
         assert not opened.rig.axis("insertion").referenced

@@ -11,8 +11,8 @@ from labrig.devices.check_result import CheckStatus
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.generic import DRIVE
-from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
@@ -22,6 +22,7 @@ from tests.devices.cia402.eds_text import eds_text, entry
 from tests.devices.cia402.sections import section_of
 from tests.devices.rigs import HEARTBEAT, OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
 from tests.devices.served import served_drives
+from tests.devices.wire_faults import abort_next
 
 RECEIVE_PDO_COB_IDS = tuple(Place(0x1400 + n, 1) for n in range(4))
 BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
@@ -47,7 +48,7 @@ def configured(one: OneDrive) -> dict[str, int | None]:
 
 @pytest.mark.parametrize(("section", "codes"), [(None, (1, 1, 1, 2)), (DRIVE.example(1), (1, 1, 1, 2, 6))])
 def test_option_codes_and_process_data_are_set_and_read_back(
-    section: Cia402Section | None, codes: tuple[int, ...]
+    section: ProductSection | None, codes: tuple[int, ...]
 ) -> None:
     """Whatever they were: a lost heartbeat is a fault, every way to stop is by a ramp, only the report is sent.
 
@@ -87,12 +88,12 @@ def test_a_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> No
 def test_an_option_that_a_firmware_lacks_is_null_in_the_record() -> None:
     """Without a reaction to silence a person has to confirm the drive, and the check names the object."""
     with one_drive() as one:
-        one.drive.abort_next(0x06020000, co.SHUTDOWN_OPTION.index)
+        abort_next(one.wire, one.drive, 0x06020000, co.SHUTDOWN_OPTION.index)
         assert configured(one)["0x605B:00"] is None
-        one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
+        abort_next(one.wire, one.drive, 0x06020000, co.ABORT_CONNECTION.index)
         assert "it may move on when labrig falls silent" in one.driver.identify().unguarded
         assert one.driver.identify().unguarded == ""
-        one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
+        abort_next(one.wire, one.drive, 0x06020000, co.ABORT_CONNECTION.index)
         results = check_axis(one.link, one.driver.section, "insertion", one.clock)
         found = next(result for result in results if result.check == "guards insertion")
         assert found.status is CheckStatus.WARN
@@ -104,7 +105,7 @@ def test_a_rig_with_a_drive_that_may_move_on_opens_on_confirmation(*, yes: bool)
     """The person is asked once for that drive; without a yes nothing is configured."""
     with opened_rig(person=(person := Person(yes))) as opened:
         opened.rig.operator = opened.rig._person = person
-        opened.drives["rotation"].abort_next(0x06020000, co.ABORT_CONNECTION.index)
+        abort_next(opened.hardware.wire, opened.drives["rotation"], 0x06020000, co.ABORT_CONNECTION.index)
         with (
             nullcontext() if yes else pytest.raises(DriveError, match="the operator did not confirm its use")
         ):

@@ -64,9 +64,7 @@ def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
     _move(hardware)
     hardware.clock.sleep(0.1)
     ((happened_s, _),) = hardware.faults.happened
-    boot = hardware.drives["insertion"].journal.last("boot")
-    still = hardware.drives["insertion"].journal.last("still")
+    boot = hardware.drives["insertion"].find_last("boot")
     assert boot is not None
-    assert still is not None
-    assert boot.t_s == still.t_s == happened_s == 2.1
+    assert boot.t_s == hardware.drives["insertion"].shaft.still_s == happened_s == 2.1
     hardware.close()

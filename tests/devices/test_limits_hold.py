@@ -51,5 +51,5 @@ def test_no_moves_at_all_take_an_axis_beyond_its_limits(
         opened.rig.stop()
         assert beyond == []
         for drive in opened.drives.values():
-            assert drive.journal.last("emergency") is None
+            assert drive.find_last("emergency") is None
             assert drive.objects.value(co.ERROR_COUNT) == 0

@@ -91,7 +91,7 @@ def test_the_limit_that_a_killed_labrig_left_is_no_limit_of_the_drive(tmp_path: 
 def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_within_s: float) -> None:
     """The drive itself would fail 0.5 mm behind: after 0.5, 0.1 and 0.025 s."""
     with ready_rig(LIMIT, moves=("linear", 90.0, speed)) as opened:
-        opened.drives["linear"].block()
+        opened.drives["linear"].shaft.jam()
         blocked_s = opened.hardware.clock.now_s()
         with pytest.raises(ForceGuardError, match="the linear axis is stalled: 800 mA for"):
             go_on(opened.rig)

@@ -11,6 +11,7 @@ from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig import Rig
 from labrig.errors import DriveFaultError, DriveSilentError, MachineError
 from tests.devices.rigs import OpenedRig, opened_rig, ready_rig
+from tests.devices.wire_faults import deafen
 
 SAID_WITHIN_S = 1.0
 """Longest time from the loss of the drives until the person at the rig is told [s]."""
@@ -43,7 +44,7 @@ def _wait(rig: Rig) -> None:
 
 def _silence(opened: OpenedRig, fault: str) -> None:
     for axis in ("insertion", "rotation", "linear"):
-        opened.drives[axis].mute() if fault == "silent" else opened.drives[axis].deafen()
+        opened.drives[axis].mute() if fault == "silent" else deafen(opened.drives[axis])
 
 
 @pytest.mark.parametrize("doing", [_go_on, _wait], ids=["reading states", "waiting"])

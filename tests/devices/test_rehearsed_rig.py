@@ -46,7 +46,7 @@ def test_a_labrig_that_hangs_stops_the_drives(opened: OpenedRig) -> None:
     SystemClock().sleep(TIMEOUT_S + 0.5)
     with pytest.raises(DriveError):
         opened.rig.wait(1.0)
-    emergency = opened.drives["linear"].journal.last("emergency")
+    emergency = opened.drives["linear"].find_last("emergency")
     assert emergency is not None
     assert emergency.text == "0x8130"
 

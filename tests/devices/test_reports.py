@@ -4,6 +4,7 @@ import pytest
 
 from labrig.devices.drives import objects as co
 from tests.devices.rigs import OpenedRig, one_drive, opened_rig, simulated_rig
+from tests.devices.wire_faults import catch_next, delay_next
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
 
@@ -65,7 +66,7 @@ def test_a_missing_report_is_requested_and_counted() -> None:
     """The move goes on; the requests are in the recorded traffic and in the counts."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.drives["rotation"].mute(1)
+        catch_next(opened.hardware.wire, of=lambda frame: frame.arbitration_id == 0x382)
         states = opened.rig.read_states()
         assert states["rotation"].position == 0.0
         assert opened.rig.axis("rotation").drive.describe()["retries"] == 1
@@ -76,7 +77,7 @@ def test_a_late_report_is_dropped() -> None:
     """It counts as a stray, and the reported state is the present one."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.hardware.wire.delay(4, 0.3)
+        delay_next(opened.hardware.wire, opened.hardware.clock, 4, 0.3)
         opened.rig.read_states()
         opened.rig.wait(1.0)
         read = opened.rig.read_states()["insertion"].position

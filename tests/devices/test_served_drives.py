@@ -17,20 +17,21 @@ from tests.devices.served import INTERFACES, served_drives
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
+VENDOR = b"\xfb\0\0\0"
 CLIENT = Path(__file__).parent / "outside_client" / "client.js"
 PACKAGES = Path(sys.prefix) / "outside-client" / "node_modules"
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
 def test_a_canopen_client_drives_a_node_over_every_interface(interface: str) -> None:
-    """Name, reset with boot-up, enabling and a move, by the Python package canopen over a real python-can bus."""
+    """Vendor, reset with boot-up, enabling and a move, by the Python package canopen over a real python-can bus."""
     with served_drives(interface) as served:
         network = canopen.Network()
         network.connect(**served.reached_by)
         node = canopen.RemoteNode(2, canopen.ObjectDictionary())
         network.add_node(node)
         node.sdo.RESPONSE_TIMEOUT = 2.0
-        assert node.sdo.upload(0x1008, 0) == b"EPOS2"
+        assert node.sdo.upload(0x1018, 1) == VENDOR
         node.nmt.send_command(0x81)
         node.nmt.wait_for_bootup(5)
         node.nmt.send_command(0x01)
@@ -62,7 +63,6 @@ def test_an_outside_client_drives_the_simulated_drive() -> None:
         )
     assert done.stderr == ""
     assert json.loads(done.stdout) == {
-        "name": "EPOS2",
         "vendor": 0xFB,
         "position": 20_000,
         "noSuchObject": 0x06020000,
@@ -91,7 +91,7 @@ def test_the_command_names_its_port_and_serves() -> None:
         node = canopen.RemoteNode(4, canopen.ObjectDictionary())
         network.add_node(node)
         node.sdo.RESPONSE_TIMEOUT = 2.0
-        assert node.sdo.upload(0x1008, 0) == b"EPOS2"
+        assert node.sdo.upload(0x1018, 1) == VENDOR
         network.disconnect()
         serving.send_signal(signal.SIGINT)
         assert serving.wait(10) == 130

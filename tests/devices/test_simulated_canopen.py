@@ -104,7 +104,7 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Can
     assert bench.frames(0x085) == []
     bench.clock.sleep(0.2)
     assert bench.frames(0x085) == [b"\x30\x81\x11\0\0\0\0\0"]
-    emergency = bench.drive.journal.last("emergency")
+    emergency = bench.drive.find_last("emergency")
     assert emergency is not None
     assert emergency.t_s == pytest.approx(bench.clock.now_s() - 0.1)
     bench.write(co.CONTROLWORD, 0x80)
@@ -157,14 +157,6 @@ def test_a_download_that_does_not_say_its_length_is_understood(bench: CanopenBen
     bench.send(0x605, b"\x22\x98\x60\0\x23\0\0\0")
     assert bench.frames(0x585)[0][0] == 0x60
     assert bench.read(co.HOMING_METHOD) == 35
-
-
-def test_it_announces_itself_and_says_its_name_in_segments(bench: CanopenBench) -> None:
-    """The first frame is the boot-up; the name 0x1008 is longer than four bytes."""
-    assert bench.frames(0x705) == [b"\0"]
-    bench.send(0x605, b"\x40\x08\x10\0\0\0\0\0")
-    bench.send(0x605, b"\x60" + bytes(7))
-    assert bench.frames(0x585)[1][1:6] == b"EPOS2"
 
 
 def test_every_number_has_its_width_and_default(bench: CanopenBench) -> None:

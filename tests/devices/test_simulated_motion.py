@@ -112,7 +112,7 @@ def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
         b.clock.sleep(2.0)
         assert b.drive.shaft_counts == before
         assert not b.word() & 0x1000
-        last = b.drive.journal.last("homing")
+        last = b.drive.find_last("homing")
         assert last is not None
         assert last.text == "stopped"
 
@@ -122,13 +122,13 @@ def test_a_blocked_shaft_becomes_a_following_error() -> None:
     with bench(Mechanics()) as b:
         b.go(100_000)
         b.clock.sleep(0.5)
-        b.drive.block()
+        b.drive.shaft.jam()
         before = b.drive.shaft_counts
         b.clock.sleep(1.0)
         assert b.word() & 0x6F == 0x08
         assert b.read(co.LAST_ERROR) == 0x8611
         assert b.drive.shaft_counts == before
-        emergency = b.drive.journal.last("emergency")
+        emergency = b.drive.find_last("emergency")
         assert emergency is not None
         assert emergency.t_s == pytest.approx(0.5 + 2000 / (1000 * COUNTS_PER_RPM), abs=1e-4)
 
@@ -171,9 +171,7 @@ def test_an_error_takes_power_at_once_or_brakes_first(code: int, option: int, rp
         assert b.word() & 0x6F == (0x08 if rpm_per_s is None else 0x0F)
         b.clock.sleep(1.0)
         assert b.word() & 0x6F == 0x08
-        still = b.drive.journal.last("still")
-        assert still is not None
-        assert still.t_s == pytest.approx(0.5 + (0.0 if rpm_per_s is None else 1000 / rpm_per_s))
+        assert b.drive.shaft.still_s == pytest.approx(0.5 + (0.0 if rpm_per_s is None else 1000 / rpm_per_s))
 
 
 def test_an_emergency_stop_lasts_until_power_is_back() -> None:
@@ -182,7 +180,7 @@ def test_an_emergency_stop_lasts_until_power_is_back() -> None:
         b.drive.cut_power_stage()
         b.write(co.CONTROLWORD, 0x80)
         assert b.word() & 0x4F == 0x08
-        b.drive.mend()
+        b.drive.restore_power_stage()
         b.write(co.CONTROLWORD, 0)
         b.write(co.CONTROLWORD, 0x80)
         assert b.word() & 0x4F == 0x40

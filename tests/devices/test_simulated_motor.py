@@ -19,8 +19,8 @@ def test_a_blocked_drive_shows_its_current_and_an_uncoupled_one_none() -> None:
         for name in ("insertion", "linear"):
             opened.rig.axis(name).start_move(20.0, 5.0)
         opened.rig.wait(0.5)
-        opened.drives["insertion"].block()
-        opened.drives["linear"].uncouple()
+        opened.drives["insertion"].shaft.jam()
+        opened.drives["linear"].shaft.uncouple()
         opened.hardware.clock.sleep(0.05)
         currents = [opened.drives[name]._read_current_ma() for name in ("insertion", "linear")]
         assert currents[0] > 1000

@@ -10,6 +10,7 @@ from labrig.devices.simulated.node import NmtState
 from labrig.errors import LabrigError
 from tests.devices.beats import listening
 from tests.devices.rigs import OpenedRig, opened_rig
+from tests.devices.wire_faults import ERROR_PASSIVE
 
 
 def _command(opened: OpenedRig) -> None:
@@ -18,7 +19,7 @@ def _command(opened: OpenedRig) -> None:
 
 
 STRIKES: dict[str, Callable[[OpenedRig], object]] = {
-    "the bus": lambda opened: opened.hardware.wire.enter_error_passive(),
+    "the bus": lambda opened: opened.hardware.wire.report(*ERROR_PASSIVE),
     "a signal": lambda opened: setattr(opened.signal, "name", "SIGINT"),
     "another master": _command,
     "a drive": lambda opened: opened.drives["linear"].fail(0x4210),

@@ -18,9 +18,9 @@ from labrig.devices.camera import Exposure, PictureSource, Setting
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_own_eds
-from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.drives.generic import Cia402Axis
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.drives.states import DriveState
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_location import NeedleLocation
@@ -40,6 +40,7 @@ from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.devices.simulated.node import NmtState
+from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import (
     BusError,
     BusPassiveError,
@@ -69,6 +70,16 @@ from tests.devices.fault_table import (
     outcome_of,
 )
 from tests.devices.rigs import Person, Signal, count_repeats, epos2_drives, simulated_rig
+from tests.devices.wire_faults import (
+    ERROR_PASSIVE,
+    abort_next,
+    catch_next,
+    deafen,
+    delay_next,
+    duplicate_next,
+    ignore_next,
+    stop_heartbeat,
+)
 from tests.runner.sessions import Told, Watched, sweep
 
 AXES = ("insertion", "rotation", "linear")
@@ -195,6 +206,12 @@ class Cell:
 
         self.taps.append(InProcessBus(self.hardware.wire, hear))
 
+    def add_twin(self) -> None:
+        """Put another drive with the same node id on the bus."""
+        section = dict(self.rig.description.axes.items())[STRUCK[self.phase]]
+        assert isinstance(section, ProductSection)
+        section.simulate(self.hardware.wire, self.hardware.clock, Mechanics())
+
     def swap(self, entry: Place, value: int) -> None:
         """Put another drive in place of this one, which shows in one of its objects."""
         self.drive.objects.set_fixed(entry, value)
@@ -290,17 +307,19 @@ def _limit_behind(cell: Cell) -> None:
 
 
 STRIKES: dict[str, Callable[[Cell], None]] = {
-    "one frame duplicated": _of_a_question(lambda cell: cell.hardware.wire.duplicate(1)),
-    "one frame lost": _of_a_question(lambda cell: cell.hardware.wire.lose(1)),
-    "one answer lost": lambda cell: cell.drive.ignore_next(),
-    "one frame late": _of_a_question(lambda cell: cell.hardware.wire.delay(1, 0.2)),
+    "one frame duplicated": _of_a_question(lambda cell: duplicate_next(cell.hardware.wire)),
+    "one frame lost": _of_a_question(lambda cell: catch_next(cell.hardware.wire)),
+    "one answer lost": lambda cell: ignore_next(cell.hardware.wire, cell.drive),
+    "one frame late": _of_a_question(
+        lambda cell: delay_next(cell.hardware.wire, cell.hardware.clock, 1, 0.2)
+    ),
     "node silent": _script_fault(fault="silent", axis="insertion"),
-    "node deaf": lambda cell: cell.drive.deafen(),
+    "node deaf": lambda cell: deafen(cell.drive),
     "boot-up": _script_fault(fault="boot-up", axis="insertion"),
-    "SDO abort": lambda cell: cell.drive.abort_next(0x08000022),
-    "SDO timeout": lambda cell: cell.drive.ignore_next(2),
-    "heartbeat of the drive lost": lambda cell: cell.drive.stop_heartbeat(),
-    "node-id clash": lambda cell: cell.drive.add_twin(),
+    "SDO abort": lambda cell: abort_next(cell.hardware.wire, cell.drive, 0x08000022),
+    "SDO timeout": lambda cell: ignore_next(cell.hardware.wire, cell.drive, 2),
+    "heartbeat of the drive lost": lambda cell: stop_heartbeat(cell.hardware.wire, cell.drive),
+    "node-id clash": lambda cell: cell.add_twin(),
     "EMCY generic": _emergency(0x1000),
     "EMCY over-current": _emergency(0x2310),
     "EMCY over-voltage": _emergency(0x3210),
@@ -313,12 +332,12 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "EMCY CAN passive": _emergency(0x8120),
     "EMCY PDO length": _emergency(0x8210),
     "EMCY Hall sensor": _emergency(0xFF01),
-    "following error": lambda cell: cell.drive.uncouple(),
+    "following error": lambda cell: cell.drive.shaft.uncouple(),
     "software limit": _limit_behind,
-    "limit switch": lambda cell: cell.drive.press(0x0002),
+    "limit switch": lambda cell: cell.drive.set_input("positive-limit", 1.0),
     "emergency stop": _script_fault(fault="emergency-stop", axis="insertion"),
     "bus off": _script_fault(fault="bus-off"),
-    "bus passive": lambda cell: cell.hardware.wire.enter_error_passive(),
+    "bus passive": lambda cell: cell.hardware.wire.report(*ERROR_PASSIVE),
     "adapter unplugged": _script_fault(fault="unplugged"),
     "wrong encoder resolution": lambda cell: cell.swap(od.ENCODER_PULSES, 1000),
     "wrong vendor": lambda cell: cell.swap(co.VENDOR_ID, 0x2A),
@@ -533,8 +552,7 @@ def _still_after_s(cell: Cell) -> float:
     """
     assert cell.struck_s is not None, "the fault never struck"
     counted = epos2_drives(cell.hardware).values() if cell.fault in SCENARIOS else cell.moving
-    rests = [drive.journal.last("still") for drive in counted]
-    return max([0.0, *(rest.t_s - cell.struck_s for rest in rests if rest is not None)])
+    return max([0.0, *(drive.shaft.still_s - cell.struck_s for drive in counted)])
 
 
 def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) -> Iterator[str]:
@@ -601,8 +619,10 @@ def _mend(cell: Cell) -> set[str]:
     cell.hardware.wire.restore()
     off_and_on = set()
     for name, drive in epos2_drives(cell.hardware).items():
-        drive.mend()
-        drive.forced_inputs &= 1 << Epos2Axis.digital_inputs["general-A"]
+        drive.line.take, drive._is_mute = drive._on_frame, False
+        drive.restore_power_stage()
+        drive.shaft.free()
+        drive.set_input("positive-limit", 0.0)
         if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
             off_and_on.add(name)
             drive.restart()

@@ -215,7 +215,7 @@ def test_a_fault_is_reset_only_on_confirmation() -> None:
         with opened_rig() as opened:
             drive = opened.drives["insertion"]
             drive.cut_power_stage()
-            drive.mend()
+            drive.restore_power_stage()
             opened.rig._opening = Opening(reset_faults=True)
             watched = opened.rig.operator = Watched(
                 opened.rig.operator, declines=None if yes else ConfirmFaultReset

@@ -167,7 +167,7 @@ def test_a_fault_on_the_way_out_leaves_the_needle_in_tissue(tmp_path: Path) -> N
     """After an incomplete withdrawal the needle still counts as in tissue."""
     with bench(tmp_path, sweep()) as rig:
         _turn_in_gel(rig)
-        rig.opened.hardware.drives["insertion"].block()
+        rig.opened.hardware.drives["insertion"].shaft.jam()
         with pytest.raises(DriveError):
             withdraw(rig.session, (AxisPositions(0, 0, 0),))
         assert rig.opened.rig.state.needle_in_tissue is True

@@ -11,7 +11,7 @@ from labrig.simulation.description import (
     NeedleDescription,
     WorldDescription,
 )
-from labrig.simulation.gel import GelBlock, GelLook, draw_needle_scale, make_hole
+from labrig.simulation.gel import GelBlock, draw_needle_scale, make_hole
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench
 
@@ -19,7 +19,7 @@ from tests.simulation.benches import QUIET, bench
 @pytest.mark.parametrize(("gelatin_percent", "mean", "sd"), [(10.0, 28.34, 0.247), (19.0, 27.13, 0.473)])
 def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float, mean: float, sd: float) -> None:
     """Over 1000 seeds mean and SD agree with section V-B within four standard errors."""
-    block = GelBlock("A", gelatin_percent, GelLook(0, "A", 0))
+    block = GelBlock("A", gelatin_percent, 0, 0)
     drawn = np.array([make_hole(QUIET, seed, block, (3, 65.0), "N1").radius_mm for seed in range(1000)])
     assert abs(drawn.mean() - mean) < 4 * sd / np.sqrt(1000)
     assert abs(drawn.std(ddof=1) - sd) < 4 * sd / np.sqrt(2 * 1000)

@@ -30,7 +30,7 @@ def test_a_ray_ends_in_the_pixel_it_came_from(u: float, v: float, depth_mm: floa
 def test_distortion_follows_its_definition() -> None:
     """One point by hand: radial k1 and tangential p1, p2 add up as Brown wrote them."""
     lens = LensDescription(distortion=(0.1, 0.0, 0.01, 0.02, 0.0))
-    seen = distort(np.array([0.3, 0.4]), lens)
+    seen = np.array(distort(np.array(0.3), np.array(0.4), lens))
     radial = 1 + 0.1 * 0.25
     expected = (
         0.3 * radial + 2 * 0.01 * 0.12 + 0.02 * (0.25 + 2 * 0.09),

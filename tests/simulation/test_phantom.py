@@ -9,7 +9,7 @@ import pytest
 
 from labrig.simulation.description import DisturbancesDescription, WorldDescription
 from labrig.simulation.gel import Ball
-from labrig.simulation.track import NODE_MM, Bending, Track, Unevenness, draw_unevenness, no_unevenness
+from labrig.simulation.track import EVEN, NODE_MM, Bending, Track, Unevenness, draw_unevenness
 from labrig.simulation.world import World
 
 BENDING = Bending(28.0, 3.0, 1.5)
@@ -57,11 +57,9 @@ def test_the_curvature_wanders_about_its_mean_and_forgets() -> None:
 
 def test_a_needle_does_not_steer_in_a_cavity() -> None:
     """Once the hinges have given way the path is straight, and behind the cavity it bends again."""
-    share = np.ones_like(no_unevenness().curvature_share)
+    share = np.ones_like(EVEN.curvature_share)
     share[round(10.0 / NODE_MM) : round(18.0 / NODE_MM)] = 0.0
-    track = Track(
-        (0.0, 0.0), 0.0, BENDING, Unevenness(share, no_unevenness().turn_rad, no_unevenness().lean_rad)
-    )
+    track = Track((0.0, 0.0), 0.0, BENDING, EVEN._replace(curvature_share=share.tolist()))
     track.extend(30.0, 0.0)
     headings = [track.node_at(arc).heading_rad for arc in (11.0, 18.0, 20.0, 25.0)]
     assert headings[0] == pytest.approx(headings[1], abs=1e-12)

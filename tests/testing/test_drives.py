@@ -8,13 +8,11 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.clocks import SimulatedClock
-from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import InputError
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
 from tests.devices.cia402.sections import other_make
-from tests.devices.rigs import epos2_axis
+from tests.devices.rigs import simulated_rig
 
 
 class TestEpos2(DriveConformance):
@@ -27,8 +25,12 @@ class TestEpos2(DriveConformance):
 
 def test_a_kind_without_a_simulated_drive_says_so() -> None:
     """A simulated rig refuses it by name."""
-    with pytest.raises(InputError, match="drives of kind epos2 cannot be simulated"):
-        AxisDescription.simulate(epos2_axis(), InProcessWire(), SimulatedClock(), Mechanics())
+    rig = simulated_rig()
+    plain = AxisDescription.model_construct(**{**dict(rig.axes.linear), "driver": "hydraulic"})
+    rig = rig.model_copy(update={"axes": rig.axes.model_copy(update={"linear": plain})})
+    assert rig.world is not None
+    with pytest.raises(InputError, match="drives of kind hydraulic cannot be simulated"):
+        SimulatedHardware(rig, rig.world, 1)
 
 
 class TestCia402(DriveConformance):

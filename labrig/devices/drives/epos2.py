@@ -26,8 +26,7 @@ from labrig.devices.drives.model import Model, Stated
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.simulated.cia402 import Behaviour
-from labrig.devices.simulated.kinds import be_epos2
+from labrig.devices.simulated.kinds import Behaviour, be_epos2
 from labrig.devices.units import AxisScale
 
 HARDWARE = {

@@ -13,8 +13,8 @@ from labrig.devices.drives.eds import find_bounds, read_own_eds
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.cia402 import Behaviour, SimulatedCia402Drive
-from labrig.devices.simulated.kinds import be_cia402
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.kinds import Behaviour, be_cia402
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import InputError
 from labrig.protocol.model import Conflict

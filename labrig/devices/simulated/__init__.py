@@ -13,7 +13,7 @@ What is decided here
   supervises, which tells them of it whenever it sends a frame, takes a picture or waits. So a labrig that hangs
   stops those drives too. A person is asked, and what they confirm is done in the world.
 - A script injects faults of the bus (`bus`), of the node (`node`) or of the motor (`cia402`), which
-  decide what follows.
+  decide what follows. What befalls single frames is done by tests, which catch them on the wire.
 - Where documents are ambiguous, the simulation takes the dangerous reading: releasing Halt resumes the old
   target, a drive moves towards a target beyond the software limits until it passes the limit, an axis moves on
   through NMT stop and reset communication, and a homing search without a stop never ends.
@@ -22,5 +22,5 @@ What is decided here
   0x2071:01; ranges of 0x2070; the default of 0x6007; whether the attained bit of a homing outlives power off, as here.
 - Left out is what labrig's driver does not use: other modes than profile position and homing, set-points that wait or
   are relative, PDOs that are received, requested or sent on change, node guarding, storing, homing to the home switch
-  alone, another encoder while it runs. SDO block transfer is refused, as by the drive, and writing in segments.
+  alone, another encoder while it runs, and SDO transfers of more than four bytes, in segments or in blocks.
 """

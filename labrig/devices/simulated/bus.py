@@ -7,47 +7,35 @@ import can
 from labrig.clock import Clock
 from labrig.devices.bus import BusNetwork, CanLink
 
-_BUS_OFF_ID, _CONTROLLER_ID = 0x040, 0x004
-"""Ids of SocketCAN's error frames for bus off and for the state of the controller."""
-
-_PASSIVE = bytes([0, 0x20, 0, 0, 0, 0, 0, 0])
+_BUS_OFF_ID = 0x040
+"""Id of SocketCAN's error frame for bus off."""
 
 
 class InProcessWire:
-    """The medium that the endpoints of a bus share, and the faults on it."""
+    """The medium that the endpoints of a bus share, and the faults on it.
+
+    Attributes
+    ----------
+    before_command : callable
+        Called before a frame of labrig's adapter is carried.
+    catchers : list of callable
+        Each is told (sender, frame), and returns whether it keeps the frame from being delivered; a test may deliver it
+        later, or twice.
+    """
 
     def __init__(self) -> None:
         self.endpoints: list[InProcessBus] = []
-        self._now_s = 0.0
-        self._losses = self._copies = self._delays = 0
-        self._delay_s = 0.0
-        self._late: list[tuple[float, InProcessBus, can.Message]] = []
-        self._dead = self._unplugged = False
         self.before_command: Callable[[], None] = lambda: None
-        """Called before a frame of labrig's adapter is carried."""
-
-    def lose(self, frames: int) -> None:
-        """Lose the next frames."""
-        self._losses += frames
-
-    def duplicate(self, frames: int) -> None:
-        """Deliver each of the next frames twice."""
-        self._copies += frames
-
-    def delay(self, frames: int, delay_s: float) -> None:
-        """Delay the next frames, possibly behind later ones."""
-        self._delays, self._delay_s = self._delays + frames, delay_s
+        self.catchers: list[Callable[[InProcessBus, can.Message], bool]] = []
+        self._dead = self._unplugged = False
 
     def enter_bus_off(self) -> None:
         """Block every frame from now on; the adapter reports it by an error frame."""
         self._dead = True
-        self._tell_adapters(_BUS_OFF_ID, bytes(8))
+        self.report(_BUS_OFF_ID, bytes(8))
 
-    def enter_error_passive(self) -> None:
-        """Let the adapter report error passive; frames still pass."""
-        self._tell_adapters(_CONTROLLER_ID, _PASSIVE)
-
-    def _tell_adapters(self, can_id: int, data: bytes) -> None:
+    def report(self, can_id: int, data: bytes) -> None:
+        """Let labrig's adapter report a state of the bus by an error frame."""
         frame = can.Message(arbitration_id=can_id, is_error_frame=True, is_extended_id=False, data=data)
         for endpoint in tuple(self.endpoints):
             if endpoint.is_adapter:
@@ -60,7 +48,7 @@ class InProcessWire:
     def restore(self) -> None:
         """Restore the bus."""
         self._dead = self._unplugged = False
-        self._losses = self._copies = self._delays = 0
+        self.catchers.clear()
 
     def carry(self, sender: "InProcessBus", message: can.Message) -> None:
         """Carry a frame from one endpoint to all others.
@@ -74,31 +62,12 @@ class InProcessWire:
             raise can.CanOperationError("the adapter has been unplugged")
         if sender.is_adapter:
             self.before_command()
-        if self._dead:
-            return
-        if self._losses:
-            self._losses -= 1
-        elif self._delays:
-            self._delays -= 1
-            self._late.append((self._now_s + self._delay_s, sender, message))
-        else:
-            self._deliver(sender, message)
-            if self._copies:
-                self._copies -= 1
-                self._deliver(sender, message)
+        if not any(catches(sender, message) for catches in tuple(self.catchers)):
+            self.deliver(sender, message)
 
-    def tick(self, now_s: float) -> None:
-        """Deliver the late frames that are due."""
-        self._now_s = now_s
-        if self._late:
-            due = [held for held in self._late if held[0] <= now_s]
-            self._late = [held for held in self._late if held[0] > now_s]
-            for _, sender, message in due:
-                if not self._dead:
-                    self._deliver(sender, message)
-
-    def _deliver(self, sender: "InProcessBus", message: can.Message) -> None:
-        for endpoint in tuple(self.endpoints):
+    def deliver(self, sender: "InProcessBus", message: can.Message) -> None:
+        """Deliver a frame now, unless the bus is off."""
+        for endpoint in () if self._dead else tuple(self.endpoints):
             if endpoint is not sender and not (self._unplugged and endpoint.is_adapter):
                 endpoint.take(message)
 

@@ -1,13 +1,13 @@
 """A simulated CiA 402 drive: state machine, faults, homing and motion of one CANopen node."""
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 
 from labrig.clock import Clock
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.eds import find_bounds
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import (
@@ -21,27 +21,25 @@ from labrig.devices.drives.states import (
     TARGET_REACHED,
     DriveState,
 )
-from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.dictionary import ObjectDictionary
+from labrig.devices.simulated.dictionary import OUT_OF_RANGE, ObjectDictionary, SdoAbortError
+from labrig.devices.simulated.kinds import Behaviour
 from labrig.devices.simulated.node import CanopenNode, NmtState
-from labrig.devices.simulated.sdo_server import SdoAbortError
-from labrig.devices.simulated.shaft import HomingMove, Mechanics, MotorShaft, plan_homing
-from labrig.devices.simulated.simulated_node import DriveEvent, DriveJournal
+from labrig.devices.simulated.shaft import HOMING_HERE, SEARCHES, Mechanics, MotorShaft, plan_search
 from labrig.devices.trapezoid import Limits
 
-_PROFILE_POSITION, _HOMING = 1, 6
 _POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
+_STOPPING = frozenset({DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
 _STATUS = {
-    DriveState.SWITCH_ON_DISABLED: 0x40,
-    DriveState.READY_TO_SWITCH_ON: 0x21,
-    DriveState.SWITCHED_ON: 0x23,
-    DriveState.OPERATION_ENABLED: 0x37,
-    DriveState.QUICK_STOP_ACTIVE: 0x17,
-    DriveState.FAULT_REACTION: 0x0F,
-    DriveState.FAULT: 0x08,
+    DriveState.SWITCH_ON_DISABLED: 0x0140,
+    DriveState.READY_TO_SWITCH_ON: 0x0121,
+    DriveState.SWITCHED_ON: 0x0123,
+    DriveState.OPERATION_ENABLED: 0x0137,
+    DriveState.QUICK_STOP_ACTIVE: 0x0117,
+    DriveState.FAULT_REACTION: 0x010F,
+    DriveState.FAULT: 0x0108,
 }
-"""What the statusword says of each state."""
+"""What the statusword of an EPOS2 says of each state."""
 
 _REFERENCED = 0x8000
 """Bit of the statusword that a drive of maxon sets while it has its reference."""
@@ -50,9 +48,10 @@ _GENERIC, _FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x01, 0x8611, 0x8130
 _REGISTER = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x5: 0x04, 0x6: 0x20, 0x7: 0x20, 0x8: 0x10, 0xF: 0x80}
 """First digit of an error code -> its bit in the error register 0x1001, beside the generic one."""
 
-_NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
-"""Values of 0x6007; 2 switches power off."""
+_FAULT_SIGNAL, _QUICK_STOP_COMMAND = 1, 3
+"""What 0x6007 makes of a lost heartbeat; with 0 the drive goes on."""
 
+_UNDER_VOLTAGE = 0x3220
 _POWER_OFF, _SLOW_DOWN = 0, 1
 """Values of 0x605E: power off at once, or after braking with the profile deceleration."""
 
@@ -62,43 +61,26 @@ _STAYS_IN_QUICK_STOP = 5
 _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
 _NEGATIVE_SWITCH, _POSITIVE_SWITCH = 0x0001, 0x0002
+_KEPT_EVENTS = 10_000
 
 
 @dataclass(frozen=True)
-class Behaviour:
-    """How a product behaves.
+class DriveEvent:
+    """An event of a drive, at its exact instant, not that of the tick that noticed it.
 
     Parameters
     ----------
-    status_bits : int
-        Bits of the statusword that are always set.
-    homing_methods : frozenset of int
-        Homing methods that it takes; others are refused as out of range.
-    switch_errors : mapping of int to int
-        Bit of a limit switch that stops it -> error code.
-    position_limit_error : int
-        Error code of a passed software limit.
-    disabling_errors : frozenset of int
-        Errors that switch the power stage off at once; to all others the drive reacts as 0x605E says.
-    reset_communication_first : frozenset of int
-        Errors that stay until this NMT command.
-    switch_mask : Place or None
-        Object that says which limit switches stop the drive; None: both do.
-    zero_is_no_limit : bool
-        Whether software limits of zero both are none.
-    fixed : mapping of Place to int
-        What a drive has instead of the defaults of its EDS file, and keeps through every reset.
+    t_s : float
+        When it was.
+    kind : str
+        boot, emergency, set-point, brake or homing.
+    text : str
+        The error code, or similar.
     """
 
-    status_bits: int
-    homing_methods: frozenset[int]
-    switch_errors: Mapping[int, int]
-    position_limit_error: int
-    disabling_errors: frozenset[int]
-    reset_communication_first: frozenset[int]
-    switch_mask: Place | None = None
-    zero_is_no_limit: bool = False
-    fixed: Mapping[Place, int] = field(default_factory=dict)
+    t_s: float
+    kind: str
+    text: str
 
 
 class SimulatedCia402Drive(CanopenNode):
@@ -118,6 +100,13 @@ class SimulatedCia402Drive(CanopenNode):
         That of its product.
     boot_time_s : float
         How long it is silent after a reset.
+
+    Attributes
+    ----------
+    shaft : MotorShaft
+        Its motor shaft.
+    journal : deque of DriveEvent
+        What it did last, oldest first.
     """
 
     def __init__(
@@ -133,14 +122,13 @@ class SimulatedCia402Drive(CanopenNode):
         self._section, self._behaviour = section, behaviour
         self._model = section.model()
         self._scale = section.scale()
-        self.journal = DriveJournal()
-        self.forced_inputs = 0
+        self.journal: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
+        self._forced_inputs = 0
         self._analog_mv: dict[str, float] = {}
-        self.lasting_errors: set[int] = set()
+        self._lasting_errors: set[int] = set()
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
-        self._shaft = MotorShaft(mechanics, clock.now_s())
-        self._moving = False
+        self.shaft = MotorShaft(mechanics, clock.now_s())
         self._inputs = 0
         self._done_s = -math.inf
         self._forget()
@@ -155,27 +143,32 @@ class SimulatedCia402Drive(CanopenNode):
         self._state = DriveState.SWITCH_ON_DISABLED
         self._errors: list[int] = []
         self._target = 0.0
-        self._stretches: list[HomingMove] = []
-        self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
+        self._homing: Iterator[None] | None = None
+        self._seeks_stop = self._attained = self._homing_failed = self._referenced = False
+        self._acknowledged = False
 
     @property
     def shaft_counts(self) -> float:
         """Where the motor's shaft stands, whatever the counter has been set to."""
-        return self._shaft.position
+        return self.shaft.position
 
     @property
     def is_moving(self) -> bool:
         """Whether a profile is under way."""
-        return not self._is_at_rest()
+        return not self.shaft.is_at_rest(self._clock.now_s())
 
     @property
     def is_homing(self) -> bool:
         """Whether homing is under way."""
-        return self._homing
+        return self._homing is not None
 
     def is_powered(self) -> bool:
         """Tell whether the power stage is on."""
         return self._state in _POWERED
+
+    def find_last(self, kind: str) -> DriveEvent | None:
+        """Return the newest event of a kind, or None."""
+        return next((event for event in reversed(self.journal) if event.kind == kind), None)
 
     # What its product decides
 
@@ -198,70 +191,50 @@ class SimulatedCia402Drive(CanopenNode):
         option = self._values(co.ABORT_CONNECTION)
         if option == _FAULT_SIGNAL:
             self._raise_error(_HEARTBEAT_ERROR, t_s)
-        elif option != _NO_ACTION:
+        elif option == _QUICK_STOP_COMMAND:
             self.send_emergency(_HEARTBEAT_ERROR, _find_register(_HEARTBEAT_ERROR))
-            self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
+            self._change_state(QUICK_STOP)
 
     # What tests and fault scripts do to it
-
-    def add_twin(self) -> None:
-        """Put another drive with the same node id on the bus."""
-        SimulatedCia402Drive(self._section, self._wire, self._clock, self._shaft.mechanics, self._behaviour)
 
     def fail(self, code: int) -> None:
         """Go to fault with an error code: tell it by EMCY, and brake or lose power as the code has it."""
         self._raise_error(code, self._clock.now_s())
 
-    def cut_power_stage(self, code: int = 0x3220) -> None:
+    def cut_power_stage(self) -> None:
         """Take the supply of the power stage away, as an emergency stop does; the fault stays until it is back."""
-        self.lasting_errors.add(code)
-        self.fail(code)
+        self._lasting_errors.add(_UNDER_VOLTAGE)
+        self.fail(_UNDER_VOLTAGE)
 
-    def block(self) -> None:
-        """Block the shaft where it stands."""
-        self._shaft.jam()
-
-    def uncouple(self) -> None:
-        """Let the motor lose its shaft: it lags, and no current shows why."""
-        self._shaft.uncouple()
-
-    def mend(self) -> None:
-        """Take away what blocks the shaft, give the power stage its supply back, and listen, send and beat again."""
-        self._mute_frames, self._deaf, self._beatless = 0, False, False
-        self.lasting_errors.clear()
-        self._shaft.free()
+    def restore_power_stage(self) -> None:
+        """Give the power stage its supply back."""
+        self._lasting_errors.clear()
 
     def set_input(self, name: str, value: float) -> None:
         """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""
         bit = self._section.digital_inputs.get(name)
         if bit is None:
             self._analog_mv[name] = value
-        else:
-            self.forced_inputs &= ~(1 << bit)
-            self.press(bool(value) << bit)
-
-    def press(self, inputs: int) -> None:
-        """Hold switches closed, by their bits."""
-        self.forced_inputs |= inputs
+            return
+        self._forced_inputs = self._forced_inputs & ~(1 << bit) | bool(value) << bit
         self._done_s = -math.inf
         self.tick()
 
     def shift_counter(self, counts: float) -> None:
         """Let position and demand jump, and the shaft stand: an encoder that counts wrong, or another zero."""
-        self._shaft.shift_counter(self._clock.now_s(), counts)
+        self.shaft.shift_counter(self._clock.now_s(), counts)
         self._target += counts
 
     def restart(self) -> None:
         """Lose power and come back: settings, reference and counter are lost, the shaft stays where it is."""
         now_s = self._clock.now_s()
-        self._shaft.hold(now_s)
-        self._shaft.count_from(now_s, 0.0)
+        self.shaft.hold(now_s)
+        self.shaft.count_from(now_s, 0.0)
         self._forget()
         self.objects.load()
         self.nmt_state = NmtState.OFF
         self._ready_s = now_s + self._boot_time_s
         self._note("boot", "restart")
-        self._note_stillness(now_s)
         if not self._boot_time_s:
             self.boot()
 
@@ -269,7 +242,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def tick(self) -> None:
         """Do what has become due by now; nothing does twice at one instant, unless something has been changed."""
-        now_s, seeks_switch = self._clock.now_s(), self._homing
+        now_s, seeks_switch = self._clock.now_s(), self.is_homing
         if now_s == self._done_s:
             return
         self._done_s = now_s
@@ -277,43 +250,37 @@ class SimulatedCia402Drive(CanopenNode):
             self.boot()
         if self._state is DriveState.OPERATION_ENABLED or self._state is DriveState.QUICK_STOP_ACTIVE:
             self._watch(now_s)
-        self._shaft.tick(now_s)
-        if self._homing:
-            self._continue_homing(now_s)
-        if self._moving or self._state is DriveState.FAULT_REACTION:
-            self._come_to_rest(now_s)
+        self.shaft.tick(now_s)
+        if self._homing is not None and next(self._homing, self) is self:
+            self._homing = None
+        if self._state in _STOPPING and not self.is_moving:
+            self._end_stop()
         self._read_switches(seeks_switch=seeks_switch)
         self.send_due(now_s)
 
-    def _come_to_rest(self, now_s: float) -> None:
-        if not self._shaft.is_at_rest(now_s) or self._homing:
-            return
-        self._note_stillness(self._shaft.profile.end_s)
-        option = self.objects.values.get(co.QUICK_STOP_OPTION, _STAYS_IN_QUICK_STOP)
-        if self._state is DriveState.QUICK_STOP_ACTIVE and option < _STAYS_IN_QUICK_STOP:
-            self._change_state(0)
-        elif self._state is DriveState.FAULT_REACTION:
-            self._set_state(DriveState.FAULT)
+    def _end_stop(self) -> None:
+        if self._state is DriveState.FAULT_REACTION:
+            self._state = DriveState.FAULT
             self._hold()
-
-    def _note_stillness(self, t_s: float) -> None:
-        if self._moving:
-            self._moving = False
-            self._note("still", "", t_s)
+        elif self.objects.values.get(co.QUICK_STOP_OPTION, _STAYS_IN_QUICK_STOP) < _STAYS_IN_QUICK_STOP:
+            self._change_state(0)
 
     def _watch(self, now_s: float) -> None:
         """Notice software limits and following error, at the instant at which they were passed."""
-        shaft, window = self._shaft, self.objects.values[co.MAX_FOLLOWING_ERROR]
-        demand, actual = shaft.at(now_s)
         low, high = self._position_limits()
+        window: float = self.objects.values[co.MAX_FOLLOWING_ERROR]
+        if self._seeks_stop or window == _FOLLOWING_ERROR_OFF:
+            window = math.inf
+        demand, actual = self.shaft.at(now_s)
         if not (low <= demand <= high and low <= actual <= high):
-            passed_s = shaft.find_first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
-            self._raise_error(self._behaviour.position_limit_error, passed_s)
-            return
-        seeks_stop = self._homing and bool(self._stretches) and self._stretches[0].to_stop
-        if abs(demand - actual) > window != _FOLLOWING_ERROR_OFF and not seeks_stop:
+            code = self._behaviour.position_limit_error
+            passed_s = self.shaft.find_first_time(
+                lambda d, a: not (low <= d <= high and low <= a <= high), now_s
+            )
+            self._raise_error(code, passed_s)
+        elif abs(demand - actual) > window:
             self._raise_error(
-                _FOLLOWING_ERROR, shaft.find_first_time(lambda d, a: abs(d - a) > window, now_s)
+                _FOLLOWING_ERROR, self.shaft.find_first_time(lambda d, a: abs(d - a) > window, now_s)
             )
 
     def _read_switches(self, *, seeks_switch: bool) -> None:
@@ -327,7 +294,7 @@ class SimulatedCia402Drive(CanopenNode):
                 self.fail(code)
 
     def _read_inputs(self) -> int:
-        mechanics, place, word = self._shaft.mechanics, self._shaft.position, self.forced_inputs
+        mechanics, place, word = self.shaft.mechanics, self.shaft.position, self._forced_inputs
         if mechanics.negative_switch is not None and place <= mechanics.negative_switch:
             word |= _NEGATIVE_SWITCH
         if mechanics.positive_switch is not None and place >= mechanics.positive_switch:
@@ -340,14 +307,14 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _read_analog_mv(self, name: str) -> int:
         """Return the voltage at an analog input [mV]; 0 where nothing is wired."""
-        wired = self._shaft.mechanics.analog_mv.get(name, lambda: 0.0)
+        wired = self.shaft.mechanics.analog_mv.get(name, lambda: 0.0)
         return round(self._analog_mv[name] if name in self._analog_mv else wired())
 
     def _read_current_ma(self) -> float:
         """Return the motor current [mA]; 0 without power."""
         if not self.is_powered():
             return 0.0
-        return self._shaft.current_ma(self._scale.counts_per_turn, self._current_limit_ma())
+        return self.shaft.current_ma(self._scale.counts_per_turn, self._current_limit_ma())
 
     def _read_current_per_mille(self) -> int:
         """Return the motor current in thousandths of the rated one, or in mA; the torque has the same number."""
@@ -356,33 +323,26 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
         at_s = self._clock.now_s() if t_s is None else t_s
-        self.journal.append(DriveEvent(at_s, kind, text, self._shaft.position))
+        self.journal.append(DriveEvent(at_s, kind, text))
 
     # Objects
 
     def _list_live_objects(self) -> dict[Place, Callable[[], int]]:
-        """Return the objects whose value is made when it is read; what is measured is within its range."""
+        """Return the objects whose value is made when it is read."""
         model = self._model
         live: dict[Place | None, Callable[[], int]] = {
+            co.STATUSWORD: self._statusword,
+            co.POSITION_ACTUAL: lambda: round(self.shaft.actual),
+            co.MODE_DISPLAY: lambda: self._values(co.MODE),
+            co.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
             co.CURRENT_ACTUAL: self._read_current_per_mille,
             co.TORQUE_ACTUAL: self._read_current_per_mille,
             model.current_ma: lambda: round(self._read_current_ma()),
-            model.following_error: lambda: round(self._shaft.demand - self._shaft.actual),
+            model.following_error: lambda: round(self.shaft.demand - self.shaft.actual),
             model.inputs: self._read_masked_inputs,
             **{place: partial(self._read_analog_mv, name) for name, place in model.analog.items()},
         }
-        known = model.eds.objects
-        return {
-            co.STATUSWORD: self._statusword,
-            co.POSITION_ACTUAL: lambda: round(self._shaft.actual),
-            co.MODE_DISPLAY: lambda: self._values(co.MODE),
-            co.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
-            **{
-                place: partial(_clip, read, *find_bounds(known[place]))
-                for place, read in live.items()
-                if place is not None and place in known
-            },
-        }
+        return {place: read for place, read in live.items() if place is not None}
 
     def _on_write(self, place: Place, value: int, before: int) -> None:
         super()._on_write(place, value, before)
@@ -391,17 +351,17 @@ class SimulatedCia402Drive(CanopenNode):
             self._obey(value, before)
         elif place == co.MODE:
             self._change_mode(value, before)
-        elif place == co.HOMING_METHOD and value not in self._behaviour.homing_methods:
+        elif place == co.HOMING_METHOD and value not in SEARCHES.keys() | HOMING_HERE:
             self._take_back(place, before)
         elif place == co.ERROR_COUNT:
             self.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
 
     def _take_back(self, place: Place, before: int) -> None:
         self.objects.values[place] = before
-        raise SdoAbortError(sdo_server.OUT_OF_RANGE)
+        raise SdoAbortError(OUT_OF_RANGE)
 
     def _change_mode(self, mode: int, before: int) -> None:
-        if mode not in {_PROFILE_POSITION, _HOMING}:
+        if mode not in {co.PROFILE_POSITION, co.HOMING}:
             self._take_back(co.MODE, before)
         if mode != before:
             self._acknowledged = False
@@ -421,22 +381,20 @@ class SimulatedCia402Drive(CanopenNode):
                 self.nmt_state = NmtState.PRE_OPERATIONAL
             case 0x81:
                 self.restart()
-                return
             case 0x82:
                 first = self._behaviour.reset_communication_first
                 self._errors = [code for code in self._errors if code not in first]
                 self.objects.load(only_communication=True)
                 self.boot()
-        self._note("nmt", f"0x{command:02X}")
 
     # State machine
 
     def _statusword(self) -> int:
-        word = _STATUS[self._state] | self._behaviour.status_bits
+        word = _STATUS[self._state]
         word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
         word |= _REFERENCED if self._referenced else 0
         word |= TARGET_REACHED if self._has_arrived() else 0
-        if self._values(co.MODE) == _HOMING:
+        if self._values(co.MODE) == co.HOMING:
             word |= HOMING_ATTAINED if self._attained else 0
             return word | (_MODE_SPECIFIC if self._homing_failed else 0)
         word |= _MODE_SPECIFIC if _FOLLOWING_ERROR in self._errors else 0
@@ -444,23 +402,15 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _has_arrived(self) -> bool:
         """Tell bit 10: the profile is over, and inside the window if there is one for as long as its time."""
-        now_s, due_s = self._clock.now_s(), self._shaft.profile.end_s
-        if self._homing or self._homing_failed:
+        now_s, due_s = self._clock.now_s(), self.shaft.profile.end_s
+        if self.is_homing or self._homing_failed:
             return False
         window = self.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
         if window != co.WINDOW_OFF:
-            if abs(self._shaft.demand - self._shaft.actual) > window:
+            if abs(self.shaft.demand - self.shaft.actual) > window:
                 return False
             due_s += self._values(co.POSITION_WINDOW_TIME) / 1000
         return now_s >= due_s
-
-    def _is_at_rest(self) -> bool:
-        return self._shaft.is_at_rest(self._clock.now_s())
-
-    def _set_state(self, state: DriveState) -> None:
-        if state is not self._state:
-            self._state = state
-            self._note("state", state.name)
 
     def _obey(self, word: int, before: int) -> None:
         if self._state is DriveState.FAULT:
@@ -470,7 +420,7 @@ class SimulatedCia402Drive(CanopenNode):
         if self._state is not DriveState.FAULT_REACTION:
             self._change_state(word)
         if self._state is DriveState.OPERATION_ENABLED:
-            if self._values(co.MODE) == _HOMING:
+            if self._values(co.MODE) == co.HOMING:
                 self._obey_homing_mode(word, before)
             else:
                 self._obey_position_mode(word, before)
@@ -479,33 +429,31 @@ class SimulatedCia402Drive(CanopenNode):
         """Make the transition that a controlword asks for; without power the axis stands where it is."""
         powered = self.is_powered()
         if not word & 0x02:
-            self._set_state(DriveState.SWITCH_ON_DISABLED)
+            self._state = DriveState.SWITCH_ON_DISABLED
         elif not word & 0x04:
             self._quick_stop()
         elif self._state is DriveState.QUICK_STOP_ACTIVE:
             return
         elif not word & 0x01:
-            self._set_state(DriveState.READY_TO_SWITCH_ON)
+            self._state = DriveState.READY_TO_SWITCH_ON
         elif self._state is not DriveState.SWITCH_ON_DISABLED:  # transitions 3 and 4 may be combined
-            self._set_state(DriveState.OPERATION_ENABLED if word & 0x08 else DriveState.SWITCHED_ON)
+            self._state = DriveState.OPERATION_ENABLED if word & 0x08 else DriveState.SWITCHED_ON
         if powered != self.is_powered():
             self._hold()
 
     def _hold(self) -> None:
         """Stand still: power has come or gone."""
-        now_s = self._clock.now_s()
         self._stop_homing()
         self._acknowledged = False
-        self._shaft.hold(now_s)
-        self._note_stillness(now_s)
+        self.shaft.hold(self._clock.now_s())
 
     def _quick_stop(self) -> None:
         if self._state is DriveState.OPERATION_ENABLED:
-            self._set_state(DriveState.QUICK_STOP_ACTIVE)
+            self._state = DriveState.QUICK_STOP_ACTIVE
             self._stop_homing()
             self._brake(co.QUICK_STOP_DECELERATION, self._clock.now_s())
         elif self._state is not DriveState.QUICK_STOP_ACTIVE:
-            self._set_state(DriveState.SWITCH_ON_DISABLED)
+            self._state = DriveState.SWITCH_ON_DISABLED
 
     # Modes
 
@@ -524,56 +472,45 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _obey_homing_mode(self, word: int, before: int) -> None:
         if word & HALT:
-            if self._homing:
+            if self.is_homing:
                 self._stop_homing()
                 self._brake(co.HOMING_ACCELERATION, self._clock.now_s())
         elif word & ~before & NEW_SETPOINT:
-            self._start_homing()
+            method = self._values(co.HOMING_METHOD)
+            self._attained = self._homing_failed = False
+            self._note("homing", f"method {method}")
+            self._homing = self._home(method)
+            self.tick()
 
-    def _start_homing(self) -> None:
-        method = self._values(co.HOMING_METHOD)
-        self._attained = self._homing_failed = False
-        self._note("homing", f"method {method}")
-        offset = 0 if self._model.home_offset is None else self._values(self._model.home_offset)
-        self._stretches = list(plan_homing(method, self._shaft, self._scale.counts_per_turn, offset))
-        self._homing = True
-        if self._stretches:
-            self._start_homing_move(self._clock.now_s())
-        else:
-            self._finish_homing(self._clock.now_s())
-
-    def _start_homing_move(self, t_s: float) -> None:
-        stretch = self._stretches[0]
-        speed = co.HOMING_SPEED_INDEX if stretch.slow else co.HOMING_SPEED_SWITCH
-        self._moving = True
-        self._shaft.go(t_s, stretch.target, self._read_limits(speed, co.HOMING_ACCELERATION))
-
-    def _continue_homing(self, now_s: float) -> None:
-        while self._stretches:
-            if self._stretches[0].to_stop and self._shaft.stuck:
-                self._shaft.hold(now_s)
-            elif not self._shaft.is_at_rest(now_s):
-                return
-            start_s = min(now_s, self._shaft.profile.end_s)
-            self._stretches.pop(0)
-            if self._stretches:
-                self._start_homing_move(start_s)
-                self._shaft.tick(now_s)
-        self._finish_homing(now_s)
-
-    def _finish_homing(self, now_s: float) -> None:
-        home = self._model.home_position
-        self._shaft.count_from(now_s, float(0 if home is None else self._values(home)))
-        self._homing = False
-        self._target = self._shaft.actual
+    def _home(self, method: int) -> Iterator[None]:
+        """Make the moves of a homing, and count from where they end; a turn for each tick."""
+        start_s = self._clock.now_s()
+        moves = plan_search(
+            method, self.shaft, self._scale.counts_per_turn, self._read(self._model.home_offset)
+        )
+        for number, target in enumerate(moves):
+            self._seeks_stop = method < 0 and number == 0
+            speed = co.HOMING_SPEED_INDEX if number else co.HOMING_SPEED_SWITCH
+            self.shaft.go(start_s, target, self._read_limits(speed, co.HOMING_ACCELERATION))
+            self.shaft.tick(self._clock.now_s())
+            while self.is_moving and not (self._seeks_stop and self.shaft.stuck):
+                yield
+            if self.is_moving:
+                self.shaft.hold(self._clock.now_s())
+            start_s = self.shaft.profile.end_s
+        self._seeks_stop = False
+        self.shaft.count_from(self._clock.now_s(), float(self._read(self._model.home_position)))
+        self._target = self.shaft.actual
         self._attained = self._referenced = True
-        self._note_stillness(now_s)
         self._note("homing", "attained")
 
+    def _read(self, place: Place | None) -> int:
+        """Return the value of an object that the product may lack."""
+        return 0 if place is None else self._values(place)
+
     def _stop_homing(self) -> None:
-        if self._homing:
-            self._stretches.clear()
-            self._homing = False
+        if self._homing is not None:
+            self._homing, self._seeks_stop = None, False
             self._note("homing", "stopped")
 
     # Motion
@@ -591,13 +528,12 @@ class SimulatedCia402Drive(CanopenNode):
         return acceleration * self._scale.counts_per_turn / self._scale.acceleration_units
 
     def _start_move(self, t_s: float) -> None:
-        self._shaft.go(t_s, self._target, self._read_limits(co.PROFILE_VELOCITY))
-        self._moving = self._moving or not self._is_at_rest()
+        self.shaft.go(t_s, self._target, self._read_limits(co.PROFILE_VELOCITY))
 
     def _brake(self, place: Place, t_s: float) -> None:
-        if self._moving:
+        if self.is_moving:
             self._note("brake", str(place), t_s)
-        self._shaft.brake(t_s, self._to_counts(self._values(place)))
+        self.shaft.brake(t_s, self._to_counts(self._values(place)))
 
     # Faults
 
@@ -617,22 +553,21 @@ class SimulatedCia402Drive(CanopenNode):
     def _react(self, code: int, t_s: float) -> None:
         """Brake, or switch the power stage off at once, whichever the error and 0x605E ask for."""
         option = self._values(co.FAULT_REACTION)
-        self._homing_failed = self._homing_failed or self._homing
+        self._homing_failed = self._homing_failed or self.is_homing
         self._stop_homing()
-        loses_power = option == _POWER_OFF or code in self._behaviour.disabling_errors | self.lasting_errors
+        loses_power = option == _POWER_OFF or code in self._behaviour.disabling_errors | self._lasting_errors
         if loses_power or not self.is_powered():
             self._hold()
-            self._set_state(DriveState.FAULT)
+            self._state = DriveState.FAULT
         elif self._state is not DriveState.FAULT_REACTION:
             self._brake(co.PROFILE_DECELERATION if option == _SLOW_DOWN else co.QUICK_STOP_DECELERATION, t_s)
-            self._moving = self._moving or not self._is_at_rest()
-            self._set_state(DriveState.FAULT_REACTION)
+            self._state = DriveState.FAULT_REACTION
 
     def _reset_fault(self) -> None:
-        kept = self._behaviour.reset_communication_first | self.lasting_errors
+        kept = self._behaviour.reset_communication_first | self._lasting_errors
         self._errors = [code for code in self._errors if code in kept]
         if not self._errors:
-            self._set_state(DriveState.SWITCH_ON_DISABLED)
+            self._state = DriveState.SWITCH_ON_DISABLED
             self.objects.values[co.ERROR_REGISTER] = 0
             self.send_emergency(0, 0)
 
@@ -640,7 +575,3 @@ class SimulatedCia402Drive(CanopenNode):
 def _find_register(code: int) -> int:
     """Return the bits that an error sets in the error register."""
     return _GENERIC | _REGISTER.get(code >> 12, 0)
-
-
-def _clip(read: Callable[[], int], low: int, high: int) -> int:
-    return max(low, min(high, read()))

@@ -1,6 +1,11 @@
-"""The object dictionary of a simulated drive, from its EDS file: values, access, ranges, and rules of PDO mappings."""
+"""The object dictionary of a simulated drive, from its EDS file, and the SDO server in front of it (CiA 301).
 
+Transfers are expedited: no object that labrig uses is longer than four bytes.
+"""
+
+import struct
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from canopen.objectdictionary import ODVariable
 
@@ -8,17 +13,37 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_bounds, find_default, read_own_eds
 from labrig.devices.drives.model import Model
 from labrig.devices.drives.objects import Place
-from labrig.devices.simulated import sdo_server
-from labrig.devices.simulated.sdo_server import SdoAbortError
-
-_DEVICE_NAME = Place(0x1008)
-"""A string, and so in no table of numbers."""
 
 MAPPINGS = {place: mapping for mapping in co.TPDO_MAPS for place in mapping}
 """An object that says what a transmit PDO carries -> all of that PDO, the number of its objects first."""
 
+COMMAND_UNKNOWN = 0x05040001
+WRITE_ONLY = 0x06010001
+READ_ONLY = 0x06010002
+NO_OBJECT = 0x06020000
+NOT_MAPPABLE = 0x06040041
+PDO_LENGTH = 0x06040042
+TOO_LONG = 0x06070012
+TOO_SHORT = 0x06070013
+NO_SUBINDEX = 0x06090011
+OUT_OF_RANGE = 0x06090030
+TOO_HIGH = 0x06090031
+TOO_LOW = 0x06090032
+MAXIMUM_BELOW_MINIMUM = 0x06090036
+WRONG_STATE = 0x08000022
+NMT_STATE = 0x0F00FFC0
+
+_HEAD = struct.Struct("<BHB")
 _PROCESS_DATA = frozenset({co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.ERROR_COUNT})
 """Written all the time, so no part of the configuration that a fingerprint vouches for."""
+
+
+class SdoAbortError(Exception):
+    """A transfer that the server refuses, with its abort code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"0x{code:08X}")
+        self.code = code
 
 
 class ObjectDictionary:
@@ -33,7 +58,7 @@ class ObjectDictionary:
     fixed : mapping of Place to int
         What this drive has instead of the defaults, and keeps through every reset.
     live : mapping of Place to callable
-        Objects whose value is made when it is read.
+        Objects whose value is made when it is read, as far as there are any; it is held within its range.
 
     Attributes
     ----------
@@ -51,14 +76,15 @@ class ObjectDictionary:
     def __init__(
         self, model: Model, node_id: int, fixed: Mapping[Place, int], live: Mapping[Place, Callable[[], int]]
     ) -> None:
-        eds = model.eds
-        self._name = eds.product_name.encode("ascii", "replace")
-        self._objects = eds.objects
-        self._indices = {place.index for place in eds.objects} | {_DEVICE_NAME.index}
-        self.variables = {**read_own_eds("epos2.eds").objects, **eds.objects}
+        self._objects = model.eds.objects
+        self.variables = {**read_own_eds("epos2.eds").objects, **self._objects}
         self._defaults = {p: find_default(v) + node_id * v.relative for p, v in self.variables.items()}
         self._fixed = dict(fixed)
-        self._live = live
+        self._live: dict[Place, Callable[[], int]] = {
+            place: partial(_clip, read, *find_bounds(self.variables[place]))
+            for place, read in live.items()
+            if place in self.variables
+        }
         self._fingerprint = model.fingerprint
         self.values: dict[Place, int] = {}
         self.load()
@@ -82,23 +108,41 @@ class ObjectDictionary:
         live = self._live.get(place)
         return self.values[place] if live is None else live()
 
+    def answer(self, request: bytes) -> bytes | None:
+        """Return the response to an SDO request; None if the client expects none."""
+        if len(request) != 8 or request[0] >> 5 == 4:
+            return None
+        command, *place = _HEAD.unpack_from(request)
+        try:
+            data = self._carry_out(command, Place(*place), request[4:])
+        except SdoAbortError as refusal:
+            return _HEAD.pack(0x80, *place) + struct.pack("<I", refusal.code)
+        answer = 0x60 if data is None else 0x43 | (4 - len(data)) << 2
+        return _HEAD.pack(answer, *place) + (data or b"").ljust(4, b"\0")
+
+    def _carry_out(self, command: int, place: Place, data: bytes) -> bytes | None:
+        """Return what a request reads, or None after it has written."""
+        if command >> 5 == 2:
+            return self.read(place)
+        if command >> 5 != 1 or not command & 0x02:
+            raise SdoAbortError(COMMAND_UNKNOWN)
+        self.write(place, data[: 4 - (command >> 2 & 3) if command & 0x01 else len(self.read(place))])
+        return None
+
     def read(self, place: Place) -> bytes:
         """Return the bytes of an object. Raises `SdoAbortError`."""
-        if place == _DEVICE_NAME:
-            return self._name
         variable = self._require(place)
         if not variable.readable:
-            raise SdoAbortError(sdo_server.WRITE_ONLY)
+            raise SdoAbortError(WRITE_ONLY)
         return variable.encode_raw(self.value(place))
 
     def write(self, place: Place, data: bytes) -> None:
         """Write an object, after all checks. Raises `SdoAbortError`."""
-        variable = None if place == _DEVICE_NAME else self._require(place)
-        if variable is None or not variable.writable:
-            raise SdoAbortError(sdo_server.READ_ONLY)
+        variable = self._require(place)
+        if not variable.writable:
+            raise SdoAbortError(READ_ONLY)
         if len(data) != count_bytes(variable):
-            longer = len(data) > count_bytes(variable)
-            raise SdoAbortError(sdo_server.TOO_LONG if longer else sdo_server.TOO_SHORT)
+            raise SdoAbortError(TOO_LONG if len(data) > count_bytes(variable) else TOO_SHORT)
         value = int(variable.decode_raw(data))
         self._check(place, value, find_bounds(variable))
         self.put(place, value)
@@ -113,8 +157,8 @@ class ObjectDictionary:
     def _require(self, place: Place) -> ODVariable:
         variable = self._objects.get(place)
         if variable is None:
-            known = place.index in self._indices
-            raise SdoAbortError(sdo_server.NO_SUBINDEX if known else sdo_server.NO_OBJECT)
+            known = any(place.index == each.index for each in self._objects)
+            raise SdoAbortError(NO_SUBINDEX if known else NO_OBJECT)
         return variable
 
     def _check(self, place: Place, value: int, bounds: tuple[int, int]) -> None:
@@ -122,23 +166,27 @@ class ObjectDictionary:
             raise SdoAbortError(code)
         low, high = bounds
         if not low <= value <= high:
-            raise SdoAbortError(sdo_server.TOO_LOW if value < low else sdo_server.TOO_HIGH)
+            raise SdoAbortError(TOO_LOW if value < low else TOO_HIGH)
         if place == co.ERROR_COUNT and value:
-            raise SdoAbortError(sdo_server.TOO_HIGH)
+            raise SdoAbortError(TOO_HIGH)
         if place in {co.LOWER_LIMIT, co.UPPER_LIMIT}:
             limits = self.values | {place: value}
             if limits[co.LOWER_LIMIT] > limits[co.UPPER_LIMIT]:
-                raise SdoAbortError(sdo_server.MAXIMUM_BELOW_MINIMUM)
+                raise SdoAbortError(MAXIMUM_BELOW_MINIMUM)
         if place in MAPPINGS:
             self._check_mapping(place, value, MAPPINGS[place])
 
     def _check_mapping(self, place: Place, value: int, mapping: tuple[Place, ...]) -> None:
         if place.subindex == 0:
             if sum(self.values[entry] & 0xFF for entry in mapping[1 : value + 1]) > 64:
-                raise SdoAbortError(sdo_server.PDO_LENGTH)
+                raise SdoAbortError(PDO_LENGTH)
         elif self.values[mapping[0]]:
-            raise SdoAbortError(sdo_server.WRONG_STATE)
+            raise SdoAbortError(WRONG_STATE)
         else:
             mapped = self._objects.get(Place(value >> 16, value >> 8 & 0xFF))
             if value and (mapped is None or mapped.index < 0x2000 or len(mapped) != value & 0xFF):
-                raise SdoAbortError(sdo_server.NOT_MAPPABLE)
+                raise SdoAbortError(NOT_MAPPABLE)
+
+
+def _clip(read: Callable[[], int], low: int, high: int) -> int:
+    return max(low, min(high, read()))

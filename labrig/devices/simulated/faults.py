@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from labrig.clock import Clock
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.simulated_node import SimulatedNode
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 
 
 @dataclass
@@ -17,7 +17,7 @@ class FaultScript:
     ----------
     wire : InProcessWire
         The bus.
-    drives : mapping of str to SimulatedNode
+    drives : mapping of str to SimulatedCia402Drive
         The drives by their axes.
     clock : Clock
         Rig time; `tick` is to be called whenever it advances.
@@ -26,7 +26,7 @@ class FaultScript:
     """
 
     wire: InProcessWire
-    drives: Mapping[str, SimulatedNode]
+    drives: Mapping[str, SimulatedCia402Drive]
     clock: Clock
     waiting: tuple[FaultDescription, ...]
     happened: list[tuple[float, FaultDescription]] = field(default_factory=list)
@@ -61,12 +61,12 @@ class FaultScript:
         return fault.once == doing
 
 
-def _list_actions(fault: FaultDescription, drive: SimulatedNode) -> dict[str, Callable[[], object]]:
+def _list_actions(fault: FaultDescription, drive: SimulatedCia402Drive) -> dict[str, Callable[[], object]]:
     return {
         "silent": drive.mute,
         "boot-up": drive.restart,
         "emergency": lambda: drive.fail(fault.code or 0),
         "emergency-stop": drive.cut_power_stage,
-        "blocked": drive.block,
+        "blocked": drive.shaft.jam,
         "input": lambda: drive.set_input(str(fault.source), fault.value),
     }

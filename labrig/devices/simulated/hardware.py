@@ -12,15 +12,17 @@ from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import CameraContext, PictureSource
 from labrig.devices.clocks import SimulatedClock, WatchedClock
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.operator import Operator
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import RehearsedOperator, SimulatedOperator
 from labrig.devices.simulated.shaft import Mechanics, Motor, torque_of_force
-from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.worker import SAME_THREAD, Worker, WorkerThread
+from labrig.errors import InputError
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 
@@ -116,7 +118,7 @@ _STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
 
 def make_drives(
     rig: RigDescription, wire: InProcessWire, clock: Clock, world: World
-) -> dict[str, SimulatedNode]:
+) -> dict[str, SimulatedCia402Drive]:
     """Return simulated drives on a wire, by their axes; every axis stands at zero.
 
     Digital inputs that a run expects on are on: a door is closed. The load cell is wired to analog-1 of the insertion
@@ -129,10 +131,14 @@ def make_drives(
     """
     axes = dict(rig.axes.items())
     require_complete(rig)
-    drives = {
-        name: axis.simulate(wire, clock, _make_mechanics(name, axis, world)) for name, axis in axes.items()
-    }
+    drives = {}
     for name, axis in axes.items():
+        if not isinstance(axis, ProductSection):
+            raise InputError(
+                f"drives of kind {axis.driver} cannot be simulated",
+                "choose another driver, or a rig of kind bench",
+            )
+        drives[name] = axis.simulate(wire, clock, _make_mechanics(name, axis, world))
         for channel in axis.inputs.values():
             if channel.expected:
                 drives[name].set_input(channel.source, 1.0)

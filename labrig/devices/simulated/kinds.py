@@ -1,11 +1,11 @@
 """The products that are simulated: an EPOS2 24/5, and any CiA 402 drive by its EDS file, which behaves as an EPOS4."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
-from labrig.devices.simulated.cia402 import Behaviour
 
 _SOFTWARE, _HARDWARE = Place(0x2003, 1), Place(0x2003, 2)
 _ENCODER_PULSES = Place(0x2210, 1)
@@ -13,9 +13,39 @@ _CONTINUOUS_CURRENT, _MAX_CURRENT = Place(0x6410, 1), Place(0x6410, 2)
 _COUNTS_PER_PULSE = 4
 _EPOS2_24_5, _SOFTWARE_TRIED = 0x6220, 0x2122
 
+
+@dataclass(frozen=True)
+class Behaviour:
+    """How a product behaves.
+
+    Parameters
+    ----------
+    switch_errors : mapping of int to int
+        Bit of a limit switch that stops it -> error code.
+    position_limit_error : int
+        Error code of a passed software limit.
+    disabling_errors : frozenset of int
+        Errors that switch the power stage off at once; to all others the drive reacts as 0x605E says.
+    reset_communication_first : frozenset of int
+        Errors that stay until this NMT command.
+    switch_mask : Place or None
+        Object that says which limit switches stop the drive; None: both do.
+    zero_is_no_limit : bool
+        Whether software limits of zero both are none.
+    fixed : mapping of Place to int
+        What a drive has instead of the defaults of its EDS file, and keeps through every reset.
+    """
+
+    switch_errors: Mapping[int, int]
+    position_limit_error: int
+    disabling_errors: frozenset[int]
+    reset_communication_first: frozenset[int]
+    switch_mask: Place | None = None
+    zero_is_no_limit: bool = False
+    fixed: Mapping[Place, int] = field(default_factory=dict)
+
+
 EPOS2 = Behaviour(
-    status_bits=0x0100,
-    homing_methods=frozenset({-4, -3, -2, -1, 1, 2, 17, 18, 35}),
     switch_errors={0x0001: 0xFF06, 0x0002: 0xFF07},
     position_limit_error=0xFF09,
     # By maxon's firmware specification of the first EPOS generation (798675-03).
@@ -28,8 +58,6 @@ EPOS2 = Behaviour(
 )
 
 CIA402 = Behaviour(
-    status_bits=0x0010,
-    homing_methods=frozenset({1, 2, 17, 18, 35, 37}),
     switch_errors={0x0001: 0x8A80, 0x0002: 0x8A81},
     position_limit_error=0x8A82,
     disabling_errors=frozenset({0x2310, 0x3210}),

@@ -3,7 +3,6 @@
 import math
 import struct
 from abc import ABC, abstractmethod
-from collections import deque
 from enum import IntEnum
 
 import can
@@ -12,10 +11,8 @@ from labrig.clock import Clock
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import make_form
 from labrig.devices.drives.objects import Place
-from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.dictionary import MAPPINGS, ObjectDictionary
-from labrig.devices.simulated.sdo_server import SdoServer
+from labrig.devices.simulated.dictionary import MAPPINGS, NMT_STATE, ObjectDictionary
 
 _SYNC = 0x080
 _LAST_SYNCHRONOUS = 240
@@ -51,19 +48,15 @@ class CanopenNode(ABC):
     def __init__(self, wire: InProcessWire, node_id: int, clock: Clock, objects: ObjectDictionary) -> None:
         self.node_id = node_id
         self.nmt_state = NmtState.OFF
-        self._mute_frames: float = 0
-        self._deaf = self._beatless = False
-        self._aborts: deque[tuple[int, int | None]] = deque()
-        self._ignored = 0
+        self._is_mute = False
         self._clock = clock
         self._next_beat_s = math.inf
         self._heard_s: float | None = None
         self.objects = objects
         objects.refuse, objects.written = self._refuse, self._on_write
-        self._sdo = SdoServer(objects.read, objects.write)
         self._read_settings()
         self._wire = wire
-        self._bus = InProcessBus(wire, self._on_frame)
+        self.line = InProcessBus(wire, self._on_frame)
 
     @abstractmethod
     def tick(self) -> None:
@@ -81,10 +74,8 @@ class CanopenNode(ABC):
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame, unless this node is mute or off."""
-        if self._mute_frames:
-            self._mute_frames -= 1
-        elif self.nmt_state is not NmtState.OFF:
-            self._bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        if not self._is_mute and self.nmt_state is not NmtState.OFF:
+            self.line.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
 
     def send_emergency(self, code: int, register: int) -> None:
         """Send an EMCY frame; not while stopped."""
@@ -100,14 +91,12 @@ class CanopenNode(ABC):
 
     def send_due(self, now_s: float) -> None:
         """Send what is due, and notice a master that has been silent for too long."""
-        self._wire.tick(now_s)
         if self.nmt_state is NmtState.OFF:
             return
         while self._next_beat_s <= now_s:
             period_s = self.objects.values[co.PRODUCER_HEARTBEAT] / 1000
             self._next_beat_s = round(self._next_beat_s + period_s, 6)
-            if not self._beatless:
-                self.send(0x700 + self.node_id, bytes([self.nmt_state]))
+            self.send(0x700 + self.node_id, bytes([self.nmt_state]))
         if self._heard_s is not None and now_s > (deadline_s := self._heard_s + self._patience_s):
             self._heard_s = None
             self.lose_master(deadline_s)
@@ -137,38 +126,22 @@ class CanopenNode(ABC):
             places = [Place(code >> 16, code >> 8 & 0xFF) for code in codes]
             self._reports[values[cob_id] & 0x7FF] = (make_form(known[place] for place in places), places)
 
-    # What tests and fault scripts do to it
+    # What fault scripts do to it
 
-    def mute(self, frames: float = math.inf) -> None:
-        """Drop the next frames that this node sends, or all of them."""
-        self._mute_frames = frames
-
-    def deafen(self) -> None:
-        """Receive nothing."""
-        self._deaf = True
-
-    def abort_next(self, code: int, index: int | None = None) -> None:
-        """Refuse the next SDO request, or the next one for an object, with an abort code."""
-        self._aborts.append((code, index))
-
-    def ignore_next(self, requests: int = 1) -> None:
-        """Ignore the next SDO requests."""
-        self._ignored += requests
-
-    def stop_heartbeat(self) -> None:
-        """Stop the heartbeat; everything else continues."""
-        self._beatless = True
+    def mute(self) -> None:
+        """Send nothing from now on."""
+        self._is_mute = True
 
     def unplug(self) -> None:
         """Leave the bus silently; a moving shaft keeps moving."""
-        self._bus.shutdown()
+        self.line.shutdown()
 
     # What it hears
 
     def _refuse(self, place: Place) -> int | None:
         """Return the abort code if an object cannot be written now, whatever the value."""
         is_mapping = place in MAPPINGS and self.nmt_state is not NmtState.PRE_OPERATIONAL
-        return sdo_server.NMT_STATE if is_mapping else None
+        return NMT_STATE if is_mapping else None
 
     def _on_write(self, place: Place, value: int, before: int) -> None:  # noqa: ARG002 - a drive needs them
         if place in {co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT}:
@@ -178,13 +151,17 @@ class CanopenNode(ABC):
 
     def _on_frame(self, message: can.Message) -> None:
         can_id = message.arbitration_id
-        if can_id not in self._heeded or self._deaf or self.nmt_state is NmtState.OFF:
+        if can_id not in self._heeded or self.nmt_state is NmtState.OFF:
             return
         if message.is_extended_id or message.is_error_frame or message.is_remote_frame:
             return
         if can_id == 0x600 + self.node_id:
             self.tick()
-            self._on_sdo(bytes(message.data))
+            response = (
+                None if self.nmt_state is NmtState.STOPPED else self.objects.answer(bytes(message.data))
+            )
+            if response is not None:
+                self.send(0x580 + self.node_id, response)
         elif can_id == 0x000:
             data = bytes(message.data)
             if len(data) == 2 and data[1] in {0, self.node_id}:
@@ -195,22 +172,3 @@ class CanopenNode(ABC):
         elif can_id == _SYNC and self.nmt_state is NmtState.OPERATIONAL:
             self.tick()
             self._send_reports()
-
-    def _on_sdo(self, request: bytes) -> None:
-        if self.nmt_state is NmtState.STOPPED:
-            return
-        if self._ignored:
-            self._ignored -= 1
-            return
-        response = self._take_scripted_abort(request) or self._sdo.answer(request)
-        if response is not None:
-            self.send(0x580 + self.node_id, response)
-
-    def _take_scripted_abort(self, request: bytes) -> bytes | None:
-        if not self._aborts or len(request) != 8:
-            return None
-        code, index = self._aborts[0]
-        if index not in {None, int.from_bytes(request[1:3], "little")}:
-            return None
-        self._aborts.popleft()
-        return b"\x80" + request[1:4] + code.to_bytes(4, "little")

@@ -5,11 +5,12 @@ from typing import Any, get_args
 
 import can
 
-from labrig.devices.axis_description import DEFAULT_DRIVER, AxisDescription
+from labrig.devices.axis_description import DEFAULT_DRIVER
 from labrig.devices.bus import OPENING_FAILURES
 from labrig.devices.can_description import Bitrate
 from labrig.devices.clocks import SystemClock
 from labrig.devices.driver_section import find_section
+from labrig.devices.drives.section import ProductSection
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan import SlcanAdapter
@@ -79,7 +80,7 @@ class ServedDrives:
     """
 
     def __init__(self, bus: can.BusABC, node_ids: Iterable[int], driver: str = DEFAULT_DRIVER) -> None:
-        self.wire, clock, kind = InProcessWire(), SystemClock(), find_section(DRIVES, driver, AxisDescription)
+        self.wire, clock, kind = InProcessWire(), SystemClock(), find_section(DRIVES, driver, ProductSection)
         self.drives = {
             node_id: kind.example(node_id).simulate(self.wire, clock, Mechanics(), _BOOT_TIME_S)
             for node_id in node_ids

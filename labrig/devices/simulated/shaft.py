@@ -109,6 +109,11 @@ class MotorShaft:
         Its stops and switches.
     now_s : float
         The present time; shaft and counter start at zero.
+
+    Attributes
+    ----------
+    still_s : float
+        Instant at which the shaft came to rest last, or will.
     """
 
     def __init__(self, mechanics: Mechanics, now_s: float) -> None:
@@ -116,7 +121,7 @@ class MotorShaft:
         self.zero = 0.0
         self.profile: Profile = make_rest_profile(now_s, 0.0)
         self.demand = self.actual = self.velocity = 0.0
-        self.ticked_s = now_s
+        self.ticked_s = self.still_s = now_s
         self._jam: float | None = None
         self._uncoupled = False
 
@@ -187,26 +192,28 @@ class MotorShaft:
                 before_s = middle_s
         return after_s
 
+    def _follow(self, profile: Profile, t_s: float) -> None:
+        if profile.end_s > t_s or not self.is_at_rest(t_s):
+            self.still_s = profile.end_s
+        self.profile = profile
+
     def go(self, t_s: float, target: float, limits: Limits) -> None:
         """Start a profile to a target."""
-        position, velocity = self.profile.at(t_s)
-        self.profile = make_move_profile(t_s, position, velocity, target, limits)
+        self._follow(make_move_profile(t_s, *self.profile.at(t_s), target, limits), t_s)
 
     def brake(self, t_s: float, deceleration: float) -> None:
         """Come to rest."""
-        position, velocity = self.profile.at(t_s)
-        self.profile = make_brake_profile(t_s, position, velocity, deceleration)
+        self._follow(make_brake_profile(t_s, *self.profile.at(t_s), deceleration), t_s)
 
     def hold(self, t_s: float) -> None:
         """Stand still where the shaft is: power was switched, and friction holds it."""
-        actual = self.at(t_s)[1]
-        self.profile = make_rest_profile(t_s, actual)
+        self._follow(make_rest_profile(t_s, self.at(t_s)[1]), t_s)
         self.tick(max(t_s, self.ticked_s))
 
     def count_from(self, t_s: float, counter: float) -> None:
         """Set the counter at the present position."""
         self.zero = self.position - counter
-        self.profile = make_rest_profile(t_s, counter)
+        self._follow(make_rest_profile(t_s, counter), t_s)
         self.tick(max(t_s, self.ticked_s))
 
     def shift_counter(self, t_s: float, counts: float) -> None:
@@ -216,57 +223,37 @@ class MotorShaft:
         self.tick(max(t_s, self.ticked_s))
 
 
-_TO_INDEX = frozenset({-2, -1, 1, 2})
 _FOR_EVER = 1e12
+HOMING_HERE = frozenset({35, 37})
+"""Homing methods that move nothing."""
+
+SEARCHES = {
+    -1: ("upper_stop", 1), -2: ("lower_stop", -1), -3: ("upper_stop", 1), -4: ("lower_stop", -1),
+    1: ("negative_switch", -1), 2: ("positive_switch", 1),
+    17: ("negative_switch", -1), 18: ("positive_switch", 1),
+}  # fmt: skip
+"""Homing method -> what it seeks, and the direction towards it; the index is sought on the way back."""
+
+_TO_INDEX = frozenset({-2, -1, 1, 2})
 
 
-@dataclass(frozen=True)
-class HomingMove:
-    """A move of a homing sequence.
+def plan_search(method: int, shaft: MotorShaft, counts_per_turn: float, offset: float) -> tuple[float, ...]:
+    """Return the counters to which a method goes one after the other, the home offset last.
 
-    Parameters
-    ----------
-    target : float
-        Counter to go to.
-    slow : bool
-        At the speed for the index, not for the switch.
-    to_stop : bool
-        Ends at a stop; the target gives only the direction.
+    At a stop, the first one is only the direction: what blocks the shaft ends it.
     """
-
-    target: float
-    slow: bool = False
-    to_stop: bool = False
-
-
-def plan_homing(
-    method: int, shaft: MotorShaft, counts_per_turn: float, offset: float
-) -> tuple[HomingMove, ...]:
-    """Return the moves of a method from where the shaft is, the home offset last."""
-    if method in {35, 37}:
+    if method in HOMING_HERE:
         return ()
-    place, direction, back = _find_end(method, shaft)
+    end, direction = SEARCHES[method]
+    place: float | None = getattr(shaft.mechanics, end)
     if place is None:
-        return (HomingMove(direction * _FOR_EVER, to_stop=method < 0),)
-    end = place - shaft.zero
-    first = HomingMove(direction * _FOR_EVER if method < 0 else end, to_stop=method < 0)
+        return (direction * _FOR_EVER,)
+    found = place - shaft.zero
+    first = direction * _FOR_EVER if method < 0 else found
     if method not in _TO_INDEX:
-        return (first, HomingMove(end + offset, slow=True))
-    index = _find_next_index(end, back, shaft.zero, counts_per_turn)
-    return (first, HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
-
-
-def _find_end(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
-    """Return (place of the stop or switch, direction towards it, direction in which the index is sought)."""
-    mechanics = shaft.mechanics
-    ends = {
-        **dict.fromkeys((-1, -3), (mechanics.upper_stop, 1)),
-        **dict.fromkeys((-2, -4), (mechanics.lower_stop, -1)),
-        **dict.fromkeys((1, 17), (mechanics.negative_switch, -1)),
-        **dict.fromkeys((2, 18), (mechanics.positive_switch, 1)),
-    }
-    place, direction = ends[method]
-    return place, direction, -direction
+        return first, found + offset
+    home = _find_next_index(found, -direction, shaft.zero, counts_per_turn)
+    return first, home, home + offset
 
 
 def _find_next_index(counter: float, direction: int, zero: float, per_turn: float) -> float:

@@ -30,6 +30,7 @@ from tests.devices import epos2_places as od
 from tests.devices.cia402.eds_text import eds_text, entry
 from tests.devices.cia402.sections import other_make, section_of
 from tests.devices.rigs import HEARTBEAT, OneDrive, one_drive
+from tests.devices.wire_faults import abort_next
 
 GUARDS = (0x6007, 0x603F, 0x605A, 0x605B, 0x605C, 0x605E, 0x6065, 0x6066, 0x607D, 0x607F, 0x6084, 0x6086)
 OPTIONAL = (0x1003, 0x1A02, 0x1802, 0x6061, 0x6099, 0x609A, 0x60A8, 0x60A9, 0x60AA, 0x60C5, 0x60FD, 0x6502)
@@ -209,7 +210,7 @@ def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
 
 def test_a_refusal_names_object_value_and_reason(epos2: OneDrive) -> None:
     """What the drive refuses has the meaning of its SDO abort code."""
-    epos2.drive.abort_next(0x08000022)
+    abort_next(epos2.wire, epos2.drive, 0x08000022)
     with pytest.raises(
         DriveRefusedError,
         match=r"profile velocity \(0x6081:00\) = 1: .*the present device state .*0x08000022",
@@ -330,7 +331,7 @@ def test_stated_units_make_the_same_motion(
 def test_an_input_has_the_name_of_its_function(epos2: OneDrive, bit: int, name: str) -> None:
     """The general inputs count backwards: maxon's EposCmd gives A the number 15 and H the number 8."""
     channels = {"wired": InputChannel(source=name), "other": InputChannel(source="general-B")}
-    epos2.drive.press(1 << bit)
+    epos2.drive.set_input(name, 1.0)
     assert epos2.reopen(inputs=channels).read_inputs() == {"wired": True, "other": False}
 
 
@@ -432,6 +433,6 @@ def test_a_fault_whose_cause_persists_is_not_reset(ready4: OneDrive) -> None:
     ready4.drive.cut_power_stage()
     with pytest.raises(DriveFaultError, match="its cause is still there"):
         ready4.driver.reset_fault()
-    ready4.drive.mend()
+    ready4.drive.restore_power_stage()
     ready4.driver.reset_fault()
     ready4.driver.enable()

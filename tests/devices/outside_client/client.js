@@ -54,7 +54,6 @@ async function main() {
     });
     device.start();
     device.nmt.startNode(1);
-    answer.name = await read(0x1008, 0, DataType.VISIBLE_STRING);
     answer.vendor = await read(0x1018, 1, DataType.UNSIGNED32);
     for (const [word, bits] of [[0x06, 0x21], [0x07, 0x23], [0x0f, 0x27]]) {
         await command(word);

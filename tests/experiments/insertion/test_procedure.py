@@ -480,7 +480,7 @@ def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
 
         def jam(done: float, doing: str) -> None:
             if doing == "inserted 12 mm":
-                insertion_drive.block()
+                insertion_drive.shaft.jam()
 
         outcome, run = conduct_telling(opened, protocol, jam)
         assert opened.opened.rig.state.needle_in_tissue is True

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from labrig.protocol.yaml_tree import load_yaml_values
+from labrig.protocol.yaml_text import load_yaml_values
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "labrig").rglob("*.py"))

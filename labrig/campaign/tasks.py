@@ -26,9 +26,8 @@ from labrig.experiments.registry import find_experiment
 from labrig.library.names import find_rig_file
 from labrig.library.sources import fit_rig, load_rig_for, split_overrides
 from labrig.protocol.load import load_protocol
-from labrig.protocol.overrides import SET
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_file import validate_values
+from labrig.protocol.yaml_file import SET, validate_values
 from labrig.record.layout import hash_file
 from labrig.runner.dry_run import simulate
 

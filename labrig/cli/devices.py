@@ -152,32 +152,19 @@ def jog(
     distance: Annotated[
         float | None, Option(help="Signed, in mm or rad. Default: 10 mm or a quarter turn.")
     ] = None,
-    check: Annotated[
-        Literal["travel", "limits"] | None,
-        Option(
-            help="travel: go there and back, and compare direction, lead and play with your readings of graph paper. "
-            "limits: go to both limits of a referenced axis."
-        ),
-    ] = None,
     speed: Annotated[
         float | None, Option(help="At most 5 mm/s or 1 rad/s. Default: 1 mm/s or 0.2 rad/s.")
     ] = None,
     rig: RigOption = None,
     current_ma: CurrentOption = _GENTLE_MA,
 ) -> int:
-    """Exit with 1 when a check found the rig file wrong; the file is never changed."""
+    """Compare it with a ruler: a wrong direction is `reversed`, a wrong distance `lead_mm` or `gear_ratio`."""
     from labrig.runner import commissioning
 
     with _open_axes(rig, (axis,), current_ma, "labrig devices jog") as opened:
         far = commissioning.USUAL_DISTANCE[opened.axis(axis).unit] if distance is None else distance
-        match check:
-            case "limits":
-                findings = commissioning.check_limits(opened, axis, speed)
-            case "travel":
-                findings = commissioning.check_travel(opened, axis, far, speed)
-            case _:
-                findings = [commissioning.jog(opened, axis, far, speed)]
-    return _print_findings(findings)
+        finding = commissioning.jog(opened, axis, far, speed)
+    return _print_findings([finding])
 
 
 def withdraw(

@@ -18,7 +18,6 @@ from labrig.devices.operator import (
     Paused,
     PickPixel,
     ReadLength,
-    ReadScale,
 )
 from labrig.errors import InterruptedRunError, SafetyStopError
 from labrig.posix import discard_typed, is_in_background, read_typed, wait_for_input
@@ -179,7 +178,7 @@ def _say_what_is_wanted(request: OperatorRequest) -> str:
     match request:
         case Paused():
             return "c to continue"
-        case ReadScale() | ReadLength():
+        case ReadLength():
             return "a number such as 12.5"
         case PickPixel():
             return "two numbers such as 640 290.5"
@@ -191,7 +190,7 @@ def _read_answer(request: OperatorRequest, typed: str) -> Answer | None:
     if typed in {"n", "no"}:
         return Answer(confirmed=False, note=typed)
     match request:
-        case ReadScale() | ReadLength():
+        case ReadLength():
             numbers = _read_finite(typed.replace(",", "."))
             return Answer(confirmed=True, note=typed, reading=numbers[0]) if len(numbers) == 1 else None
         case PickPixel():

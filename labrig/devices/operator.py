@@ -219,27 +219,8 @@ class ConfirmMotion(OperatorRequest):
     what: str
 
 
-class ConfirmFree(OperatorRequest):
-    """The axis {axis} stands at its limit, {position:g} {unit}.
-
-    Confirm that it stands free of every stop, cable and frame.
-    """
-
-    axis: str
-    position: float
-    unit: str
-
-
 class ReadLength(OperatorRequest):
     """Type how many millimetres the two marks are apart."""
-
-
-class ReadScale(OperatorRequest):
-    """{instruction} Type the reading of the axis {axis} in {unit}."""
-
-    axis: str
-    unit: str
-    instruction: str
 
 
 class ConfirmFaultReset(OperatorRequest):

@@ -26,7 +26,7 @@ from labrig.devices.exclusive import find_owner
 from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
 from labrig.plugins import DRIVES
 from labrig.protocol.yaml_file import validate_values
-from labrig.protocol.yaml_tree import load_tree
+from labrig.protocol.yaml_text import load_tree
 
 _STOP_TIME_S = 3.0
 _NMT_STOP_ALL = bytes([0x02, 0x00])

@@ -131,16 +131,7 @@ def radius_tolerance(
 
     With r = 2 H / beta_rot a slope is -r / beta_rot times the slope of the plane. The worst cases are exact for
     the plane, because the radius decreases with both.
-
-    Raises
-    ------
-    InputError
-        If a tolerance is negative or implausibly large.
     """
-    require_within("clearance tolerance", clearance_tolerance_mm, (0.0, 0.05), "no laser cuts worse")
-    require_within(
-        "inclination tolerance", cut_tolerance_deg, (0.0, 10.0), "no laser is set worse", "degrees"
-    )
     slope = -radius_mm(beta_rot_deg, link_length_mm) / beta_rot_deg
     spread_deg = plane.b * clearance_tolerance_mm + plane.a * cut_tolerance_deg
     least_deg = beta_rot_deg - spread_deg
@@ -150,18 +141,3 @@ def radius_tolerance(
         low_mm=radius_mm(beta_rot_deg + spread_deg, link_length_mm),
         high_mm=radius_mm(least_deg, link_length_mm) if least_deg > 0 else None,
     )
-
-
-def count_links(tip_length_mm: float, link_length_mm: float) -> int:
-    """Return how many whole links fit into a tip of this length.
-
-    Raises
-    ------
-    InputError
-        If not even one pair of links fits, because equation (1) needs two.
-    """
-    require_within(
-        "tip length", tip_length_mm, (2 * link_length_mm, 1000.0), "a tip bends between two links at least"
-    )
-    # A length that is exactly a whole number of links must not lose a link to rounding.
-    return math.floor(tip_length_mm / link_length_mm + 1e-9)

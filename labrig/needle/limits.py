@@ -1,6 +1,4 @@
-"""Limits on the parameters of a needle, with a hint if the unit was probably mistaken."""
-
-import math
+"""Limits on the parameters of a needle."""
 
 from labrig.errors import InputError
 
@@ -22,21 +20,13 @@ def require_within(name: str, value: float, limits: tuple[float, float], why: st
     Raises
     ------
     InputError
-        With the value, its limit, the reason, and the unit that was probably meant.
+        With the value, its limit and the reason.
     """
     lowest, highest = limits
     if lowest <= value <= highest:
         return
     limit = f"at most {highest:.4g} {unit}" if value > highest else f"at least {lowest:.4g} {unit}"
     raise InputError(
-        f"{name} is {value:g} {unit}, and has to be {limit}: {why}", _unit_hint(value, lowest, highest, unit)
+        f"{name} is {value:g} {unit}, and has to be {limit}: {why}",
+        f"give a value from {lowest:.4g} to {highest:.4g} {unit}",
     )
-
-
-def _unit_hint(value: float, lowest: float, highest: float, unit: str) -> str:
-    if unit == "mm" and math.isfinite(value):
-        if lowest <= value / 1000 <= highest:
-            return f"lengths are in mm: {value:g} µm is {value / 1000:g} mm"
-        if lowest <= value * 1000 <= highest:
-            return f"lengths are in mm: {value:g} m is {value * 1000:g} mm"
-    return f"give a value from {lowest:.4g} to {highest:.4g} {unit}"

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Literal
 
-from labrig.protocol.formatting import find_closest
 from labrig.protocol.model import Conflict, Model, Name
+from labrig.protocol.tree import find_closest
 
 
 class Condition(Model):

@@ -74,11 +74,6 @@ class NeedleDesign(Model):
     provenance: dict[str, Any]
     """Code version, packages, host and command line."""
 
-    @property
-    def diameter_mm(self) -> float:
-        """Outer diameter of the needle."""
-        return self.tube.outer_diameter_mm
-
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a radius outside its own tolerance."""
         low_mm, high_mm = self.radius_low_mm, self.radius_high_mm

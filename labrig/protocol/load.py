@@ -4,24 +4,20 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field
 
 from labrig.protocol.explain import choice_fault
-from labrig.protocol.model import Model
-from labrig.protocol.named_files import TellDesign, fill_in_design, fill_in_specimens, tell_protocol
-from labrig.protocol.overrides import apply_overrides
+from labrig.protocol.named_files import fill_in_files
 from labrig.protocol.schema import JsonSchema, model_schema
-from labrig.protocol.sections import ExperimentProtocol, Needle
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.tree import Position, Tree, file_format_error
-from labrig.protocol.yaml_file import validate_tree
-from labrig.protocol.yaml_tree import load_tree, require_kind
+from labrig.protocol.yaml_file import apply_overrides, require_kind, validate_tree
+from labrig.protocol.yaml_text import load_tree
 
 Models: TypeAlias = Mapping[str, type[ExperimentProtocol]]
 """The model of each experiment's protocol, by the name that a protocol file gives as `experiment:`."""
-
-AnyModel = TypeVar("AnyModel", bound=Model)
 
 _OTHER_KINDS = {
     "axes": (
@@ -56,10 +52,7 @@ def load_protocol(
     tree = apply_overrides(load_tree(Path(path)), overrides)
     if seed is not None:
         tree = tree.put(("seed",), seed, Position("--seed"))
-    model = _find_model(tree, models)
-    if _takes_design(model):
-        tree = fill_in_design(tree, Path(path).parent, tell_protocol)
-    return validate_tree(fill_in_specimens(tree, model, Path(path).parent), model)
+    return validate_tree(fill_in_files(tree, Path(path).parent), _find_model(tree, models))
 
 
 def load_recorded_protocol(
@@ -92,21 +85,6 @@ def _find_model(tree: Tree, models: Models) -> type[ExperimentProtocol]:
     if model is None:
         raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
     return model
-
-
-def _takes_design(model: type[ExperimentProtocol]) -> bool:
-    return "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
-
-
-def load_designed_model(path: Path | str, model: type[AnyModel], tell: TellDesign) -> AnyModel:
-    """Return the model in a file whose needle may name a design file; `tell` says what it takes of that.
-
-    Raises
-    ------
-    FileFormatError
-        With every problem of the file.
-    """
-    return validate_tree(fill_in_design(load_tree(Path(path)), Path(path).parent, tell), model)
 
 
 def protocol_schema(models: Models) -> JsonSchema:

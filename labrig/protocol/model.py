@@ -69,7 +69,9 @@ class Model(BaseModel):
     A subclass that has rules across fields overrides `conflicts`; all conflicts are reported, each at its key.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield what is wrong between fields; called only if each field is valid alone."""

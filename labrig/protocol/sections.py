@@ -7,7 +7,6 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import ConfigDict, Field
 
 from labrig.protocol.conditions import Condition, explain_unknown_value
-from labrig.protocol.design_file import Basis
 from labrig.protocol.model import (
     Conflict,
     Direction,
@@ -147,16 +146,8 @@ class NeedleDesignSection(Model):
     """Smallest radius within the laser's tolerances [mm]."""
     radius_high_mm: PositiveMm
     """Largest radius within the laser's tolerances [mm]."""
-    inner_diameter_mm: float = Field(gt=0, le=10)
-    """Inner diameter of the tube [mm]."""
     link_length_mm: float = Field(gt=0, le=100)
     """Length of a link, from hinge to hinge [mm]."""
-    clearance_mm: float = Field(gt=0, le=1)
-    """Width that the laser cuts [mm]."""
-    beta_cut_deg: float = Field(ge=0, le=90)
-    """Inclination of the cut [degrees]."""
-    basis: Basis
-    """Model by which the inclination was computed."""
 
 
 def _allow_file(

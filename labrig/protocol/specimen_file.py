@@ -19,7 +19,7 @@ from labrig.lab import SPECIMENS, find_in_lab
 from labrig.protocol.model import Conflict, Line, Model, Name, Notes, PositiveMm
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model
-from labrig.protocol.yaml_tree import MAX_BYTES
+from labrig.protocol.yaml_text import MAX_BYTES
 
 SUFFIX = ".yaml"
 MOST_TRACKS = 200

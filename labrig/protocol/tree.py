@@ -1,12 +1,21 @@
-"""The values of a file with their positions, and the faults found while reading it."""
+"""The values of a file with their positions, the faults found while reading it, and how messages write both."""
 
+import difflib
+import json
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from labrig.errors import FileFormatError, InputError, Problem
-from labrig.protocol.formatting import KeyPath, Plain, children, show, show_key
+
+Scalar: TypeAlias = str | int | float | bool | None
+KeyPath: TypeAlias = tuple[str | int, ...]
+Plain: TypeAlias = Scalar | list["Plain"] | dict[str, "Plain"]
 
 MAX_FAULTS = 50  # nobody reads more
+_MAX_SHOWN = 60
+_MAX_CHOICES = 20
 
 
 @dataclass(frozen=True)
@@ -37,14 +46,6 @@ class InputFault:
 
 
 @dataclass(frozen=True)
-class EntryPosition:
-    """The positions of an entry: of its key (in lists and at the top, of its value again) and of its value."""
-
-    key: Position
-    value: Position
-
-
-@dataclass(frozen=True)
 class Tree:
     """What was read from one source.
 
@@ -52,17 +53,18 @@ class Tree:
     ----------
     values : dict, list or scalar
         The values, as JSON would hold them.
-    positions : mapping of key path to EntryPosition
-        Their positions, indices as text. An entry without one has the position of the section around it.
+    positions : mapping of key path to Position
+        Where each entry begins, with its key if it has one; indices as text. An entry without one has the position of
+        the section around it.
     faults : tuple of InputFault
         Faults that did not stop the reading.
     """
 
     values: Plain
-    positions: Mapping[tuple[str, ...], EntryPosition]
+    positions: Mapping[tuple[str, ...], Position]
     faults: tuple[InputFault, ...] = ()
 
-    def at(self, path: KeyPath) -> EntryPosition:
+    def at(self, path: KeyPath) -> Position:
         """Return the position of the entry at `path`, or of the innermost section on the way to it."""
         keys = tuple(map(str, path))
         while keys not in self.positions:
@@ -73,7 +75,7 @@ class Tree:
         """Return the value at `path`, or None."""
         found = self.values
         for part in path:
-            found = children(found).get(part)
+            found = _list_entries(found).get(part)
         return found
 
     def section(self, path: KeyPath) -> dict[str, Plain]:
@@ -83,7 +85,7 @@ class Tree:
 
     def holds(self, path: KeyPath) -> bool:
         """Return whether there is an entry at `path`."""
-        return not path or path[-1] in children(self.value(path[:-1]))
+        return not path or path[-1] in _list_entries(self.value(path[:-1]))
 
     def put(self, path: KeyPath, value: Plain, position: Position) -> "Tree":
         """Return the tree with `value` at `path`; everything in it has the position `position`.
@@ -95,9 +97,16 @@ class Tree:
         """
         keys = tuple(map(str, path))
         values = _put(self.values, keys, value)
-        made = {keys[:end]: EntryPosition(position, position) for end in range(1, len(keys) + 1)}
+        made = {keys[:end]: position for end in range(1, len(keys) + 1)}
         kept = {key: entry for key, entry in self.positions.items() if key[: len(keys)] != keys}
         return Tree(values, made | kept, self.faults)
+
+
+def _list_entries(value: Plain) -> Mapping[str | int, Plain]:
+    """Return the entries of a section or list by key or index; a scalar has none."""
+    if isinstance(value, list):
+        return dict(enumerate(value))
+    return dict(value.items()) if isinstance(value, dict) else {}
 
 
 def _put(holder: Plain, keys: tuple[str, ...], value: Plain) -> Plain:
@@ -137,3 +146,32 @@ def file_format_error(faults: Iterable[InputFault]) -> FileFormatError:
         )
         problems = (*problems[:MAX_FAULTS], rest)
     return FileFormatError(problems)
+
+
+def show(value: Plain) -> str:
+    """Return a value as JSON, shortened, with control characters escaped."""
+    text = json.dumps(value, ensure_ascii=not str(value).isprintable())
+    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}… ({len(text)} characters)"
+
+
+def show_key(key: str | int) -> str:
+    """Return a part of a key path, quoted unless it is a plain word."""
+    text = str(key)
+    return text if re.fullmatch(r"[\w.<>-]{1,60}", text) else show(text)
+
+
+def find_closest(word: str, choices: Iterable[str]) -> str | None:
+    """Return the choice that `word` probably means, or None."""
+    by_folded = {choice.casefold().replace("-", "_"): choice for choice in choices}
+    folded = word.strip().casefold().replace("-", "_").replace(" ", "_")
+    found = difflib.get_close_matches(folded, by_folded, n=1, cutoff=0.6)
+    return by_folded[found[0]] if found else None
+
+
+def choice_hint(word: str, choices: Iterable[str]) -> str:
+    """Return `did you mean x?` for a word close to a choice, else the choices."""
+    names = tuple(choices)
+    meant = find_closest(word, names)
+    if meant:
+        return f"did you mean {show_key(meant)}?"
+    return "known here: " + ", ".join(map(show_key, names[:_MAX_CHOICES]))

@@ -1,12 +1,12 @@
-"""YAML 1.2 text -> tree of values with positions.
+"""YAML 1.2, a text or a file -> tree of values with positions.
 
-ruamel.yaml composes the nodes. They are read here and not by its constructor, because a protocol needs only the core
-schema of YAML 1.2 (no tags or dates, so `no` is a word and `12:30` a text), but also a position for every key and
-value, all faults instead of the first, and bounds on depth and on what aliases expand to.
+ruamel.yaml composes the nodes and reads the scalars. The nodes are joined here and not by its constructor, because a
+file that people write has no tags and no dates, and needs a position for every key, all faults instead of the first,
+and bounds on depth and on what aliases expand to.
 """
 
-import re
-from collections.abc import Callable
+from codecs import BOM_UTF8
+from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
@@ -14,23 +14,27 @@ from ruamel.yaml.error import MarkedYAMLError, StreamMark
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from labrig.protocol.formatting import Plain, Scalar, show
-from labrig.protocol.tree import EntryPosition, InputFault, Position, Tree, file_format_error
+from labrig.input_file import open_file
+from labrig.protocol.tree import (
+    InputFault,
+    Plain,
+    Position,
+    Scalar,
+    Tree,
+    choice_hint,
+    file_format_error,
+    show,
+)
 
+MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads about 150 kB a second
 MAX_DEPTH = 20
 MAX_VALUES = 20_000
 
-# The meaning of an unquoted text: the core schema (YAML 1.2, section 10.3.2).
-_CORE_SCHEMA: tuple[tuple[str, Callable[[str], Scalar]], ...] = (
-    (r"|~|null|Null|NULL", lambda _: None),
-    (r"true|True|TRUE|false|False|FALSE", lambda text: text.lower() == "true"),
-    (r"[-+]?[0-9]{1,18}", int),  # longer ones become floats
-    (r"0o[0-7]{1,18}|0x[0-9a-fA-F]{1,15}", lambda text: int(text, 0)),
-    (r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?", float),
-    (r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", lambda text: float(text.replace(".", "", 1))),
-)
-# Tags that the parser gives to values without one.
-_OWN_TAGS = {"str", "int", "float", "bool", "null", "seq", "map", "timestamp", "merge", "value"}
+_SUFFIXES = frozenset({".yaml", ".yml", ".json"})
+_TAG = "tag:yaml.org,2002:"
+_READ_SCALARS = {_TAG + kind for kind in ("int", "float", "bool", "null")}
+# Tags that the parser gives to values without one; of scalars, those that are not read are texts.
+_OWN_TAGS = _READ_SCALARS | {_TAG + kind for kind in ("str", "seq", "map", "timestamp", "merge", "value")}
 
 
 class _RefusedError(Exception):
@@ -41,9 +45,76 @@ class _RefusedError(Exception):
         self.mark = mark
 
 
+def _make_yaml() -> Any:
+    """Return ruamel's reader; its attributes are typed by their defaults, None."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.max_depth = MAX_DEPTH + 1  # the top counts no level
+    return yaml
+
+
 def resolve_scalar(text: str) -> Scalar:
-    """Return the value of an unquoted text in the core schema."""
-    return next((read(text) for pattern, read in _CORE_SCHEMA if re.fullmatch(pattern, text)), text)
+    """Return the value of an unquoted text."""
+    yaml = _make_yaml()
+    return _read_scalar(yaml, ScalarNode(yaml.resolver.resolve(ScalarNode, text, (True, False)), text))
+
+
+def _read_scalar(yaml: Any, node: Node) -> Scalar:
+    """Return the value of a scalar; a date is a text."""
+    is_read = str(node.tag) in _READ_SCALARS  # which no quoted one is
+    value: Scalar = yaml.constructor.construct_object(node) if is_read else str(node.value)
+    return value
+
+
+def load_yaml_values(path: Path | str) -> dict[str, Plain]:
+    """Return the values of a YAML file of any kind, as in JSON.
+
+    Raises
+    ------
+    FileFormatError
+        When it is not YAML, or holds no mapping.
+    """
+    tree = load_tree(Path(path))
+    if tree.faults:
+        raise file_format_error(tree.faults)
+    return tree.section(())
+
+
+def load_tree(path: Path) -> Tree:
+    """Return the mapping in a file, with positions. Raises `FileFormatError`."""
+    content = _read_bytes(path).removeprefix(BOM_UTF8)
+    try:
+        return read_tree(content.decode("utf-8"), str(path))
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8")
+        position = Position(str(path), before.count("\n") + 1, len(before) - before.rfind("\n"))
+        message = f"the byte 0x{content[error.start]:02x} is not UTF-8, expected text in UTF-8"
+        fault = InputFault(position, (), message, "save the file as UTF-8 in your editor")
+        raise file_format_error([fault]) from error
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        with open_file(path) as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        is_missing = isinstance(error, FileNotFoundError)
+        message = "there is no such file" if is_missing else f"cannot be read: {error.strerror}"
+        fault = InputFault(Position(str(path)), (), message, _hint_at_files(path))
+        raise file_format_error([fault]) from error
+    if len(content) > MAX_BYTES:
+        message = f"larger than {MAX_BYTES // 1024} kB, expected a file written by hand"
+        raise file_format_error([InputFault(Position(str(path)), (), message, "is this the right file?")])
+    return content
+
+
+def _hint_at_files(path: Path) -> str:
+    """Return a hint: the file that `path` probably means, or the YAML files beside it, or in it if it is a folder."""
+    try:
+        folder = path if path.is_dir() else path.parent
+        names = sorted(file.name for file in folder.iterdir() if file.suffix in _SUFFIXES)
+    except (OSError, ValueError):
+        return f"there is no folder {path.parent} that can be read"
+    return choice_hint(path.name, names) if names else f"{folder} holds no YAML file"
 
 
 def read_tree(text: str, source: str) -> Tree:
@@ -59,7 +130,7 @@ def read_tree(text: str, source: str) -> Tree:
         return tree
     found = "is empty" if tree.values is None else f"holds {show(tree.values)}"
     message = f"the file {found}, expected keys and values"
-    fault = InputFault(tree.at(()).value, (), message, "a line is `key: value`, with a space")
+    fault = InputFault(tree.at(()), (), message, "a line is `key: value`, with a space")
     raise file_format_error([*tree.faults, fault])
 
 
@@ -71,9 +142,8 @@ def compose(text: str, source: str) -> Tree:
     FileFormatError
         As `read_tree`, except that any value may be at the top.
     """
-    yaml: Any = YAML(typ="safe", pure=True)  # its attributes are typed by their defaults, None
-    yaml.max_depth = MAX_DEPTH + 1  # the top counts no level
-    reader = _NodeReader(source)
+    yaml = _make_yaml()
+    reader = _NodeReader(source, yaml)
     try:
         root = yaml.compose(text)
         values = None if root is None else reader.read(root, (), root)
@@ -86,48 +156,38 @@ def compose(text: str, source: str) -> Tree:
         raise reader.refuse(error.mark, str(error)) from error
     except (ReaderError, ValueError, OverflowError) as error:  # control characters, escapes beyond Unicode
         raise reader.refuse(None, f"this is not YAML: {' '.join(str(error).split())}") from error
-    if root is None:
-        return Tree(None, {(): EntryPosition(Position(source), Position(source))})
-    return Tree(values, reader.positions, tuple(reader.faults))
+    return Tree(values, {(): Position(source), **reader.positions}, tuple(reader.faults))
 
 
 class _NodeReader:
     """Reads the values of nodes; collects their positions and faults."""
 
-    def __init__(self, source: str) -> None:
-        self._source, self._count = source, 0
-        self.positions: dict[tuple[str, ...], EntryPosition] = {}
+    def __init__(self, source: str, yaml: Any) -> None:
+        self._source, self._yaml, self._count = source, yaml, 0
+        self.positions: dict[tuple[str, ...], Position] = {}
         self.faults: list[InputFault] = []
 
     def refuse(self, mark: StreamMark | None, message: str) -> Exception:
         """Return the error of a text that cannot be read on."""
         return file_format_error([InputFault(self._locate(mark), (), message)])
 
-    def read(self, node: Node, path: tuple[str, ...], key: Node) -> Plain:
-        """Return the value of `node`, whose path is `path` and whose key is `key`."""
+    def read(self, node: Node, path: tuple[str, ...], begin: Node) -> Plain:
+        """Return the value of `node`, whose path is `path`, and whose entry begins with the node `begin`."""
         self._count += 1  # with aliases expanded, so that a short file cannot fill the memory
         if self._count > MAX_VALUES:
             raise _RefusedError(node.start_mark, f"holds more than {MAX_VALUES} values")
         if len(path) > MAX_DEPTH:
             raise _RefusedError(node.start_mark, f"nested deeper than {MAX_DEPTH} levels")
-        tag = str(node.tag).removeprefix("tag:yaml.org,2002:")
-        if tag not in _OWN_TAGS:
-            self._add_fault(
-                node, path, f"the tag {tag} is not allowed, values have no tags", "delete the tag"
-            )
-        value = self._read_value(node, path)
-        # The parser puts an empty value where the next key is.
-        position = self._locate((key if value is None else node).start_mark)
-        self.positions.setdefault(path, EntryPosition(self._locate(key.start_mark), position))
-        return value
-
-    def _read_value(self, node: Node, path: tuple[str, ...]) -> Plain:
+        if str(node.tag) not in _OWN_TAGS:
+            tag = str(node.tag).removeprefix(_TAG)
+            message = f"the tag {tag} is not allowed, values have no tags"
+            self._add_fault(node, path, message, "delete the tag")
+        self.positions.setdefault(path, self._locate(begin.start_mark))
         if isinstance(node, MappingNode):
             return self._read_section(node, path)
         if isinstance(node, SequenceNode):
             return [self.read(entry, (*path, str(index)), entry) for index, entry in enumerate(node.value)]
-        plain = isinstance(node, ScalarNode) and node.style is None
-        return resolve_scalar(node.value) if plain else str(node.value)
+        return _read_scalar(self._yaml, node)
 
     def _read_section(self, node: MappingNode, path: tuple[str, ...]) -> dict[str, Plain]:
         section: dict[str, Plain] = {}
@@ -141,7 +201,7 @@ class _NodeReader:
             inner = (*path, name)
             value = self.read(child, inner, key)
             if name in section:
-                hint = f"first on line {self.positions[inner].key.line}; keep one of the two"
+                hint = f"first on line {self.positions[inner].line}; keep one of the two"
                 self._add_fault(key, inner, f"the key is given twice, here with {show(value)}", hint)
             section.setdefault(name, value)
         return section

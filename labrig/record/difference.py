@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from labrig.protocol.yaml_tree import load_yaml_values
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.json_lines import Value, flatten
 from labrig.record.reader import Run
 

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
-from labrig.protocol.yaml_tree import load_yaml_values
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record import layout
 from labrig.record.check import find_damage
 from labrig.record.events import (

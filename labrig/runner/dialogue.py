@@ -2,27 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from labrig.devices.operator import Choice, Offer, OperatorRequest
 from labrig.errors import AnswerIsNoError, Problem, TrialsFailedError
 from labrig.protocol.conditions import Condition
 from labrig.record.events import DECISIONS, ConditionMet, Decisions, Event, Move, TrialStart, TrialStop, Undo
 from labrig.runner.pausing import PauseRequests
-from labrig.runner.trials import NO_PAST, BegunTrial, Past
+from labrig.runner.trials import NO_PAST, BegunTrial, Past, Trial
 from labrig.text import format_count
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """A trial that is about to be made; `can_repeat` says whether there is room to make another trial again.
-
-    `starts_itself` says whether the procedure records its start.
-    """
-
-    trial: int
-    repeats: int | None
-    can_repeat: Callable[[int], bool]
-    starts_itself: bool
 
 
 @dataclass
@@ -41,8 +29,12 @@ class Dialogue:
         The trial in progress.
     finished : int or None
         The last trial that has ended in this session.
-    attempt : Attempt or None
+    attempt : Trial or None
         The trial that is about to be made, or is being made.
+    starts_itself : bool
+        Whether its procedure records its start.
+    can_repeat : callable
+        Tells whether there is room to make a trial of this number again.
     place : str
         Where the run is, such as `hole 3 of 18, gel 2 of 4`; empty if nobody has said it.
     specimen : bool or None
@@ -68,7 +60,9 @@ class Dialogue:
     conditions: tuple[Condition, ...] = ()
     trial: int | None = None
     finished: int | None = None
-    attempt: Attempt | None = None
+    attempt: Trial[Any] | None = None
+    starts_itself: bool = False
+    can_repeat: Callable[[int], bool] = lambda _trial: False
     place: str = ""
     next_point: str = ""
     specimen: bool | None = None
@@ -124,7 +118,7 @@ class Dialogue:
         self._met.clear()
         return met
 
-    def begin_attempt(self, attempt: Attempt) -> None:
+    def begin_attempt(self, attempt: Trial[Any]) -> None:
         """Take note that a trial is about to be made."""
         self.attempt, self._started = attempt, False
 
@@ -188,10 +182,10 @@ class Dialogue:
             yield Choice.UNDO
 
     def _can_repeat(self) -> bool:
-        trial, attempt = self.finished, self.attempt
-        if attempt is None or trial is None or self.trial is not None or trial in self.decisions.repeated:
+        trial = self.finished
+        if self.attempt is None or trial is None or self.trial is not None:
             return False
-        return attempt.can_repeat(trial)
+        return trial not in self.decisions.repeated and self.can_repeat(trial)
 
     def make_offer(self, *, paused: bool) -> Offer:
         """Return what may be chosen, with the line that says where the run is."""

@@ -35,9 +35,6 @@ from labrig.runner.session import Progress, Session
 _TARGET_INCREMENTS = 10
 """By so many increments of the encoder may the target of a move differ: what servos at rest dither."""
 
-_DRAWN_SHARE = 0.01
-"""Share of the pixels of a drawing that may differ: the edge of a line falls on either side of a pixel."""
-
 _ANSWERS = frozenset({"t_s", "seq"})
 _OF_A_FRAME = ("trial", "role")
 
@@ -196,24 +193,20 @@ class ReplayedRecord:
     def __init__(self, run: Run, tape: Tape, rig: RigDescription | None, found: Replay) -> None:
         self.run_name = run.path.name
         self.path: Path = run.path
-        self._run = run
         self._tape = tape
         self._axes = {} if rig is None else dict(rig.axes.items())
         self._found = found
 
-    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:  # noqa: ARG002 - times are answers
-        """Compare what a picture is for, and a drawing itself, and return its number."""
+    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:  # noqa: ARG002 - answers
+        """Compare what a picture or a drawing is for, and return its number."""
         what = "drawing" if fields.get("drawn") else "frame"
         line = self._tape.expect(what, f"{what} {fields.get('role')}")
-        number = int(line["frame"])
         now = as_recorded(fields)
         self._compare(
             what, {key: line.get(key) for key in _OF_A_FRAME}, {key: now.get(key) for key in _OF_A_FRAME}
         )
-        if what == "drawing":
-            self._compare_drawing(number, image)
         self._take("pictures")
-        return number
+        return int(line["frame"])
 
     def state(self, t_s: float, **fields: object) -> None:  # noqa: ARG002 - readings are answers
         """Go on behind the reading that the procedure was given."""
@@ -268,15 +261,6 @@ class ReplayedRecord:
         size = abs(float(str(after)) - float(str(before)))
         tolerance = _TARGET_INCREMENTS / axis.scale().counts_per_unit
         self.note(Deviation(f"move.{recorded['axis']}_{axis.unit}", before, after, size, tolerance))
-
-    def _compare_drawing(self, number: int, image: NDArray[np.uint8]) -> None:
-        recorded = self._run.read_frame(number)
-        if recorded.shape != image.shape:
-            self.note(Deviation("drawing", f"{recorded.shape} pixels", f"{image.shape} pixels"))
-            return
-        share = float(np.mean(recorded != image))
-        if share > 0.0:
-            self.note(Deviation("drawing.pixels", 0.0, share, share, _DRAWN_SHARE))
 
     def _take(self, what: str) -> None:
         self._tape.take()

@@ -48,9 +48,9 @@ from labrig.record.events import (
 )
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
-from labrig.runner.dialogue import Attempt, Dialogue
+from labrig.runner.dialogue import Dialogue
 from labrig.runner.pausing import AFTER_ANSWER, AT_QUESTION, BEFORE_QUESTION, TRIAL_END
-from labrig.runner.sight import PictureSight, Sight, TakenPicture
+from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.trials import Again, Past, Trial, list_remaining, make_same_again, put_repeats_first
 from labrig.vision.picture import Picture
 
@@ -79,15 +79,12 @@ class _OtherTrialError(Exception):
 class TrialRun(Generic[_T]):
     """A trial that is being made in a `with` block: its `number`, `what` is made, and the trial that it `repeats`."""
 
-    def __init__(
-        self, session: "Session", trial: Trial[_T], can_repeat: Callable[[int], bool], starts_itself: bool
-    ) -> None:
+    def __init__(self, session: "Session", trial: Trial[_T]) -> None:
         self.number, self.what, self.repeats = trial.number, trial.what, trial.repeats
-        self._session = session
-        self._attempt = Attempt(trial.number, trial.repeats, can_repeat, starts_itself)
+        self._session, self._trial = session, trial
 
     def __enter__(self) -> Self:
-        self._session.dialogue.begin_attempt(self._attempt)
+        self._session.dialogue.begin_attempt(self._trial)
         return self
 
     def __exit__(
@@ -137,7 +134,7 @@ class Session:
     recorder: RecordSink
     progress: Progress
     dialogue: Dialogue = field(default_factory=Dialogue)
-    make_sight: Callable[..., Sight] = PictureSight
+    make_sight: Callable[..., Sight] = Sight
 
     def record(self, event: Event) -> None:
         """Append an event, stamped with the rig time. The end of a trial is a safe point."""
@@ -277,11 +274,6 @@ class Session:
         """What the record of an interrupted run holds; nothing of a run that begins."""
         return self.dialogue.past
 
-    def recall_holes(self) -> None:
-        """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
-        if self.past.holes:
-            self.rig.recall(self.past.holes)
-
     # Pauses, and what a person chooses
 
     def trials(
@@ -320,8 +312,9 @@ class Session:
             except InputError:
                 return False
 
+        dialogue.can_repeat, dialogue.starts_itself = can_repeat, starts_itself
         while left := remaining(dialogue.decisions):
-            yield TrialRun(self, left[0], can_repeat, starts_itself)
+            yield TrialRun(self, left[0])
 
     def reach_safe_point(self, point: str, *, in_tissue: bool = False) -> bool:
         """Pause here if that is asked for, by a person or a condition, until a person continues; return whether it was.
@@ -396,7 +389,7 @@ class Session:
                 self.record(Repeat(trial=dialogue.finished))
                 return True
             case Choice.SKIP if attempt is not None:
-                self.record(Skip(trial=attempt.trial, repeats=attempt.repeats))
+                self.record(Skip(trial=attempt.number, repeats=attempt.repeats))
                 return True
         return False
 
@@ -550,9 +543,9 @@ class Session:
 
     def _begin_trial(self) -> None:
         """Record the start of a trial whose block leaves that to the session."""
-        attempt = self.dialogue.attempt
-        if attempt is not None and not attempt.starts_itself and not self.dialogue.has_started:
-            self.record(TrialStart(trial=attempt.trial, repeats=attempt.repeats))
+        dialogue, attempt = self.dialogue, self.dialogue.attempt
+        if attempt is not None and not dialogue.starts_itself and not dialogue.has_started:
+            self.record(TrialStart(trial=attempt.number, repeats=attempt.repeats))
 
     def wait_until(self, axis_name: str, passing: float | None = None) -> Mapping[str, DriveReading]:
         """Record states until an axis has arrived, or is beyond a position on its way up; return the last ones.

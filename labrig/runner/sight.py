@@ -1,13 +1,12 @@
 """What a procedure sees: tip, sheath, end, shaft, grid and markers in a picture that it has taken.
 
-`PictureSight` reads them from the pixels by the rig's calibration, with the functions that the analysis uses. On a rig
-without a camera the world is asked instead (`labrig.runner.virtual_sight`).
+`Sight` reads them from the pixels by the rig's calibration, with the functions that the analysis uses. On a rig without
+a camera the world is asked instead (`labrig.runner.virtual_sight`).
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,54 +61,20 @@ class SeenRadius:
     reason: str = ""
 
 
-class Sight(Protocol):
-    """What can be seen in a picture; places are (y, z) in the steering plane [mm].
+class Sight:
+    """What can be seen in a picture, by the calibration files of a rig; places are (y, z) in the steering plane [mm].
 
-    Each raises `MeasurementRefusedError` where the picture does not show it, unless it says so in its result.
-    """
-
-    @property
-    def plane(self) -> PlaneMap:
-        """The map from pixels to the steering plane."""
-
-    def find_tip(
-        self, taken: TakenPicture, expected: FloatArray, tip: TipState, roll_rad: float
-    ) -> TipSearched:
-        """Find the needle's tip near a predicted pose (4, 4); `roll_rad` is that of the bevel. See `find_tip`."""
-
-    def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
-        """Return the pose of a sheath that nothing has left yet, compared with its command."""
-
-    def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:
-        """Return the end of a needle that bends to one side, by the circle through its shaft."""
-
-    def measure_end(
-        self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
-    ) -> ShaftTip:
-        """Return the shaft of a needle and where it ends."""
-
-    def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
-        """Return the radius of curvature of a needle."""
-
-    def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:
-        """Measure ruled paper. Raises `CalibrationRefusedError`."""
-
-    def find_markers(
-        self, taken: TakenPicture, dictionary: str, marker_ids: Iterable[int]
-    ) -> Sequence[MarkerFix]:
-        """Find printed markers by their ids."""
-
-
-class PictureSight:
-    """Reads pictures by the calibration files of a rig.
-
-    `finds_tip` says whether the tip is searched for, which takes a template.
+    `finds_tip` says whether the tip is searched for, which takes a template. What a picture does not show raises
+    `MeasurementRefusedError`, unless the result says so.
 
     Raises
     ------
     InputError
         When the rig names no map of the plane or no template, or a file cannot be read.
     """
+
+    plane: PlaneMap
+    """The map from pixels to the steering plane."""
 
     def __init__(self, rig: RigDescription, *, finds_tip: bool = False) -> None:
         self.plane = load_plane_map(rig)
@@ -119,20 +84,26 @@ class PictureSight:
     def find_tip(
         self, taken: TakenPicture, expected: FloatArray, tip: TipState, roll_rad: float
     ) -> TipSearched:
-        """Find the tip by its template. Raises `CameraError` for a dark picture."""
+        """Find the needle's tip near a predicted pose (4, 4); `roll_rad` is that of the bevel. See `find_tip`.
+
+        Raises `CameraError` for a dark picture.
+        """
         assert self._template is not None, "the sight was opened without a template of the tip"
         require_light(taken.image)
         view = TipView(self.plane, self._template, self._mask)
         return find_tip(view, taken.image, expected, tip, roll_rad)
 
     def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
-        """Find the sheath. Raises `CameraError` for a dark picture."""
+        """Return the pose of a sheath that nothing has left yet, compared with its command.
+
+        Raises `CameraError` for a dark picture.
+        """
         require_light(taken.image)
         linear_mm = taken.positions.linear_mm
         return find_sheath(taken.image, self.plane, sheath, linear_mm, trial=trial, frame=taken.frame)
 
     def find_bend(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> Point:
-        """Find the end of a bent needle."""
+        """Return the end of a needle that bends to one side, by the circle through its shaft."""
         settings = CurvatureSettings(needle_diameter_mm=diameter_mm, sheath_diameter_mm=sheath_diameter_mm)
         measured = measure_curvature(taken.image, self.plane, settings, mask=self._mask)
         if measured.tip_mm is None:
@@ -145,7 +116,7 @@ class PictureSight:
     def measure_end(
         self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
     ) -> ShaftTip:
-        """Measure the shaft."""
+        """Return the shaft of a needle and where it ends."""
         return measure_shaft_tip(
             taken.image,
             self.plane,
@@ -156,20 +127,20 @@ class PictureSight:
         )
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
-        """Measure the curvature as the analysis does."""
+        """Return the radius of curvature of a needle, as the analysis measures it."""
         found = measure_curvature(taken.image, self.plane, settings, mask=self._mask)
         if not found.accepted:
             return SeenRadius(None, None, found.reason or "")
         return SeenRadius(found.radius_mm, found.sigma_radius_mm)
 
     def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:
-        """Measure the paper."""
+        """Measure ruled paper. Raises `CalibrationRefusedError`."""
         return check_grid(taken.image, self.plane, pitch_mm)
 
     def find_markers(
         self, taken: TakenPicture, dictionary: str, marker_ids: Iterable[int]
     ) -> Sequence[MarkerFix]:
-        """Find the markers. Raises `CameraError` for a dark picture."""
+        """Find printed markers by their ids. Raises `CameraError` for a dark picture."""
         require_light(taken.image)
         return find_markers(taken.image, dictionary, marker_ids)
 

@@ -158,7 +158,7 @@ class VirtualRig(RigWithoutDevices):
         self.world = world
         self.refused: list[tuple[str, float, float, LimitError]] = []
         self._axes = {name: _Axis(axis) for name, axis in description.axes.items()}
-        self._operator = SimulatedOperator(world, self._positions)
+        self._operator = SimulatedOperator(world)
         self._picture_s = picture_s
         self._period_s = 1.0 / description.recording.state_rate_hz
         self._turned_at_mm = self._rotation_rad = 0.0

@@ -21,7 +21,7 @@ from labrig.analysis.result import Point, TrialOrigin
 from labrig.errors import MeasurementRefusedError
 from labrig.needle.kinematics import FloatArray
 from labrig.protocol.sections import Sheath
-from labrig.runner.sight import SeenRadius, TakenPicture
+from labrig.runner.sight import SeenRadius, Sight, TakenPicture
 from labrig.runner.virtual_rig import VirtualPhotograph
 from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import plane_to_pixels, see_points
@@ -249,7 +249,7 @@ def _draw_end(
 
 
 @dataclass
-class WorldSight:
+class WorldSight(Sight):
     """Asks a world what pictures of it show; see `Sight`.
 
     Attributes

@@ -193,7 +193,8 @@ def _make_insertion(
     planned: PlannedTurning = "back_and_forth" if turning == "back_and_forth" else "compensated"
     sight = _DrawnSight(drawn.world, load_plane(), drawn.noise, None)
     sight.drawn = drawn
-    trial = TrialRun(session, Trial(0, 0), lambda _trial: False, starts_itself=True)
+    session.dialogue.starts_itself = True
+    trial = TrialRun(session, Trial(0, 0))
     lag = drawn.measured_lag
     torsion = None
     if lag != TorsionalLag():

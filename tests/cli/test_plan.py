@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Labrig
-from tests.protocol.designs import write_design
 
 SCENARIO = {
     "needle": {"radius_mm": 27.6, "diameter_mm": 1.2},
@@ -67,18 +66,17 @@ def test_no_plan_is_an_answer(labrig: Labrig, tmp_path: Path) -> None:
     assert "no path: the target" in labrig("plan", scenario).out
 
 
-def test_a_needle_takes_radius_and_tolerance_from_a_design(labrig: Labrig, tmp_path: Path) -> None:
-    """The path allows for the tolerance, and its worst error is printed."""
-    write_design(tmp_path / "needle.json", radius_mm=30.0, radius_low_mm=28.0, radius_high_mm=32.5)
-    scenario = _file(tmp_path, needle={"design_file": "needle.json"})
-    plan = labrig("plan", scenario, "--json").json()
+def test_a_path_allows_for_the_tolerance_of_the_radius(labrig: Labrig, tmp_path: Path) -> None:
+    """Its worst error is printed."""
+    needle = {"radius_mm": 30.0, "diameter_mm": 1.4, "radius_range_mm": [28.0, 32.5]}
+    plan = labrig("plan", _file(tmp_path, needle=needle), "--json").json()
     for arc in plan["arcs"]:
         assert arc["length_mm"] == pytest.approx(30.0 * arc["angle_rad"])
     assert plan["target_error_mm"] < plan["worst_target_error_mm"]
     assert plan["worst_clearance_mm"] < plan["clearance_mm"]
-    needle = {"radius_mm": 30.0, "diameter_mm": 1.4}
+    assert "worst radius" in labrig("plan", _file(tmp_path, needle=needle)).out
+    del needle["radius_range_mm"]
     assert labrig("plan", _file(tmp_path, needle=needle), "--json").json()["worst_target_error_mm"] is None
-    assert "worst radius" in labrig("plan", _file(tmp_path, needle={"design_file": "needle.json"})).out
 
 
 BAD = {
@@ -94,8 +92,6 @@ BAD = {
     "a radius outside of its tolerance": {
         "needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_range_mm": [31, 33]}
     },
-    "numbers beside a design file": {"needle": {"radius_mm": 30, "design_file": "needle.json"}},
-    "a design file that is not there": {"needle": {"design_file": "needle.json"}},
     "a start that is no rotation": {"start": {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}},
 }
 

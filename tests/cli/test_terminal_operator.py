@@ -32,7 +32,7 @@ from labrig.devices.operator import (
     Paused,
     PickTarget,
     PlaceSpecimen,
-    ReadScale,
+    ReadLength,
 )
 from labrig.errors import InterruptedRunError, SafetyStopError
 
@@ -87,7 +87,7 @@ def terminal() -> Iterator[Terminal]:
             "1020,there,inf 3,10 2.5",
             Answer(confirmed=True, note="10 2.5", pixel=(10.0, 2.5)),
         ),
-        (ReadScale("linear", "mm", ""), "-12.5", Answer(confirmed=True, note="-12.5", reading=-12.5)),
+        (ReadLength(), "-12.5", Answer(confirmed=True, note="-12.5", reading=-12.5)),
         (Paused("after this insertion"), "c", Answer(confirmed=True, note="c")),
         (Paused("after this insertion"), "no", Answer(confirmed=False, note="no")),
     ],
@@ -107,14 +107,14 @@ def test_an_answer_is_what_its_question_wants(
 
 def test_a_reading_may_have_a_decimal_comma(terminal: Terminal) -> None:
     """As it stands on a European ruler."""
-    assert terminal.ask(ReadScale("linear", "mm", ""), "-12,5\n").reading == -12.5
+    assert terminal.ask(ReadLength(), "-12,5\n").reading == -12.5
 
 
 @pytest.mark.parametrize(
     ("request_", "typed", "wanted"),
     [
-        (ReadScale("linear", "mm", "Read it."), "yes", "a number such as 12.5"),
-        (ReadScale("linear", "mm", "Read it."), "1 2", "a number such as 12.5"),
+        (ReadLength(), "yes", "a number such as 12.5"),
+        (ReadLength(), "1 2", "a number such as 12.5"),
         (PickTarget("000003.png"), "yes", "two numbers such as 640 290.5"),
         (REQUEST, "12", "yes, or no to stop"),
     ],

@@ -134,11 +134,7 @@ def _designed_needle(diameter_mm: float = 1.4) -> Needle:
             sha256="0" * 64,
             radius_low_mm=42.5,
             radius_high_mm=48.0,
-            inner_diameter_mm=0.8,
             link_length_mm=3.5,
-            clearance_mm=0.03,
-            beta_cut_deg=2.5,
-            basis="our contour",
         ),
     )
 

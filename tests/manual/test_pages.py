@@ -18,9 +18,9 @@ from labrig.cli.manual import SOURCE
 from labrig.cli.options import complete_live
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import list_usable_models
-from labrig.protocol.formatting import Plain
 from labrig.protocol.load import load_protocol
-from labrig.protocol.yaml_tree import load_yaml_values
+from labrig.protocol.tree import Plain
+from labrig.protocol.yaml_text import load_yaml_values
 from tests.manual.lab import make_lab_folder
 from tests.manual.pages import KINDS, PAGES, README, ROOT, Fence, list_blocks, list_lines, parse
 

@@ -5,9 +5,7 @@ and the other mirrored (the no-fit polygon). Both links are taken apart into con
 the box of translations is free. So an angle is allowed or not, exactly, without trying translations.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -27,17 +25,12 @@ _NOTHING = np.array([], dtype=object)
 
 
 class NoFit:
-    """The no-fit polygons of a hinge's view, its knuckle eroded by a length or not."""
+    """The no-fit polygons of a hinge's view."""
 
-    def __init__(self, view: HingeView, eroded_mm: float = 0.0) -> None:
+    def __init__(self, view: HingeView) -> None:
         lateral, axial = view.box.lateral_mm, view.box.axial_mm
         self._box = shapely.box(-lateral, -axial, lateral, axial)
-        knuckles = [_erode(pair.knuckle, eroded_mm) for pair in view.sections]
-        self._pairs = [
-            (convex_pieces(knuckle), convex_pieces(pair.socket))
-            for knuckle, pair in zip(knuckles, view.sections, strict=True)
-            if not shapely.is_empty(knuckle)
-        ]
+        self._pairs = [(convex_pieces(pair.knuckle), convex_pieces(pair.socket)) for pair in view.sections]
 
     def is_free(self, rotation_deg: float) -> bool:
         """Return whether some translation of the box leaves both links without interference."""
@@ -71,73 +64,6 @@ class NoFit:
         owners = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
         hulls = shapely.convex_hull(shapely.multipoints(np.concatenate(clouds), indices=owners))
         return np.asarray(hulls)[shapely.intersects(hulls, self._box)]
-
-
-@dataclass
-class LargestFree:
-    """The largest free angle of a grid over the whole box, without a look at every angle of it.
-
-    Let the socket be free at some angle and translation. At an angle that is no more than h away, and the same
-    translation, none of its points has moved by more than h times the distance of its farthest point from the pin. So
-    it is free there of a knuckle eroded by that much. Where the eroded knuckle leaves nothing free, none of the angles
-    within h is free. Intervals that are not ruled out in this way are halved, down to single angles, and those are
-    tried as they are.
-
-    Parameters
-    ----------
-    view : HingeView
-    step_deg : float
-        Of the grid; its first angle is 0.
-    tried : int
-        How many angles were tried, eroded or not.
-    """
-
-    view: HingeView
-    step_deg: float
-    tried: int = 0
-
-    def __post_init__(self) -> None:
-        """Note how far the farthest point of a socket is from the pin."""
-        self._farthest_mm = max(_farthest_mm(pair.socket) for pair in self.view.sections)
-        self._no_fits: dict[int, NoFit] = {}
-
-    @property
-    def angles(self) -> int:
-        """How many angles the grid has."""
-        return int(self.view.box.rotation_deg / self.step_deg) + 1
-
-    def angle_deg(self) -> float:
-        """Return the largest free angle; 0 is always free."""
-        return self.step_deg * self._largest(0, self.angles - 1)
-
-    def _largest(self, first: int, last: int) -> int:
-        """Return the largest free one of these angles, or -1."""
-        if not self._any_free(first, last):
-            return -1
-        if first == last:
-            return first
-        middle = (first + last + 1) // 2
-        upper = self._largest(middle, last)
-        return upper if upper >= 0 else self._largest(first, middle - 1)
-
-    def _any_free(self, first: int, last: int) -> bool:
-        """Return whether one of these angles may be free; for a single one, whether it is."""
-        self.tried += 1
-        # Few different erosions, so that few knuckles are taken apart: half the steps, up to a power of two.
-        steps = 0 if first == last else 2 ** math.ceil(math.log2((last - first) / 2))
-        if steps not in self._no_fits:
-            eroded_mm = self._farthest_mm * math.radians(steps * self.step_deg)
-            self._no_fits[steps] = NoFit(self.view, eroded_mm)
-        return self._no_fits[steps].is_free(self.step_deg * (first + last) / 2)
-
-
-def _farthest_mm(link: shapely.Geometry) -> float:
-    return float(np.hypot(*shapely.get_coordinates(link).T).max())
-
-
-def _erode(link: shapely.Geometry, by_mm: float) -> shapely.Geometry:
-    """Return a link eroded by at least so much: the chords of its round corners lie within what is taken off."""
-    return link if by_mm == 0.0 else shapely.buffer(link, -1.01 * by_mm, quad_segs=16)
 
 
 def convex_pieces(link: shapely.Geometry) -> list[FloatArray]:

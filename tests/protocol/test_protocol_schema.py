@@ -1,12 +1,10 @@
 """The JSON Schema that editors and error messages read."""
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from pydantic import Field
 
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -79,14 +77,6 @@ def test_every_field_is_described_with_the_unit_that_its_name_ends_with():
         assert unit in field["description"], name
 
 
-def test_the_text_of_a_schema_is_the_same_each_time_and_ends_with_a_line_break():
-    """A schema can be committed and compared byte for byte."""
-    text = schema_text(protocol_schema(PROTOCOL_MODELS))
-    assert text == schema_text(protocol_schema(PROTOCOL_MODELS))
-    assert text.endswith("}\n")
-    assert json.loads(text) == protocol_schema(PROTOCOL_MODELS)
-
-
 def test_any_model_has_a_schema_under_the_title_given():
     """The rig file's schema is made by the same function."""
 
@@ -97,9 +87,3 @@ def test_any_model_has_a_schema_under_the_title_given():
     assert list(schema)[:2] == ["$schema", "title"]
     assert schema["title"] == "labrig rig"
     assert schema["properties"]["gain_db"] == {"description": "Gain [dB].", "type": "number"}
-
-
-@pytest.mark.parametrize("word", ["http://", "registry"])
-def test_the_schema_needs_no_network(word: str):
-    """All references stay inside the file."""
-    assert word not in COMMITTED.read_text(encoding="utf-8")

@@ -103,6 +103,6 @@ def test_problems_of_the_file_come_before_those_of_the_overrides(tmp_path: Path)
     with pytest.raises(FileFormatError) as caught:
         load_yaml_model(path, SteerabilityProtocol, ["seed=x"])
     assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [
-        f"{path}:{line}:18",
+        f"{path}:{line}:1",
         "--set",
     ]

@@ -7,8 +7,8 @@ import pytest
 from labrig.analysis.pictures import load_plane_map, measure_picture
 from labrig.errors import ConditionMetError
 from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
-from labrig.experiments.steerability.analysis import make_order
-from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
+from labrig.experiments.shared.curvature import make_settings
+from labrig.experiments.shared.needle_events import SpecimenTrialStart, SpecimenTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.events import ConditionMet, Pause, ValueMeasured
 from labrig.record.reader import open_run
@@ -34,11 +34,11 @@ def test_a_condition_pauses_the_run_and_tells_value_and_condition(tmp_path: Path
     values = run.read_events(ValueMeasured)
     protocol = load_run_protocol(run)
     assert isinstance(protocol, SteerabilityProtocol)
-    for value, trial in zip(values, run.read_trials(SweepTrialStart, SweepTrialStop), strict=True):
+    for value, trial in zip(values, run.read_trials(SpecimenTrialStart, SpecimenTrialStop), strict=True):
         assert trial.stop is not None
         assert trial.stop.final_frame is not None
         picture = run.pictures.places[trial.stop.final_frame]
-        found = measure_picture(picture, load_plane_map(run), make_order(protocol).settings, None)
+        found = measure_picture(picture, load_plane_map(run), make_settings(protocol), None)
         assert (value.trial, value.value) == (trial.start.trial, pytest.approx(found.radius_mm, rel=1e-12))
     met, pause = run.read_events(ConditionMet)[0], run.read_events(Pause)[0]
     assert [event.trial for event in run.read_events(ConditionMet)] == [value.trial for value in values]

@@ -9,7 +9,7 @@ import pytest
 
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
-from labrig.devices.operator import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
+from labrig.devices.operator import ConfirmPlan, OperatorRequest, ShiftToHole
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.result import InsertionResult
@@ -95,15 +95,6 @@ def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
     assert (trial.target_error_mm, trial.reached, result.content.reached) == (None, False, False)
     assert "the camera was bumped" in (trial.unmeasured or "")
     assert "the camera was bumped" in page(run, result)
-
-
-def test_nothing_is_asked_of_a_run_without_a_sentinel(tmp_path: Path) -> None:
-    """Without a sentinel in the protocol no graph paper is asked for."""
-    protocol = insertion("target.position_mm=[0,-2,20]")
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
-        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
-        opened.conduct(protocol)
-    assert not any(isinstance(request, LayGraphPaper | ClearBench) for request in watched.asked)
 
 
 def roll_zero(*overrides: str) -> ExperimentProtocol:

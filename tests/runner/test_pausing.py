@@ -15,7 +15,7 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
-from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
+from labrig.experiments.shared.needle_events import SpecimenTrialStart, SpecimenTrialStop
 from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
@@ -123,7 +123,7 @@ def make_run(
 
 def list_trials(run: Run) -> list[tuple[int, str]]:
     """Return each trial that started, and why it is left out."""
-    trials = run.read_trials(SweepTrialStart, SweepTrialStop)
+    trials = run.read_trials(SpecimenTrialStart, SpecimenTrialStop)
     return [(trial.start.trial, trial.left_out) for trial in trials]
 
 
@@ -210,6 +210,6 @@ def test_what_a_person_chooses_is_done_recorded_and_replayed(tmp_path: Path) -> 
     assert [(skip.trial, skip.repeats) for skip in run.decisions.skipped] == [(2, None)]
     assert run.decisions.repeated == {0}
     assert [note.text for note in run.decisions.notes] == ["bubbles"]
-    starts = run.read_events(SweepTrialStart)
+    starts = run.read_events(SpecimenTrialStart)
     assert [start.repeats for start in starts] == [None, None, 0]
     require_identical(run)

@@ -172,43 +172,41 @@ def _signal_while_withdrawing(at: RunBench) -> Session:
     return Session(at.opened.rig, at.recorder, Told(then))
 
 
-def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -> None:
-    """The signal arrives where the record has it, and everything before it is the same."""
+def _stop_by_signal(folder: Path) -> Run:
     protocol = sweep()
-    with bench(tmp_path, protocol) as at:
-        assert (
-            conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at)).exit_status
-            == "aborted"
-        )
-    run = open_run(at.recorder.path)
-    found = replay(run)
-    assert found.verdict is Verdict.IDENTICAL, found.first_difference
-    assert found.counts["readings"] == len(run.states)
+    with bench(folder, protocol) as at:
+        conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at))
+    return open_run(at.recorder.path)
+
+
+def _say_no(folder: Path) -> Run:
+    protocol = sweep()
+    with bench(folder, protocol) as at:
+        at.opened.rig.operator = Watched(at.opened.rig.operator, declines=ShiftToHole)
+        return at.conduct(protocol)[1]
+
+
+def _strike(fault: str) -> Callable[[Path], Run]:
+    return lambda folder: record_run(folder, sweep(), f"faults=[{{{fault}}}]")
 
 
 @pytest.mark.parametrize(
-    "fault",
+    ("make", "exit_status"),
     [
-        "{fault: boot-up, axis: linear, at_s: 20}",
-        "{fault: unplugged, at_s: 25}",
-        "{fault: bus-off, at_s: 25}",
+        (_stop_by_signal, "aborted"),
+        (_say_no, "aborted"),
+        (_strike("fault: boot-up, axis: linear, at_s: 20"), "failed"),
+        (_strike("fault: unplugged, at_s: 25"), "failed"),
+        (_strike("fault: bus-off, at_s: 25"), "failed"),
     ],
+    ids=["signal", "no", "boot-up", "unplugged", "bus-off"],
 )
-def test_faults_of_devices_come_again(tmp_path: Path, fault: str) -> None:
-    """Records with a drive restart, lost frames or a lost adapter are replayed as far as they go."""
-    run = record_run(tmp_path, sweep(), f"faults=[{fault}]")
-    found = replay(run)
-    assert found.verdict is Verdict.IDENTICAL, found.first_difference
-    assert found.counts["readings"] == len(run.states)
-
-
-def test_an_operator_who_said_no_says_it_again(tmp_path: Path) -> None:
-    """The recorded answers are given again, and the run is aborted at the same question."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as at:
-        at.opened.rig.operator = Watched(at.opened.rig.operator, declines=ShiftToHole)
-        _, run = at.conduct(protocol)
-    assert run.manifest["exit_status"] == "aborted"
+def test_a_run_that_ended_early_comes_again(
+    make: Callable[[Path], Run], exit_status: str, tmp_path: Path
+) -> None:
+    """A signal, an answer and a fault come where the record has them, and everything before is the same."""
+    run = make(tmp_path)
+    assert run.manifest["exit_status"] == exit_status
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference
     assert found.counts["readings"] == len(run.states)
@@ -241,9 +239,7 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
     """The interrupted session and the resumed one, with its withdrawal, are both replayed."""
     protocol = sweep()
     assert isinstance(protocol, SteerabilityProtocol)
-    with bench(tmp_path, protocol) as at:
-        conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at))
-    run = open_run(at.recorder.path)
+    run = _stop_by_signal(tmp_path)
     with bench(tmp_path / "again", protocol) as again:
         recorder = reopen_run(run.path, "test")
         devices = open_run(again.recorder.path).devices

@@ -1,18 +1,10 @@
-"""The seam between procedures and rigs: a procedure asks its session alone, and each rig answers all of it."""
+"""The seam between procedures and rigs: a procedure asks its session alone."""
 
 import ast
-from inspect import signature
 from pathlib import Path
-
-import pytest
-
-from labrig.devices.replayed.rig import ReplayedRig
-from labrig.devices.rig import Rig
-from labrig.devices.rig_calls import RigCalls
 
 LABRIG = Path(__file__).parents[2] / "labrig"
 BEHIND = {"rig", "recorder", "dialogue"}
-CALLS = sorted(name for name, value in vars(RigCalls).items() if callable(value) and not name.startswith("_"))
 
 
 def reads_behind_a_session(path: Path) -> list[str]:
@@ -37,12 +29,3 @@ def test_a_reach_behind_a_session_is_found() -> None:
     """The check above can fail."""
     path = LABRIG / "runner" / "conduct.py"
     assert reads_behind_a_session(path)
-
-
-@pytest.mark.parametrize("name", CALLS)
-@pytest.mark.parametrize("rig", [Rig, ReplayedRig])
-def test_each_rig_takes_each_call_alike(rig: type[object], name: str) -> None:
-    """The same parameters, by name and place, with the same defaults where there are any."""
-    ours, interface = signature(getattr(rig, name)), signature(getattr(RigCalls, name))
-    assert list(ours.parameters) == list(interface.parameters)
-    assert [p.kind for p in ours.parameters.values()] == [p.kind for p in interface.parameters.values()]

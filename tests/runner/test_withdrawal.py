@@ -1,6 +1,6 @@
 """Withdrawal of a needle along its path."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,12 +19,7 @@ from labrig.devices.operator import (
 from labrig.errors import DriveError, SafetyStopError
 from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
-from labrig.runner.withdrawal import (
-    ReverseMove,
-    plan_reverse_moves,
-    read_needle_path,
-    withdraw,
-)
+from labrig.runner.withdrawal import plan_reverse_moves, read_needle_path, withdraw
 from tests.runner.sessions import RunBench, Watched, bench, sweep
 
 TURNED = (
@@ -37,41 +32,40 @@ TURNED = (
 )
 
 
-def test_a_turn_is_undone_where_it_was_made() -> None:
-    """The needle moves back to the depth of the turn, turns its bevel back, and moves out; then the sheath."""
-    assert [replace(move, position=round(move.position, 2)) for move in plan_reverse_moves(TURNED)] == [
-        ReverseMove("insertion", 10),
-        ReverseMove("rotation", 0),
-        ReverseMove("insertion", 0),
-        ReverseMove("linear", 0),
-    ]
+OVERSHOT = (0.0, 1.6, 3.3, 3.6, 3.3, 3.14)
+OUT = [("insertion", 0.0), ("linear", 0.0)]
 
 
-def test_the_overshoot_of_a_turn_is_not_repeated() -> None:
-    """The record shows a turn past its angle and back; the withdrawal turns once."""
-    turn = (0.0, 1.6, 3.3, 3.6, 3.3, 3.14)
-    path = (AxisPositions(0, 0, 5), *(AxisPositions(20, rad, 5) for rad in turn), AxisPositions(50, 3.14, 5))
-    moves = [(move.axis, move.position) for move in plan_reverse_moves(path)]
-    assert moves == [("insertion", 20), ("rotation", 0.0), ("insertion", 0.0), ("linear", 0.0)]
-
-
-def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
-    """A needle already retracted beyond its turn is only moved out."""
-    on_the_way_out = (*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10))
-    assert plan_reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
-
-
-def test_nothing_is_to_be_withdrawn_where_nothing_went_in() -> None:
-    """An empty path, or one that stays at zero, gives no moves."""
-    assert (
-        plan_reverse_moves(()) == plan_reverse_moves((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0))) == ()
-    )
-
-
-def test_a_turn_in_the_sheath_is_left() -> None:
-    """A turn made before the needle left the sheath is not undone."""
-    path = (AxisPositions(0, 0, 0), AxisPositions(0, 3, 0), AxisPositions(0, 3, 10), AxisPositions(20, 3, 10))
-    assert [move.axis for move in plan_reverse_moves(path)] == ["insertion", "linear"]
+@pytest.mark.parametrize(
+    ("path", "moves"),
+    [
+        (TURNED, [("insertion", 10.0), ("rotation", 0.0), *OUT]),
+        (
+            (
+                AxisPositions(0, 0, 5),
+                *(AxisPositions(20, rad, 5) for rad in OVERSHOT),
+                AxisPositions(50, 3.14, 5),
+            ),
+            [("insertion", 20.0), ("rotation", 0.0), *OUT],
+        ),
+        ((*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10)), OUT),
+        (
+            (
+                AxisPositions(0, 0, 0),
+                AxisPositions(0, 3, 0),
+                AxisPositions(0, 3, 10),
+                AxisPositions(20, 3, 10),
+            ),
+            OUT,
+        ),
+        ((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0)), []),
+        ((), []),
+    ],
+    ids=["a turn", "its overshoot", "gone back already", "a turn in the sheath", "nothing in", "no path"],
+)
+def test_a_path_is_gone_back(path: Sequence[AxisPositions], moves: list[tuple[str, float]]) -> None:
+    """A turn is undone once, where it was made; what was retracted already, or was never in, is not gone in again."""
+    assert [(move.axis, round(move.position, 2)) for move in plan_reverse_moves(path)] == moves
 
 
 stances = st.builds(

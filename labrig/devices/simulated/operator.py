@@ -1,7 +1,6 @@
 """The simulated operator: does to the world what a person does at the bench, and always agrees."""
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from labrig.devices.operator import (
@@ -19,7 +18,6 @@ from labrig.devices.operator import (
     PickTarget,
     PlacePhantom,
     PlaceSpecimen,
-    ReadScale,
     ShiftToHole,
 )
 from labrig.simulation.gel import Ball
@@ -36,12 +34,9 @@ class SimulatedOperator:
     ----------
     world : World
         What it moves.
-    true_positions : callable
-        Returns the true position of each axis [mm or rad], as a scale beside it would show.
     """
 
     world: World
-    true_positions: Callable[[], Mapping[str, float]]
 
     def ask(
         self,
@@ -63,9 +58,6 @@ class SimulatedOperator:
                 return replace(answer, pixel=self.world.target_mark_px())
             case PickObstacle(_, asked):
                 return replace(answer, pixel=self.world.obstacle_mark_px(asked))
-            case ReadScale(axis, unit):
-                truly = self.true_positions()[axis]
-                return replace(answer, reading=math.degrees(truly) if unit == "deg" else truly)
         return answer
 
     def _act(self, request: OperatorRequest) -> None:
@@ -100,7 +92,7 @@ class RehearsedOperator:
     person : Operator
         Who answers.
     hands : SimulatedOperator
-        Does what the person has confirmed, and reads the scales that the person cannot see.
+        Does what the person has confirmed.
     """
 
     person: Operator
@@ -108,11 +100,6 @@ class RehearsedOperator:
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Ask the person, and do what is confirmed. Raises what the two raise."""
-        if isinstance(request, ReadScale):
-            shown = self.hands.ask(request, meanwhile).reading
-            request = replace(
-                request, instruction=f"{request.instruction} It is simulated and shows {shown:.3f}."
-            )
         answer = self.person.ask(request, meanwhile, offer)
         if answer.confirmed:
             self.hands.ask(request, meanwhile)

@@ -1,8 +1,7 @@
 """The camera's lens and the steering plane, from the pictures of a camera calibration run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE, Progress
 from labrig.analysis.result import Findings, Point
 from labrig.errors import (
     CalibrationRefusedError,
-    LabrigError,
     MeasurementRefusedError,
     PictureError,
     RecordError,
@@ -20,7 +18,7 @@ from labrig.errors import (
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCalibrationProtocol, GraphPaper
 from labrig.experiments.camera_calibration.result import CalibrationResult, CalibrationSettings
-from labrig.protocol.yaml_tree import load_yaml_values
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.reader import Run
 from labrig.vision.calibrate_lens import calibrate_from_pictures, find_board
 from labrig.vision.calibrate_plane import calibrate_plane, find_px_per_mm
@@ -32,33 +30,30 @@ from labrig.vision.plane import PlaneMap
 Named = tuple[str, Picture]
 
 
-@dataclass(frozen=True)
-class _Pictures:
-    """The photographs of the board and of the graph paper."""
-
-    boards: tuple[Named, ...]
-    papers: tuple[Named, ...]
-
-
 def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequest) -> Findings:
     """Calibrate the lens from the photographs of the board, then the plane from that of the graph paper.
 
     The calibrations are saved as `intrinsics.json` and `plane.json`; a refused one is marked in its file.
     """
-    pictures = _read_pictures(run, request.progress)
-    lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
-    plane, plane_reasons = _calibrate_plane(run, pictures.papers, lens, protocol)
+    boards, papers = _read_pictures(run, request.progress)
+    lens: Intrinsics | None = None
+    plane: PlaneMap | None = None
+    reasons: tuple[str, ...] = ()
+    try:
+        lens = _calibrate_lens(boards, protocol)
+        reasons = lens.reasons
+        plane = _calibrate_plane(run, papers, lens, protocol)
+        reasons += plane.reasons
+    except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
+        reasons += (f"{refusal.message}: {refusal.hint}" if refusal.hint else refusal.message,)
     stamp = request.stamp
     content = CalibrationResult(
         **stamp.list_members(CalibrationSettings(board=protocol.board, plane=protocol.plane)),
-        accepted=_is_accepted(lens) and _is_accepted(plane),
-        reasons=(
-            *lens_reasons,
-            *(plane_reasons if plane is None else plane.reasons),
-        ),
+        accepted=lens is not None and lens.accepted and plane is not None and plane.accepted,
+        reasons=reasons,
         intrinsics=None if lens is None else lens.to_json(),
         plane=None if plane is None else plane.to_json(),
-        corners=_find_corners(pictures.boards, lens, protocol),
+        corners=_find_corners(boards, lens, protocol),
     )
     made_from = {
         "run": run.path.name,
@@ -89,56 +84,43 @@ def _read_camera(run: Run) -> dict[str, Any]:
     return {} if found is None else {CAMERA: found.model_dump()}
 
 
-def _read_pictures(run: Run, progress: Progress | None) -> _Pictures:
-    """Read the pictures. A picture that is missing or was changed is left out."""
+def _read_pictures(run: Run, progress: Progress | None) -> Iterator[list[Named]]:
+    """Yield the pictures of each role. One that is missing or was changed is left out."""
     found: dict[str, list[Named]] = {role: [] for role in CalibrationRole}
     for number, line in enumerate(run.frame_lines, start=1):
         with suppress(RecordError):  # the stamp of the result names it
             found.get(line.role or "", []).append((line.file, run.read_frame(line.frame)))
         if progress is not None:
             progress(number, len(run.frame_lines))
-    boards, papers = (tuple(found[role]) for role in CalibrationRole)
-    return _Pictures(boards, papers)
+    yield from (found[role] for role in CalibrationRole)
 
 
-def _calibrate_lens(
-    boards: Sequence[Named], protocol: CameraCalibrationProtocol
-) -> tuple[Intrinsics | None, tuple[str, ...]]:
+def _calibrate_lens(boards: Sequence[Named], protocol: CameraCalibrationProtocol) -> Intrinsics:
     if not boards:
-        return None, ("no picture of the board was recorded",)
+        raise MeasurementRefusedError("no picture of the board was recorded")
     board = protocol.board
-    try:
-        found = calibrate_from_pictures(boards, board.columns, board.rows, board.square_mm)
-    except (CalibrationRefusedError, PictureError) as refusal:
-        return None, (_explain(refusal),)
-    return found, found.reasons
+    return calibrate_from_pictures(boards, board.columns, board.rows, board.square_mm)
 
 
 def _calibrate_plane(
-    run: Run, papers: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
-) -> tuple[PlaneMap | None, tuple[str, ...]]:
-    if lens is None:
-        return None, ("the plane was not calibrated, because the lens was not",)
+    run: Run, papers: Sequence[Named], lens: Intrinsics, protocol: CameraCalibrationProtocol
+) -> PlaneMap:
     if not papers:
-        return None, ("no picture of the graph paper was recorded",)
+        raise MeasurementRefusedError("no picture of the graph paper was recorded")
     plane = protocol.plane
     px_per_mm = _find_px_per_mm(run, lens, plane)
     if px_per_mm is None:
-        return None, ("nothing tells how far the camera is: " + SCALE_HINT,)
-    try:
-        found = calibrate_plane(
-            papers[-1][1],
-            lens,
-            plane.pitch_mm,
-            plane.origin_px,
-            plane.insertion,
-            px_per_mm=px_per_mm,
-            gel=plane.gel,
-            paper_sigma_mm=plane.paper_sigma_mm,
-        )
-    except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
-        return None, (_explain(refusal),)
-    return found, found.reasons
+        raise MeasurementRefusedError("nothing tells how far the camera is", SCALE_HINT)
+    return calibrate_plane(
+        papers[-1][1],
+        lens,
+        plane.pitch_mm,
+        plane.origin_px,
+        plane.insertion,
+        px_per_mm=px_per_mm,
+        gel=plane.gel,
+        paper_sigma_mm=plane.paper_sigma_mm,
+    )
 
 
 def _find_px_per_mm(run: Run, lens: Intrinsics, plane: GraphPaper) -> float | None:
@@ -152,25 +134,16 @@ def _find_px_per_mm(run: Run, lens: Intrinsics, plane: GraphPaper) -> float | No
     return load_px_per_mm(run.calibration_path(PLANE_FILE)) if PLANE_FILE in run.calibration_files else None
 
 
-def _explain(refusal: LabrigError) -> str:
-    """Return what is wrong with the photographs, and what to do."""
-    return f"{refusal.message}: {refusal.hint}" if refusal.hint else refusal.message
-
-
-def _is_accepted(found: Intrinsics | PlaneMap | None) -> bool:
-    return found is not None and found.accepted
-
-
 def _find_corners(
     boards: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
 ) -> dict[str, tuple[Point, ...]]:
     used = {view.image for view in lens.views if view.used} if lens is not None else set()
-    return {
-        name: tuple(map(_round_pixel, find_board(image, protocol.board.columns, protocol.board.rows).pixels))
+    seen = {
+        name: find_board(image, protocol.board.columns, protocol.board.rows).pixels
         for name, image in boards
         if name in used
     }
-
-
-def _round_pixel(pixel: Any) -> Point:
-    return round(float(pixel[0]), 2), round(float(pixel[1]), 2)
+    return {
+        name: tuple((round(float(u), 2), round(float(v), 2)) for u, v in pixels)
+        for name, pixels in seen.items()
+    }

@@ -47,8 +47,6 @@ class DesignProtocol(ExperimentProtocol):
     """The tolerances of laser cutting."""
     grid_points: int = Field(7, ge=3, le=25)
     """Points of the searched grid, along each of its two sides."""
-    tip_length_mm: PositiveMm | None = None
-    """Length of the tip, into which whole links fit [mm]; null if not asked."""
     measured: MeasuredNeedle | None = None
     """A needle that was measured, for its effective clearance; null if none was."""
 

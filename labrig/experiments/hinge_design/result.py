@@ -51,7 +51,6 @@ class DesignStudy(Model):
     tube: Tube
     equation_3: RotationPlane = EQUATION_3
     tolerance: RadiusTolerance
-    links: int | None
     measured: MeasuredAnswer | None
     search: Searched
     cells: tuple[GridPoint, ...]

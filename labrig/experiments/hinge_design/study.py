@@ -31,7 +31,6 @@ from labrig.needle.equations import (
     EQUATION_3,
     RadiusTolerance,
     RotationPlane,
-    count_links,
     radius_mm,
     radius_tolerance,
     rotation_for_radius_deg,
@@ -76,7 +75,6 @@ def _list_checks(protocol: DesignProtocol) -> Iterator[tuple[str, Callable[[], o
     yield "clearance_mm", lambda: Hinge(protocol.tube, protocol.clearance_mm, 0.0)
     yield "radius_mm", lambda: _design(protocol)
     yield "tolerances", lambda: _require_bounded_radius(_find_tolerance(protocol, EQUATION_3))
-    yield "tip_length_mm", lambda: _count_links(protocol)
     yield "measured", lambda: _describe_measured_needle(protocol)
 
 
@@ -101,7 +99,6 @@ def study_design(
     """
     tube, measured = protocol.tube, _describe_measured_needle(protocol)
     designed, tolerance = _design(protocol), _find_tolerance(protocol, EQUATION_3)
-    links = _count_links(protocol)
     hinges = make_hinge_grid(tube, protocol.clearance_mm, protocol.grid_points)
     if progress is not None:
         progress(0, len(hinges))
@@ -119,7 +116,6 @@ def study_design(
         clearance_mm=protocol.clearance_mm,
         tube=tube,
         tolerance=tolerance,
-        links=links,
         measured=measured,
         search=search,
         cells=cells,
@@ -182,11 +178,6 @@ def encode_hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> by
 
 def _design(protocol: DesignProtocol) -> Hinge:
     return design_by_equations(protocol.tube, protocol.radius_mm, protocol.clearance_mm)
-
-
-def _count_links(protocol: DesignProtocol) -> int | None:
-    length_mm = protocol.tip_length_mm
-    return None if length_mm is None else count_links(length_mm, protocol.tube.link_length_mm)
 
 
 def _find_tolerance(

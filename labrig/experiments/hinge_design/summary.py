@@ -8,7 +8,7 @@ from labrig.experiments.hinge_design.result import DesignStudy
 from labrig.needle.design_search import STEEPEST_CUT_DEG
 from labrig.needle.equations import RadiusTolerance
 from labrig.needle.tube import TABLE_1
-from labrig.text import format_count, number
+from labrig.text import number
 
 Row = tuple[str, str, str]
 
@@ -43,8 +43,6 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
             f"Table I prints {TABLE_1.beta_cut_deg} degrees; equation (3) solved for it gives "
             f"{number(study.beta_cut_deg, 2)}."
         )
-    if study.links is not None:
-        yield f"The tip takes {format_count(study.links, 'link')}."
     if study.measured is not None:
         measured = study.measured
         yield (

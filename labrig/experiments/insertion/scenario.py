@@ -1,15 +1,13 @@
 """The scenario of `labrig plan`: a needle, a target and obstacles, without any rig."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from labrig.protocol.design_file import NeedleDesign
-from labrig.protocol.load import load_designed_model
 from labrig.protocol.model import Model, NonNegativeMm, PointMm, PositiveMm
+from labrig.protocol.yaml_file import load_yaml_model
 from labrig.steering.parameters import PlanMethod, PlanWeights
 from labrig.steering.problem import Obstacle, PlanProblem
 
@@ -17,14 +15,14 @@ Direction3: TypeAlias = tuple[float, float, float]
 
 
 class ScenarioNeedle(Model):
-    """The needle of the plan: its numbers, or `design_file` instead of them."""
+    """The needle of the plan."""
 
     radius_mm: PositiveMm
     """Radius of the arcs that the needle follows [mm]."""
     diameter_mm: float = Field(gt=0, le=10)
     """Outer diameter of the needle [mm]."""
     radius_range_mm: tuple[PositiveMm, PositiveMm] | None = None
-    """Smallest and largest radius that the needle may have, as a design file states them; null: not stated [mm]."""
+    """Smallest and largest radius within the tolerances of its design; null: not stated [mm]."""
 
 
 class ScenarioStart(Model):
@@ -75,24 +73,15 @@ class Scenario(Model):
     weights: PlanWeights = PlanWeights()
 
 
-def _tell_needle(design: NeedleDesign, _name: str, _sha256: str) -> Mapping[str, Any]:
-    """Return what the needle of a plan takes of its design."""
-    return {
-        "radius_mm": design.radius_mm,
-        "diameter_mm": design.diameter_mm,
-        "radius_range_mm": [design.radius_low_mm, design.radius_high_mm],
-    }
-
-
 def load_scenario(path: Path | str) -> Scenario:
-    """Return the scenario in a file, YAML or JSON, with the numbers of the design file that it names.
+    """Return the scenario in a file, YAML or JSON.
 
     Raises
     ------
     FileFormatError
         With every problem of the file.
     """
-    return load_designed_model(path, Scenario, _tell_needle)
+    return load_yaml_model(path, Scenario)
 
 
 def make_problem(scenario: Scenario) -> PlanProblem:

@@ -1,28 +1,23 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
+from typing import Protocol
 
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.origin import ReadFrame, find_origins
-from labrig.analysis.pictures import (
-    list_not_in_interval,
-    load_plane_map,
-    measure_pictures,
-)
+from labrig.analysis.origin import find_origins
+from labrig.analysis.pictures import list_not_in_interval, load_plane_map, measure_pictures
 from labrig.analysis.result import Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import check_sentinel
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import average_means, find_final_pictures, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
 from labrig.experiments.shared.picture_results import complete_picture
-from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
-from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
-from labrig.record.reader import Pictures, Run
+from labrig.protocol.sections import AnalysisWindow, NeedleInPicture
+from labrig.record.events import INTERRUPTED, FrameLine, TrialStop
+from labrig.record.reader import Run
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
-from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
 _OF_THE_TRIAL = {"trial", "specimen", "gelatin_percent", "hole", "needle_id"}
@@ -30,49 +25,29 @@ MEASURED_ROLES = (NeedleRole.ADVANCE, NeedleRole.FINAL, NeedleRole.IMPORTED)
 """Of the pictures that are measured."""
 
 
-@dataclass(frozen=True)
-class _Picture:
-    """A recorded picture with its trial; None for a picture without a trial."""
-
-    line: FrameLine
-    trial: SpecimenTrialStart | None
-
-
-@dataclass(frozen=True)
-class CurvatureOrder:
-    """The settings of a protocol for measuring the pictures of its needle.
-
-    Attributes
-    ----------
-    needle : NeedleInPicture
-        The needle and the sheath in the pictures.
-    window : AnalysisWindow
-        Which part of the shaft is fitted, and what is accepted.
-    sheath : Sheath or None
-        The sheath, from which each trial's origin is found; None for pictures without trials.
-    sheath_role : PictureRole or None
-        The role of pictures that show only the sheath.
-    sentinel : GridSentinel or None
-        The graph paper before and after the run.
-    """
-
-    needle: NeedleInPicture
-    window: AnalysisWindow
-    sheath: Sheath | None = None
-    sheath_role: PictureRole | None = None
-    sentinel: GridSentinel | None = None
+class MeasuredProtocol(Protocol):
+    """A protocol whose pictures show a needle; `sheath` and `sentinel` are of one with trials."""
 
     @property
-    def settings(self) -> CurvatureSettings:
-        """The settings of a measurement."""
-        return CurvatureSettings(
-            needle_diameter_mm=self.needle.diameter_mm,
-            sheath_diameter_mm=self.needle.sheath_diameter_mm,
-            **self.window.model_dump(),
-        )
+    def pictured_needle(self) -> NeedleInPicture:
+        """Needle and sheath in the pictures."""
+
+    @property
+    def analysis(self) -> AnalysisWindow:
+        """Which part of the shaft is fitted, and what is accepted."""
 
 
-def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Findings:
+def make_settings(protocol: MeasuredProtocol) -> CurvatureSettings:
+    """Return the settings by which the pictures of a protocol are measured."""
+    needle, window = protocol.pictured_needle, protocol.analysis
+    return CurvatureSettings(
+        needle_diameter_mm=needle.diameter_mm,
+        sheath_diameter_mm=needle.sheath_diameter_mm,
+        **window.model_dump(),
+    )
+
+
+def analyze(run: Run, protocol: MeasuredProtocol, request: AnalysisRequest) -> Findings:
     """Measure the pictures, and group them, with the truth beside them if it is recorded.
 
     The intervals of the groups and of single pictures include the uncertainty of the bevel's roll.
@@ -82,30 +57,42 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     InputError
         When the run has no map from pixels to mm.
     """
-    settings, roll_sd_deg, mask = order.settings, order.window.roll_sd_deg, request.mask
-    trials = _list_trials(run)
-    pictures = _list_pictures(run, trials)
-    places = tuple(run.pictures.places[picture.line.frame] for picture in pictures)
-    plane, read, recorded = load_plane_map(run), partial(_get_picture, run.pictures), run.frame_lines
-    sheaths = [line for line in recorded if line.role == order.sheath_role]
-    others = (
-        partial(_find_origins, order.sheath, read, sheaths, plane),
-        partial(check_sentinel, order.sentinel, read, recorded, plane),
-    )
+    settings, roll_sd_deg = make_settings(protocol), protocol.analysis.roll_sd_deg
+    # An interrupted trial was repeated as another trial, as was one that a person had made again.
+    recorded = run.read_trials(SpecimenTrialStart, TrialStop)
+    kept = [trial.start for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
+    trials: dict[int | None, SpecimenTrialStart] = {start.trial: start for start in kept}
+    lines, plane = [line for line in run.frame_lines if line.role in MEASURED_ROLES], load_plane_map(run)
     measured, (origins, sentinel) = measure_pictures(
-        places, plane, settings, mask, workers=request.workers, progress=request.progress, meanwhile=others
+        tuple(run.pictures.places[line.frame] for line in lines),
+        plane,
+        settings,
+        request.mask,
+        workers=request.workers,
+        progress=request.progress,
+        meanwhile=(
+            partial(_find_origins, run, protocol, plane),
+            partial(
+                check_sentinel,
+                getattr(protocol, "sentinel", None),
+                run.pictures.__getitem__,
+                run.frame_lines,
+                plane,
+            ),
+        ),
     )
-    by_trial, drawn_mm = {origin.trial: origin for origin in origins}, _read_drawn_radii(run)
+    by_trial: dict[int | None, TrialOrigin] = {origin.trial: origin for origin in origins}
+    truth = run.read_truth(DrawnRadius).items()
+    drawn_mm = {trial: line.radius_mm for trial, line in truth if line.radius_mm is not None}
     results = tuple(
         complete_picture(
-            describe_picture(picture.line, picture.trial, measurement, drawn_mm),
-            None if picture.trial is None else by_trial.get(picture.trial.trial),
+            describe_picture(line, trials.get(line.trial), measurement, drawn_mm),
+            by_trial.get(line.trial),
             sentinel,
         )
-        for picture, measurement in zip(pictures, measured, strict=True)
+        for line, measurement in zip(lines, measured, strict=True)
     )
-    finals = find_final_pictures(results)
-    specimens = summarise_specimens(trials, finals, roll_sd_deg, drawn_mm)
+    specimens = summarise_specimens(kept, find_final_pictures(results), roll_sd_deg, drawn_mm)
     content = CurvatureResult(
         **request.stamp.list_members(settings),
         specimens=specimens,
@@ -115,43 +102,17 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
         sentinel=sentinel,
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
     )
-    lines = {
-        picture.line.frame: measurement.line
-        for picture, measurement in zip(pictures, measured, strict=True)
-        if measurement.line is not None
+    shafts = {
+        line.frame: found.line for line, found in zip(lines, measured, strict=True) if found.line is not None
     }
-    return Findings(content, partial(save_centre_lines, lines))
+    return Findings(content, partial(save_centre_lines, shafts))
 
 
-def _get_picture(frames: Pictures, frame: int) -> Picture:
-    return frames[frame]
-
-
-def _find_origins(
-    sheath: Sheath | None, read: ReadFrame, lines: Sequence[FrameLine], plane: PlaneMap
-) -> tuple[TrialOrigin, ...]:
+def _find_origins(run: Run, protocol: MeasuredProtocol, plane: PlaneMap) -> tuple[TrialOrigin, ...]:
     """Return the origin of each trial; imported pictures have no trials, and an origin of their own."""
-    return () if sheath is None else find_origins(read, lines, plane, sheath)
-
-
-def _list_trials(run: Run) -> list[SpecimenTrialStart]:
-    # An interrupted trial was repeated as another trial, as was one that a person had made again.
-    recorded = run.read_trials(SpecimenTrialStart, TrialStop)
-    return [trial.start for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
-
-
-def _list_pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Picture]:
-    by_number = {trial.trial: trial for trial in trials}
-    return [
-        _Picture(line, None if line.trial is None else by_number.get(line.trial))
-        for line in run.frame_lines
-        if line.role in MEASURED_ROLES
-    ]
-
-
-def _read_drawn_radii(run: Run) -> dict[int, float]:
-    drawn = run.read_truth(DrawnRadius)
-    return {trial: line.radius_mm for trial, line in drawn.items() if line.radius_mm is not None}
+    sheath = getattr(protocol, "sheath", None)
+    shown = [line for line in run.frame_lines if line.role == NeedleRole.SHEATH]
+    return () if sheath is None else find_origins(run.pictures.__getitem__, shown, plane, sheath)
 
 
 def describe_picture(

@@ -2,12 +2,17 @@
 
 from typing import ClassVar
 
-from labrig.record.events import PictureRole, TrialStart, TruthLine
+from labrig.record.events import PictureRole, TrialStart, TrialStop, TruthLine
 
 
 class NeedleRole(PictureRole):
-    """Pictures of a needle: on its way, at rest or in motion; at its end; or imported."""
+    """Pictures of a hole before the sheath enters, and of the sheath before the needle leaves it.
 
+    Of the needle: on its way, at rest or in motion; at its end; or imported.
+    """
+
+    HOLE = "hole"
+    SHEATH = "sheath"
     ADVANCE = "advance"
     OBSERVE = "observe"
     FINAL = "final"
@@ -29,6 +34,12 @@ class SpecimenTrialStart(TrialStart):
     def pair(self) -> tuple[str, str]:
         """Needle and specimen, the paper's needle-tissue pair, by which insertions are grouped."""
         return self.needle_id, self.specimen
+
+
+class SpecimenTrialStop(TrialStop):
+    """An insertion has ended, with the picture of its final shape; None if it was interrupted."""
+
+    final_frame: int | None = None
 
 
 class DrawnRadius(TruthLine):

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.shared.curvature_page import make_curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
+from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.paper import PAPER_MEAN_RADIUS_MM
-from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
@@ -53,7 +53,7 @@ def _tell_hole_order(protocol: SteerabilityProtocol) -> str:
 
 def _list_repetitions(run: Run) -> Iterator[str]:
     """Yield a sentence for each repeated insertion."""
-    starts = {start.trial: start for start in run.read_events(SweepTrialStart)}
+    starts = {start.trial: start for start in run.read_events(SpecimenTrialStart)}
     for again in starts.values():
         if again.repeats is not None:
             lost = starts[again.repeats]

@@ -15,10 +15,9 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.errors import FileFormatError, Problem
+from labrig.experiments.shared.curvature import make_settings
 from labrig.experiments.shared.holes import find_near_holes
-from labrig.experiments.shared.needle_events import NeedleRole
-from labrig.experiments.steerability.analysis import make_order
-from labrig.experiments.steerability.events import SweepRole, SweepTrialStart, SweepTrialStop
+from labrig.experiments.shared.needle_events import NeedleRole, SpecimenTrialStart, SpecimenTrialStop
 from labrig.experiments.steerability.holes import (
     Hole,
     describe_order,
@@ -48,13 +47,11 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
         session.ask(ConfirmAxesAtZero())
         session.reference_axes()
         session.move("rotation", protocol.insertion.bevel_roll_rad, session.axis("rotation").max_speed / 2)
-    session.recall_holes()
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     trials = session.trials(
         list_holes(protocol),
         again=partial(find_another_hole, protocol),
         order=sort_holes(protocol),
-        starts_itself=True,
     )
     for trial in trials:
         hole = trial.what
@@ -98,7 +95,7 @@ def _insert(protocol: SteerabilityProtocol, trial: TrialRun[Hole], session: Sess
     session.tell(f"{specimen.name}, {describe_place(protocol, number, hole, trial.repeats)}")
     session.ask(ShiftToHole(specimen.name, hole.number, hole.position_mm))
     session.record(
-        SweepTrialStart(
+        SpecimenTrialStart(
             trial=number,
             specimen=specimen.name,
             gelatin_percent=specimen.gelatin_percent,
@@ -108,9 +105,9 @@ def _insert(protocol: SteerabilityProtocol, trial: TrialRun[Hole], session: Sess
             repeats=trial.repeats,
         )
     )
-    session.take_picture(SweepRole.HOLE, number)
+    session.take_picture(NeedleRole.HOLE, number)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
-    session.take_picture(SweepRole.SHEATH, number)
+    session.take_picture(NeedleRole.SHEATH, number)
     session.move(
         "insertion",
         insertion.length_mm,
@@ -125,6 +122,6 @@ def _insert(protocol: SteerabilityProtocol, trial: TrialRun[Hole], session: Sess
     session.move("linear", 0.0, sheath.speed_mm_s)
     if session.is_judged:
         # What only the whole run tells is not in it: a sheath that was elsewhere, and the drift of the camera.
-        seen = session.compute(partial(sight.measure_radius, final, make_order(protocol).settings))
+        seen = session.compute(partial(sight.measure_radius, final, make_settings(protocol)))
         session.judge(number, {"radius_mm": seen.radius_mm, "radius_sd_mm": seen.sd_mm}, seen.reason)
-    session.record(SweepTrialStop(trial=number, exit_status="success", final_frame=final.frame))
+    session.record(SpecimenTrialStop(trial=number, exit_status="success", final_frame=final.frame))

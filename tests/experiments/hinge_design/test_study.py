@@ -37,7 +37,6 @@ def test_hinges_that_might_not_turn_make_no_design_file() -> None:
         clearance_mm=0.025,
         tube=PAPER_TUBE,
         tolerance=RadiusTolerance(-1.0, -1.0, 20.0, None),
-        links=None,
         measured=None,
         search=Searched(fit=EQUATION_3),
         cells=CELLS,

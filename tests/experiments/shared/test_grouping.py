@@ -58,30 +58,19 @@ def test_the_mean_of_means_counts_each_gel_once() -> None:
     assert average_means(summarise_specimens(trials, finals)) == 28.0
 
 
-def test_refused_pictures_are_counted_with_their_reasons_and_enter_no_mean() -> None:
+def test_refused_and_missing_pictures_are_counted_apart_and_enter_no_mean() -> None:
     """A refused radius is left out of the mean and counted with its reason, even if a circle was fitted."""
-    trials = [_trial(0), _trial(1), _trial(2)]
+    trials = [_trial(number) for number in range(4)]
     finals = {
         0: _picture(trials[0], 28.0),
         1: _picture(trials[1], 90.0, "too uncertain"),
         2: _picture(trials[2], None, "no shaft"),
     }
     (group,) = summarise_specimens(trials, finals)
-    assert (group.trials, group.n, group.refused, group.mean_radius_mm) == (3, 1, 2, 28.0)
-    assert group.refused_reasons == ("1 x too uncertain", "1 x no shaft")
+    assert (group.trials, group.n, group.refused, group.mean_radius_mm) == (4, 1, 2, 28.0)
+    assert (group.refused_reasons, group.without_final_picture) == (("1 x too uncertain", "1 x no shaft"), 1)
     assert (group.sd_radius_mm, group.ci95_mm) == (None, None)
-
-
-def test_an_insertion_without_a_final_picture_is_counted_apart() -> None:
-    """An insertion without a final picture does not count as refused."""
-    (group,) = summarise_specimens([_trial(0), _trial(1)], {0: _picture(_trial(0), 28.0)})
-    assert (group.trials, group.n, group.refused, group.without_final_picture) == (2, 1, 0, 1)
-
-
-def test_a_run_without_radii_has_no_mean() -> None:
-    """Without a radius there is no mean."""
-    specimens = summarise_specimens([_trial(0)], {})
-    assert (average_means(specimens), average_means(())) == (None, None)
+    assert average_means(summarise_specimens(trials, {})) is None
 
 
 def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:

@@ -1,48 +1,73 @@
 """The procedure of a sweep: its moves, questions and records, and how it ends when something fails."""
 
-from itertools import pairwise
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import can
+import numpy as np
 import pytest
 
 from labrig.devices.operator import (
     ConfirmAxesAtZero,
     ConfirmNeedleOut,
     MountNeedle,
+    OperatorRequest,
     PlaceSpecimen,
     ShiftToHole,
 )
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.json_lines import read_lines
+from labrig.record.reader import Run
+from labrig.runner.conduct import Outcome
 from tests.runner.sessions import Watched, bench, sweep
 
 
-def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) -> None:
-    """After a success every axis is back at zero, and the rig knows that no needle is in tissue."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
+@dataclass(frozen=True)
+class Swept:
+    """A sweep of two holes that went well: how it ended, its record, and what the bench was like before and after."""
+
+    outcome: Outcome
+    run: Run
+    before: Mapping[str, Any]
+    asked: Sequence[OperatorRequest]
+    done: Sequence[float]
+    needle_in_tissue: bool | None
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Swept:
+    """Make the sweep, once for the tests that only look at it."""
+    protocol = sweep("insertions_per_specimen=2")
+    with bench(tmp_path_factory.mktemp("sweep"), protocol) as rig:
+        before = rig.opened.rig.snapshot()
+        watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator)
         outcome, run = rig.conduct(protocol)
-        assert (outcome.exit_status, outcome.error) == ("success", None)
-        assert rig.opened.rig.state.needle_in_tissue is False
-        last = run.states.iloc[-1]
-        assert abs(last["insertion_mm"]) < 0.05
-        assert abs(last["linear_mm"]) < 0.05
+        return Swept(
+            outcome, run, before, watched.asked, rig.told.done, rig.opened.rig.state.needle_in_tissue
+        )
 
 
-def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
+def test_a_sweep_ends_with_needle_and_sheath_where_they_started(swept: Swept) -> None:
+    """After a success both are back at zero, the rig knows that no needle is in tissue, and progress went forward."""
+    assert (swept.outcome.exit_status, swept.outcome.error) == ("success", None)
+    assert swept.needle_in_tissue is False
+    last = swept.run.states.iloc[-1]
+    assert abs(last["insertion_mm"]) < 0.05
+    assert abs(last["linear_mm"]) < 0.05
+    assert swept.done == sorted(swept.done)
+
+
+def test_the_record_holds_the_devices_before_and_after(swept: Swept) -> None:
     """The states of drives and camera are recorded before power is on, and at the end of a run."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        before: Any = rig.opened.rig.snapshot()
-        _, run = rig.conduct(protocol)
-    after = read_lines(run.path / "devices.jsonl")[-1]["devices"]
-    assert isinstance(after, dict)
-    assert set(before["axes"]["rotation"]) == {"position_rad"}
+    after: Any = read_lines(swept.run.path / "devices.jsonl")[-1]["devices"]
+    assert set(swept.before["axes"]["rotation"]) == {"position_rad"}
     assert set(after["axes"]["rotation"]) == {"position_rad", "statusword"}
-    for snapshot in (before, after):
+    for snapshot in (swept.before, after):
         assert snapshot["camera"]["exposure_us"] == 8000
     assert abs(after["axes"]["insertion"]["position_mm"]) < 0.05
     assert after["state"]["referenced"] == ["insertion", "rotation", "linear"]
@@ -58,60 +83,33 @@ def test_a_device_that_does_not_answer_is_in_the_snapshot_with_its_reason(tmp_pa
         assert axes["linear"]["position_mm"] == 0.0
 
 
-def test_the_operator_is_asked_in_the_order_of_the_bench(tmp_path: Path) -> None:
+def test_the_operator_is_asked_in_the_order_of_the_bench(swept: Swept) -> None:
     """The operator is asked for needle, zero, specimen, and then each hole."""
-    protocol = sweep("insertions_per_specimen=2")
-    with bench(tmp_path, protocol) as rig:
-        watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator)
-        rig.conduct(protocol)
-    assert [type(request) for request in watched.asked] == [
-        MountNeedle,
-        ConfirmAxesAtZero,
-        PlaceSpecimen,
-        ShiftToHole,
-        ShiftToHole,
-    ]
+    order = [MountNeedle, ConfirmAxesAtZero, PlaceSpecimen, ShiftToHole, ShiftToHole]
+    assert [type(request) for request in swept.asked] == order
 
 
-def test_states_are_recorded_ten_times_a_second_while_moving(tmp_path: Path) -> None:
-    """States of a move are a tenth of a second of rig time apart."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        _, run = rig.conduct(protocol)
-    inserting = run.states[(run.states["insertion_mm"] > 1) & (run.states["insertion_mm"] < 39)]
-    steps = [after - before for before, after in pairwise(inserting["t_s"].iloc[:300])]
-    assert max(abs(step - 0.1) for step in steps) < 1e-6
+def test_the_needle_advances_at_the_set_speed_and_is_read_ten_times_a_second(swept: Swept) -> None:
+    """The positions during an insertion lie on a line of 1 mm/s, a tenth of a second of rig time apart."""
+    states = swept.run.states
+    inserting = states[(states["insertion_mm"] > 5) & (states["insertion_mm"] < 35)].iloc[:250]
+    times_s, depths_mm = inserting["t_s"].to_numpy(), inserting["insertion_mm"].to_numpy()
+    assert (depths_mm[-1] - depths_mm[0]) / (times_s[-1] - times_s[0]) == pytest.approx(1.0, abs=0.01)
+    assert np.diff(times_s) == pytest.approx(0.1, abs=1e-6)
 
 
-def test_the_needle_advances_at_the_set_speed(tmp_path: Path) -> None:
-    """The positions during an insertion lie on a line of 1 mm/s."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        _, run = rig.conduct(protocol)
-    inserting = run.states[(run.states["insertion_mm"] > 5) & (run.states["insertion_mm"] < 35)].iloc[:250]
-    speed = (inserting["insertion_mm"].iloc[-1] - inserting["insertion_mm"].iloc[0]) / (
-        inserting["t_s"].iloc[-1] - inserting["t_s"].iloc[0]
-    )
-    assert abs(speed - 1.0) < 0.01
-
-
-def test_pictures_on_the_way_are_taken_at_their_depths(tmp_path: Path) -> None:
+def test_pictures_on_the_way_are_taken_at_their_depths(swept: Swept) -> None:
     """A picture is taken every 5 mm, at most a state period late, with the needle's position."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        _, run = rig.conduct(protocol)
-    depths = run.frame_table[run.frame_table["role"] == "advance"]["insertion_mm"].tolist()
+    frames = swept.run.frame_table
+    depths = frames[(frames["role"] == "advance") & (frames["trial"] == 0)]["insertion_mm"].tolist()
     assert len(depths) == 7
     assert all(0 <= depth - 5 * (index + 1) < 0.15 for index, depth in enumerate(depths))
 
 
-def test_what_was_asked_and_what_was_sent_are_both_recorded(tmp_path: Path) -> None:
+def test_what_was_asked_and_what_was_sent_are_both_recorded(swept: Swept) -> None:
     """The event of a move holds requested position and speed, sent quadcounts and rpm, and the achieved speed."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        _, run = rig.conduct(protocol)
-    moves = run.events[(run.events["kind"] == "move") & (run.events["axis"] == "insertion")]
-    first = moves.iloc[0]
+    events = swept.run.events
+    first = events[(events["kind"] == "move") & (events["axis"] == "insertion")].iloc[0]
     assert (first["asked_position_mm"], first["asked_speed_mm_s"]) == (40.0, 1.0)
     assert first["sent_rpm"] == round(first["sent_rpm"]) > 0
     assert first["sent_quadcounts"] == round(first["sent_quadcounts"]) > 0
@@ -143,41 +141,39 @@ def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None
     assert run.trials["exit_status"].tolist() == ["incomplete"]
 
 
-def test_a_fault_of_a_drive_fails_the_run_by_name(tmp_path: Path) -> None:
-    """A following error during an insertion fails the run, with axis and fault named."""
+def _lag(drive: SimulatedNode) -> None:
+    assert isinstance(drive, SimulatedCia402Drive)
+    drive.fail(0x8611)
+
+
+def _unplug(drive: SimulatedNode) -> None:
+    drive.unplug()
+
+
+@pytest.mark.parametrize(
+    ("strike", "words"),
+    [(_lag, "following error"), (_unplug, "insertion")],
+    ids=["following error", "silent"],
+)
+def test_a_fault_of_a_drive_fails_the_run_by_name(
+    strike: Callable[[SimulatedNode], None], words: str, tmp_path: Path
+) -> None:
+    """Axis and fault are named, and the record is closed, also where stopping cannot be confirmed."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
-        clock = rig.opened.hardware.clock
-        struck: list[float] = []
+        clock, struck = rig.opened.hardware.clock, list[float]()
 
-        def lag() -> None:
+        def strike_once() -> None:
             if clock.now_s() > 10 and not struck:
                 struck.append(clock.now_s())
-                rig.opened.hardware.drives["insertion"].fail(0x8611)
+                strike(rig.opened.hardware.drives["insertion"])
 
-        clock.on_advance(lag)
+        clock.on_advance(strike_once)
         outcome, run = rig.conduct(protocol)
-    assert outcome.exit_status == "failed"
+    assert outcome.exit_status == run.manifest["exit_status"] == "failed"
     assert isinstance(outcome.error, DriveError)
     assert "insertion" in outcome.reason
-    assert "following error" in outcome.reason.lower()
-    assert run.manifest["exit_status"] == "failed"
-
-
-def test_a_drive_that_falls_silent_fails_the_run_and_the_record_is_closed(tmp_path: Path) -> None:
-    """If stopping cannot be confirmed the record states it with the first fault, and is closed."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        clock = rig.opened.hardware.clock
-
-        def unplug() -> None:
-            if clock.now_s() > 10:
-                rig.opened.hardware.drives["insertion"].unplug()
-
-        clock.on_advance(unplug)
-        outcome, run = rig.conduct(protocol)
-    assert outcome.exit_status == "failed"
-    assert run.manifest["exit_status"] == "failed"
+    assert words in outcome.reason.lower()
     assert (run.path / "SHA256SUMS").is_file()
 
 
@@ -205,14 +201,6 @@ def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:
     assert [type(request) for request in watched.asked] == [ConfirmNeedleOut]
     assert outcome.exit_status == "aborted"
     assert run.events[run.events["kind"] == "move"].empty
-
-
-def test_progress_only_goes_forward(tmp_path: Path) -> None:
-    """Progress never decreases, and ends at the total."""
-    protocol = sweep("insertions_per_specimen=2")
-    with bench(tmp_path, protocol) as rig:
-        rig.conduct(protocol)
-        assert rig.told.done == sorted(rig.told.done)
 
 
 @pytest.mark.parametrize(

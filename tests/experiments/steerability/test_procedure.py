@@ -18,7 +18,6 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
-from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.json_lines import read_lines
@@ -141,22 +140,17 @@ def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None
     assert run.trials["exit_status"].tolist() == ["incomplete"]
 
 
-def _lag(drive: SimulatedNode) -> None:
-    assert isinstance(drive, SimulatedCia402Drive)
+def _lag(drive: SimulatedCia402Drive) -> None:
     drive.fail(0x8611)
-
-
-def _unplug(drive: SimulatedNode) -> None:
-    drive.unplug()
 
 
 @pytest.mark.parametrize(
     ("strike", "words"),
-    [(_lag, "following error"), (_unplug, "insertion")],
+    [(_lag, "following error"), (SimulatedCia402Drive.unplug, "insertion")],
     ids=["following error", "silent"],
 )
 def test_a_fault_of_a_drive_fails_the_run_by_name(
-    strike: Callable[[SimulatedNode], None], words: str, tmp_path: Path
+    strike: Callable[[SimulatedCia402Drive], None], words: str, tmp_path: Path
 ) -> None:
     """Axis and fault are named, and the record is closed, also where stopping cannot be confirmed."""
     protocol = sweep()

@@ -359,7 +359,7 @@ class Cia402Drive(DriveNode):
         if quick or self._was_enabled:
             if self._nmt_state == NMT_STOPPED:
                 self.send_nmt(NMT_START)
-            data = self.variable(co.CONTROLWORD).encode_raw(QUICK_STOP if quick else ENABLE | HALT)
+            data = self.variables[co.CONTROLWORD].encode_raw(QUICK_STOP if quick else ENABLE | HALT)
             self.sdo.post(co.CONTROLWORD, data)
 
     def stop(self, *, quick: bool = False) -> None:
@@ -455,7 +455,7 @@ class Cia402Drive(DriveNode):
         if not all(map(self.model.has, places)):
             return
         if limits is None:
-            self.adjust({place: find_default(self.variable(place)) for place in places})
+            self.adjust({place: find_default(self.variables[place]) for place in places})
             return
         low, high = sorted(map(self.scale.to_counts, limits))
         ends = (low - self._window_counts, high + self._window_counts)

@@ -13,11 +13,10 @@ What is decided here
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import TypeVar
-
-from canopen.objectdictionary import ODVariable
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
@@ -48,9 +47,6 @@ _CLASHING_ANSWERS = 3
 """Unexpected answers while a drive is identified that show two nodes; a single one may be a repeated frame."""
 
 _PROFILE = 402
-_NEEDED_MODES = 0x21
-"""Bits of 0x6502 for profile position and homing."""
-
 _EMERGENCY = struct.Struct("<HB")
 _PDOS = frozenset((*range(0x1400, 0x1600), *range(0x1800, 0x1A00)))
 """Indices of receive and of transmit PDOs."""
@@ -65,6 +61,8 @@ class DriveNode:
     ----------
     model : Model
         What is known of the product.
+    variables : dict of Place to ODVariable
+        Its objects as the EDS file describes them, or as the standard does if they are not there.
     """
 
     def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
@@ -72,13 +70,10 @@ class DriveNode:
         self.name = f"drive of axis {axis} (node {self.node_id})"
         self.axis = axis
         self.section = section
-        self._unreadable: InputError | None = None
-        try:
+        self.model = Model(read_own_eds("epos4.eds"), {})
+        with suppress(InputError):  # `read_identity` raises it
             self.model = section.model()
-        except InputError as error:
-            self._unreadable = error
-            self.model = Model(read_own_eds("epos4.eds"), {})
-        self._objects = {**read_own_eds("epos4.eds").objects, **self.model.eds.objects}
+        self.variables = {**read_own_eds("epos4.eds").objects, **self.model.eds.objects}
         self.sdo = SdoClient(link, self.node_id, self.name, axis)
         self.has_restarted = False
         self._clock = clock
@@ -98,13 +93,9 @@ class DriveNode:
 
     # Objects
 
-    def variable(self, place: Place) -> ODVariable:
-        """Return an object as the EDS file describes it, or as the standard does if it is not there."""
-        return self._objects[place]
-
     def upload(self, place: Place) -> int:
         """Return the value of an object. Raises `DriveSilentError`, `DriveRefusedError`, `BusError`."""
-        variable = self.variable(place)
+        variable = self.variables[place]
         return int(variable.decode_raw(self.sdo.upload(place, variable.name)[: count_bytes(variable)]))
 
     def find(self, place: Place) -> int | None:
@@ -120,7 +111,7 @@ class DriveNode:
 
     def download(self, place: Place, value: int) -> None:
         """Write an object. Raises `DriveError` if the value is out of range, and as `upload`."""
-        variable = self.variable(place)
+        variable = self.variables[place]
         low, high = find_bounds(variable)
         if not low <= value <= high:
             raise DriveError(
@@ -137,7 +128,7 @@ class DriveNode:
         found = self.upload(place)
         if found != value:
             raise DriveError(
-                f"{self.name} kept {self.variable(place).name} ({place}) at {found} when {value} was written",
+                f"{self.name} kept {self.variables[place].name} ({place}) at {found} when {value} was written",
                 f"check whether the drive's parameters are locked in {self.model.tool}",
             )
         return True
@@ -175,8 +166,7 @@ class DriveNode:
 
     def read_identity(self) -> Identity:
         """Return the identity of the drive, whatever its settings. Raises as `identify`."""
-        if self._unreadable is not None:
-            raise self._unreadable
+        self.section.model()
         self.do_awake(lambda: self.upload(co.VENDOR_ID))
         strays = self.sdo.strays
         identity = self._compare_product()
@@ -201,12 +191,6 @@ class DriveNode:
                 f"{self.name} is no {eds.product_name} that labrig knows: profile {profile}, "
                 f"vendor 0x{vendor:X}, {says}",
                 f"profile {_PROFILE}, vendor 0x{eds.vendor:X}, {types} are known; {model.advice}",
-            )
-        modes = self.find(co.SUPPORTED_MODES)
-        if modes is not None and modes & _NEEDED_MODES != _NEEDED_MODES:
-            raise DriveError(
-                f"{self.name} lacks profile position or homing mode ({co.SUPPORTED_MODES} is 0x{modes:08X})",
-                "use another drive",
             )
         doubt = model.doubt
         if not doubt and model.tried and version not in {None, *model.tried}:

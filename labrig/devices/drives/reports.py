@@ -70,17 +70,17 @@ class DriveReports:
     def switch_on(self) -> None:
         """Make the drive report at each SYNC, if its PDO can be mapped and switched on."""
         places = (*_REPORTED, self.current[0]) if self.current is not None else _REPORTED
-        fits = sum(len(self._node.variable(place)) for place in places) <= _PDO_BITS
+        fits = sum(len(self._node.variables[place]) for place in places) <= _PDO_BITS
         wanted = places if fits else _REPORTED
         self.layout = wanted if self._send_at_sync(wanted) else ()
-        self._form = make_form(map(self._node.variable, self.layout))
+        self._form = make_form([self._node.variables[place] for place in self.layout])
 
     def _send_at_sync(self, layout: tuple[Place, ...]) -> bool:
         """Tell whether these objects are sent at each SYNC from now on; what the drive refuses is off."""
         node, cob_id, mapping = self._node, co.REPORT_COB_ID, co.TPDO_MAPS[co.REPORT][: 1 + len(layout)]
         if not all(map(node.model.has, (cob_id, co.TPDO_TYPES[co.REPORT], *mapping))):
             return False
-        carried = [place.index << 16 | place.subindex << 8 | len(node.variable(place)) for place in layout]
+        carried = [place.index << 16 | place.subindex << 8 | len(node.variables[place]) for place in layout]
         wanted = dict(zip(mapping, (len(layout), *carried), strict=True))
         node.send_nmt(NMT_PRE_OPERATIONAL)
         try:

@@ -110,7 +110,6 @@ ANOTHER: dict[str, tuple[str, Place, int, str]] = {
     "product": ("epos4", co.PRODUCT_CODE, 0x62200000, r"is no EPOS4 Module 50/5 .* product code 0x62200000"),
     "vendor": ("epos4", co.VENDOR_ID, 0x2F, r"profile 402, vendor 0x2F"),
     "profile": ("epos4", co.DEVICE_TYPE, 401, "profile 401, vendor"),
-    "modes": ("epos4", co.SUPPORTED_MODES, 0x24, r"lacks .* homing mode \(0x6502:00 is 0x00000024\)"),
     "velocity": (
         "epos4",
         co.VELOCITY_UNIT,

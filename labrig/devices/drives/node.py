@@ -70,10 +70,10 @@ class DriveNode:
         self.name = f"drive of axis {axis} (node {self.node_id})"
         self.axis = axis
         self.section = section
-        self.model = Model(read_own_eds("epos4.eds"), {})
+        self.model = Model(read_own_eds("cia402.eds"), {})
         with suppress(InputError):  # `read_identity` raises it
             self.model = section.model()
-        self.variables = {**read_own_eds("epos4.eds").objects, **self.model.eds.objects}
+        self.variables = {**read_own_eds("cia402.eds").objects, **self.model.eds.objects}
         self.sdo = SdoClient(link, self.node_id, self.name, axis)
         self.has_restarted = False
         self._clock = clock

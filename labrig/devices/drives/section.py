@@ -19,25 +19,6 @@ from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import InputError
 from labrig.protocol.model import Conflict
 
-_REQUIRED = (
-    co.DEVICE_TYPE,
-    co.ERROR_REGISTER,
-    co.CONSUMER_HEARTBEAT,
-    co.PRODUCER_HEARTBEAT,
-    co.VENDOR_ID,
-    co.PRODUCT_CODE,
-    co.CONTROLWORD,
-    co.STATUSWORD,
-    co.MODE,
-    co.POSITION_ACTUAL,
-    co.TARGET_POSITION,
-    co.PROFILE_VELOCITY,
-    co.PROFILE_ACCELERATION,
-    co.QUICK_STOP_DECELERATION,
-    co.HOMING_METHOD,
-)
-"""What profile position mode, homing, and the stop on a lost heartbeat need."""
-
 _WITHOUT_IT = "labrig needs it: use the EDS file of this drive, name another object, or use another drive"
 
 
@@ -63,11 +44,11 @@ class ProductSection(Cia402Section):
         except InputError as error:
             yield Conflict("driver", error.message, error.hint)
             return
-        standard = read_own_eds("epos4.eds").objects
-        for place in (*_REQUIRED, *model.needs):
+        names = {place: f" ({found.name})" for place, found in read_own_eds("cia402.eds").objects.items()}
+        for place in (*names, *model.needs):
             if not model.has(place):
-                name = f" ({standard[place].name})" if place in standard else ""
-                yield Conflict("driver", f"{model.eds.source} has no object {place}{name}", _WITHOUT_IT)
+                lacking = f"{model.eds.source} has no object {place}{names.get(place, '')}"
+                yield Conflict("driver", lacking, _WITHOUT_IT)
         ends = ((co.TARGET_POSITION, self.scale().to_counts(limit)) for limit in self.limits if settings)
         for place, value in (*settings.items(), *ends):
             low, high = find_bounds(model.eds.objects[place]) if model.takes(place) else (value, value)

@@ -9,8 +9,7 @@ What is decided here
   is read by SDO. The mapping is not stored: it ends with the drive's power.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from queue import SimpleQueue
 from struct import Struct
@@ -20,7 +19,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import make_form
 from labrig.devices.drives.node import NMT_PRE_OPERATIONAL, NMT_START, DriveNode
 from labrig.devices.drives.objects import Place
-from labrig.devices.input_channel import InputValue
+from labrig.devices.input_channel import InputChannel, InputValue
 from labrig.errors import DriveError, DriveRefusedError
 
 _PDO_BITS = 64
@@ -31,12 +30,8 @@ _REPORT_PATIENCE = 0.25
 """Longest wait for a report, as a part of the answer timeout: its frame is already on its way."""
 
 
-@dataclass(frozen=True)
-class InputPlace:
-    """Where an input of a drive is read: the object that holds it, and its bit there; None for an analog one [mV]."""
-
-    place: Place
-    bit: int | None = None
+_Input = tuple[Place, Callable[[int], InputValue]]
+"""The object that holds an input, and what its value means."""
 
 
 class DriveReports:
@@ -105,7 +100,7 @@ class DriveReports:
         """
         values = {} if since_s is None or not self.layout else self._take(since_s)
         current = () if self.current is None or since_s is None else (self.current[0],)
-        for place in (*_REPORTED, *current, *self._input_words):
+        for place in (*_REPORTED, *current, *(place for place, _ in self._inputs.values())):
             if place not in values:
                 values[place] = self._node.upload(place)
         return values
@@ -150,22 +145,15 @@ class DriveReports:
         return values[self.current[0]] * self.current[1]
 
     @cached_property
-    def _input_places(self) -> dict[str, InputPlace]:
-        """Where the inputs are read that its section names. Raises `DriveError` if the drive lacks or hides one."""
-        return {
-            name: self._find_input(name, channel.source)
-            for name, channel in self._node.section.inputs.items()
-        }
+    def _inputs(self) -> dict[str, _Input]:
+        """The inputs that its section names. Raises `DriveError` if the drive lacks or hides one."""
+        return {name: self._find_input(name, channel) for name, channel in self._node.section.inputs.items()}
 
-    @cached_property
-    def _input_words(self) -> tuple[Place, ...]:
-        """The objects that hold them, each once."""
-        return tuple(dict.fromkeys(found.place for found in self._input_places.values()))
-
-    def _find_input(self, name: str, source: str) -> InputPlace:
-        model, bit = self._node.model, self._node.section.digital_inputs.get(source)
+    def _find_input(self, name: str, channel: InputChannel) -> _Input:
+        model, source = self._node.model, channel.source
+        bit = self._node.section.digital_inputs.get(source)
         if source in model.analog:
-            return InputPlace(model.analog[source])
+            return model.analog[source], lambda millivolts: channel.convert(millivolts / 1000)
         if bit is None or not model.has(model.inputs):
             raise DriveError(
                 f"{self._node.name} has no input {source}, which the rig file names {name}",
@@ -178,18 +166,13 @@ class DriveReports:
                 f"{model.input_mask} is {mask:#06x}, without bit {bit}",
                 f"set bit {bit} of the mask in {model.tool} and save it, or use an input that the mask shows",
             )
-        return InputPlace(model.inputs, bit)
+        return model.inputs, lambda word: bool(word >> bit & 1)
 
     def read_inputs(self) -> dict[str, InputValue]:
         """Return what the inputs read that its section names."""
-        return self.convert_inputs({place: self._node.upload(place) for place in self._input_words})
+        places = {place for place, _ in self._inputs.values()}
+        return self.convert_inputs({place: self._node.upload(place) for place in places})
 
     def convert_inputs(self, values: Mapping[Place, int]) -> dict[str, InputValue]:
         """Return the inputs among read values, by their names."""
-        channels = self._node.section.inputs
-        return {
-            name: channels[name].convert(values[found.place] / 1000)
-            if found.bit is None
-            else bool(values[found.place] >> found.bit & 1)
-            for name, found in self._input_places.items()
-        }
+        return {name: convert(values[place]) for name, (place, convert) in self._inputs.items()}

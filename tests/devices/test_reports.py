@@ -23,7 +23,10 @@ def _frames(opened: OpenedRig) -> list[int]:
 
 
 def test_the_states_of_three_axes_take_four_frames() -> None:
-    """A SYNC and a report per drive; position and state are those of the drive."""
+    """A SYNC and a report per drive; position, state and motor current are those of the drive.
+
+    The current is 60 mA for friction of 1.5 mNm, by the motor's 25 mNm/A.
+    """
     with opened_rig() as opened:
         _moving(opened)
         states = opened.rig.read_states()
@@ -31,20 +34,8 @@ def test_the_states_of_three_axes_take_four_frames() -> None:
         drive = opened.drives["insertion"]
         assert states["insertion"].position == pytest.approx(drive.shaft_counts / 4000, abs=1 / 4000)
         assert states["insertion"].statusword == drive._statusword()
-
-
-def test_a_report_has_the_motor_current() -> None:
-    """It comes in the same frame as the position: 60 mA for friction of 1.5 mNm, by the motor's 25 mNm/A."""
-    with opened_rig() as opened:
-        _moving(opened)
-        states = opened.rig.read_states()
-        assert {name: state.current_ma for name, state in states.items()} == {
-            "insertion": 60.0,
-            "rotation": 0.0,
-            "linear": 0.0,
-        }
-        assert set(_frames(opened)) == {SYNC, *REPORTS}
-        assert opened.drives["insertion"].objects.value(co.TPDO_MAPS[2][3]) == 0x20270010
+        assert [state.current_ma for state in states.values()] == [60.0, 0.0, 0.0]
+        assert drive.objects.value(co.TPDO_MAPS[2][3]) == 0x20270010
 
 
 def test_inputs_of_a_drive_are_read_with_its_report() -> None:

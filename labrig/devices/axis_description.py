@@ -10,7 +10,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import NodeId
 from labrig.devices.check_result import CheckResult
-from labrig.devices.drives.drive import Drive
+from labrig.devices.drives.drive import Drive, Homing
 from labrig.devices.input_channel import ChannelName, InputChannel
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
@@ -32,21 +32,6 @@ _A_SCREW: Mapping[str, object] = {
 Positive = Annotated[float, Field(gt=0)]
 
 
-class HomingDescription(Model):
-    """How an axis gets its reference."""
-
-    method: int = 35
-    """Homing method. 35: where it stands, on confirmation."""
-    position: float = 0.0
-    """What the position is once home is found [mm or rad]."""
-    offset: Annotated[float, Field(ge=0)] = 0.0
-    """How far to move off the stop or switch before [mm or rad]."""
-    speed: Positive = 1.0
-    """Speed of the search [mm/s or rad/s]."""
-    timeout_s: Annotated[float, Field(gt=0, le=600)] = 60.0
-    """When the search is given up [s]."""
-
-
 class AxisDescription(Model):
     """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad.
 
@@ -62,8 +47,6 @@ class AxisDescription(Model):
         Keys without which nothing can be converted; null where nobody has entered them yet.
     where_to_find : mapping of str to str
         Where each of them is found.
-    count_unit : str
-        What the drive counts positions in.
     digital_inputs : mapping of str to int
         Digital inputs of the drive by name -> its bit in the word that holds them.
     factory_settings : mapping of str to object
@@ -80,7 +63,6 @@ class AxisDescription(Model):
         "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
         "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
     }
-    count_unit: ClassVar[str] = "counts"
     digital_inputs: ClassVar[Mapping[str, int]] = {}
 
     driver: str
@@ -119,7 +101,7 @@ class AxisDescription(Model):
     backlash: Annotated[float, Field(ge=0)] = 0.0
     """Measured play of screw and gear. Moves downwards go this far beyond their target and come back, so that
     every move ends from the same side [mm or rad]."""
-    homing: HomingDescription = Field(default_factory=HomingDescription)
+    homing: Homing = Field(default_factory=Homing)
     """How it is referenced."""
     lag_s: Annotated[float, Field(ge=0, le=30)] = 0.0
     """Measured time by which what the axis moves follows later than its drive: a needle winds up while it is

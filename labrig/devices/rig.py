@@ -13,11 +13,11 @@ from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
-from labrig.devices.drives.drive import DriveReading, Homing, Identity, Setpoint, try_all, wait_for_all
+from labrig.devices.drives.drive import HERE, DriveReading, Homing, Identity, Setpoint, try_all, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
-from labrig.devices.homing import HOMING_HERE, require_homing_allowed, require_homing_current
+from labrig.devices.homing import require_homing_allowed, require_homing_current
 from labrig.devices.needle_location import NeedleLocation, are_drives_lost, locate_axis
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
@@ -418,7 +418,7 @@ class Rig:
         """
         self.needle.refuse_in_tissue("no axis is homed", self.description.option)
         for axis in self.axes:
-            self.home(axis.name, Homing(HOMING_HERE))
+            self.home(axis.name, HERE)
 
     def home(self, axis_name: str, homing: Homing) -> None:
         """Home one axis; meanwhile all axes are supervised, and all are stopped if anything goes wrong.
@@ -466,7 +466,7 @@ class Rig:
         """
         self.check_homing(name, method, needle_mounted=needle_mounted)
         homing = self.axis(name).description.homing
-        self.home(name, Homing(method, homing.position, homing.offset, homing.speed, homing.timeout_s))
+        self.home(name, homing.model_copy(update={"method": method}))
 
     def assume_positions(self, positions: Mapping[str, float]) -> None:
         """Assume the positions that a person has confirmed, for axes that have lost their reference [mm or rad].

@@ -19,7 +19,6 @@ from labrig.devices.drives.drive import STILL_POLL_S, Drive, Homing
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.heartbeat import HeartbeatClock
-from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import DriveError
@@ -82,7 +81,7 @@ class OpenedDrive:
 
     def home_here(self, position: float) -> None:
         """Home at the present position."""
-        self.wait(self.drive.home(Homing(HOMING_HERE, position)))
+        self.wait(self.drive.home(Homing(position=position)))
         assert self.drive.is_referenced()
         assert self.is_at(position)
 

@@ -130,7 +130,7 @@ def test_each_homing_method_has_its_direction(method: int) -> None:
         opened.hardware.clock.on_advance(lambda: went.append(drive.shaft_counts))
         opened.rig.home(
             "insertion",
-            Homing(method, offset=0.25, speed=16.0, timeout_s=60.0),
+            Homing(method=method, offset=0.25, speed=16.0, timeout_s=60.0),
         )
         first = next(place for place in went if place)
         assert first * HOMING_DIRECTIONS[method] > 0
@@ -147,7 +147,7 @@ def test_a_signal_ends_a_homing() -> None:
             lambda: setattr(opened.signal, "name", "SIGTERM" if drive.is_homing else None)
         )
         with pytest.raises(InterruptedRunError, match="SIGTERM"):
-            opened.rig.home("insertion", Homing(-3, timeout_s=60.0))
+            opened.rig.home("insertion", Homing(method=-3, timeout_s=60.0))
         homing = drive.find_last("homing")
         assert homing is not None
         assert homing.text == "stopped"
@@ -160,6 +160,6 @@ def test_a_homing_method_that_the_drive_lacks_is_refused() -> None:
     with _rig() as opened:
         opened.rig.connect()
         with pytest.raises(DriveRefusedError) as refusal:
-            opened.rig.home("insertion", Homing(5))
+            opened.rig.home("insertion", Homing(method=5))
         assert refusal.value.code == 0x06090030
         assert opened.drives["insertion"].shaft_counts == 0

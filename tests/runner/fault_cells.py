@@ -107,7 +107,7 @@ _RIG = (
     "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10, limits: [-20, 20]}}",
     "axes.linear.inputs={door: {source: general-A, expected: true}}",
 )
-_TO_THE_LOWER_STOP = Homing(-4, offset=7.0, speed=5.0, timeout_s=30.0)
+_TO_THE_LOWER_STOP = Homing(method=-4, offset=7.0, speed=5.0, timeout_s=30.0)
 _WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
 _PERSON_TAKES_S, _HANG_S, _LONG_AFTER_S = 2.0, 3.0, 5.0
 _LOOK_S, _OUT_COUNTS = 0.05, 40

@@ -385,7 +385,7 @@ class Cia402Drive(DriveNode):
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
                     f"{self.name} still moves {within_s:.1f} s after it was stopped "
-                    f"({readings[0]} -> {readings[-1]} {self.section.count_unit})",
+                    f"({readings[0]} -> {readings[-1]} counts)",
                     "press the emergency stop",
                 )
             yield
@@ -424,7 +424,7 @@ class Cia402Drive(DriveNode):
     def _hold_at_home(self, homing: Homing) -> None:
         """Hold, after checking the counter: even a fresh bit can be wrong, and makers differ in the sign of a home."""
         counter, home = self.counter(), self.scale.to_counts(homing.position)
-        reads = f"{self.name} reads {counter} {self.section.count_unit}"
+        reads = f"{self.name} reads {counter} counts"
         if homing.method == HOMING_HERE and abs(counter - home) > STILL_COUNTS:
             raise DriveError(f"{reads} after homing here, expected {home}", CHECK_POWER)
         self.download(co.CONTROLWORD, ENABLE | HALT)

@@ -16,12 +16,15 @@ What is decided here
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Annotated, Protocol, TypeVar
+
+from pydantic import Field
 
 from labrig.clock import Clock
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.input_channel import InputValue
 from labrig.errors import DriveError, DriveFaultError, MachineError
+from labrig.protocol.model import Model
 
 STILL_COUNTS = 2
 """Dither of a servo at rest [counts]."""
@@ -91,29 +94,23 @@ class DriveReading:
     inputs: Mapping[str, InputValue] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Homing:
-    """One homing.
+class Homing(Model):
+    """How an axis gets its reference."""
 
-    Parameters
-    ----------
-    method : int
-        A key of the section's `homing_directions`; `HOMING_HERE` sets the position without a move.
-    position : float
-        Position at home [mm or rad].
-    offset : float
-        Distance to move off the switch or stop first, without sign [mm or rad].
-    speed : float
-        Speed of the search [mm/s or rad/s].
-    timeout_s : float
-        Longest time of the search [s].
-    """
-
-    method: int
+    method: int = 35
+    """Homing method. 35: where it stands, on confirmation."""
     position: float = 0.0
-    offset: float = 0.0
-    speed: float = 1.0
-    timeout_s: float = 1.0
+    """What the position is once home is found [mm or rad]."""
+    offset: Annotated[float, Field(ge=0)] = 0.0
+    """How far to move off the stop or switch before [mm or rad]."""
+    speed: Annotated[float, Field(gt=0)] = 1.0
+    """Speed of the search [mm/s or rad/s]."""
+    timeout_s: Annotated[float, Field(gt=0, le=600)] = 60.0
+    """When the search is given up [s]."""
+
+
+HERE = Homing(timeout_s=1.0)
+"""Zero where the axis stands."""
 
 
 class Drive(Protocol):
@@ -226,6 +223,8 @@ class Drive(Protocol):
 
     def home(self, homing: Homing) -> Iterator[None]:
         """Home, from standstill and enabled, and hold at home, ready for moves; the caller lets time pass at each turn.
+
+        `homing.method` is a key of the section's `homing_directions`.
 
         This discards the position of `assume_position`.
 

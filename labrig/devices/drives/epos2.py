@@ -19,8 +19,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from labrig.devices.axis_description import HomingDescription
 from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_own_eds
 from labrig.devices.drives.model import Model, Stated
 from labrig.devices.drives.objects import Place
@@ -60,7 +60,7 @@ _GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("HGFEDC
 Word = Annotated[int, Field(ge=0, lt=2**32)]
 
 
-class Epos2Homing(HomingDescription):
+class Epos2Homing(Homing):
     """Homing of an axis."""
 
     method: Literal[35, -1, -2, -3, -4, 1, 2, 17, 18] = 35
@@ -81,7 +81,6 @@ class Epos2Axis(ProductSection):
         "encoder_pulses_per_turn": "lines of the encoder on the motor: data sheet, or 0x2210:01 in EPOS Studio",
         **ProductSection.where_to_find,
     }
-    count_unit = "quadcounts"
     digital_inputs: ClassVar[Mapping[str, int]] = {
         **{name: bit for bit, name in enumerate(_INPUTS)},
         **_GENERAL_INPUTS,

@@ -17,8 +17,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from labrig.devices.axis_description import AxisDescription, HomingDescription, Positive
+from labrig.devices.axis_description import AxisDescription, Positive
 from labrig.devices.drives import objects as co
+from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_eds, read_own_eds
 from labrig.devices.drives.model import STOP_OPTIONS, Model, Stated
 from labrig.devices.drives.objects import Place
@@ -41,7 +42,7 @@ PlaceText = Annotated[str, Field(pattern=r"^0x[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$")]
 """Index and subindex of an object, such as 0x3001:02."""
 
 
-class Cia402Homing(HomingDescription):
+class Cia402Homing(Homing):
     """Homing of an axis."""
 
     method: Literal[35, 1, 2, 17, 18] = 35

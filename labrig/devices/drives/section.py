@@ -8,7 +8,6 @@ from labrig.devices.check_result import CheckResult
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import find_bounds, read_own_eds
 from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
@@ -35,12 +34,12 @@ class ProductSection(Cia402Section):
 
     def problems(self) -> Iterator[Conflict]:
         """Yield an EDS file that cannot be used for this section, and values that the drive does not take."""
-        homing, settings = self.homing, dict[Place, int]()
+        settings = dict[Place, int]()
         try:
             model = self.model()
             if not self.unknown:
                 settings = {**model.list_settings(self), **model.stop_options}
-                model.list_homing_settings(self, Homing(homing.method, homing.position, homing.offset))
+                model.list_homing_settings(self, self.homing)
         except InputError as error:
             yield Conflict("driver", error.message, error.hint)
             return

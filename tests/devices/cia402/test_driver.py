@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import still_time_s
-from labrig.devices.drives.drive import STILL_COUNTS, Homing
+from labrig.devices.drives.drive import HERE, STILL_COUNTS, Homing
 from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import (
@@ -23,7 +23,6 @@ from labrig.devices.drives.states import (
     TargetState,
     decode_state,
 )
-from labrig.devices.homing import HOMING_HERE
 from labrig.devices.input_channel import InputChannel
 from labrig.errors import DriveError, DriveFaultError, DriveRefusedError, InputError
 from tests.devices import epos2_places as od
@@ -181,7 +180,7 @@ def test_a_drive_with_only_the_required_objects_moves(tmp_path: Path) -> None:
     """Without any optional object it homes, moves and stops."""
     with one_drive(section_of(tmp_path, eds_text(without=(*GUARDS, *OPTIONAL)), objects={})) as one:
         one.get_ready()
-        one.home(Homing(HOMING_HERE))
+        one.home(HERE)
         one.driver.set_limits((-1.0, 1.0))
         one.driver.start_move(2.0, 5.0)
         one.wait(2.0)
@@ -353,7 +352,7 @@ def test_standard_currents_are_thousandths_of_the_rated_one(tmp_path: Path) -> N
 
 def test_homing_at_a_switch_ends_with_the_counter_at_home(ready4: OneDrive) -> None:
     """Method 17 goes back to the negative switch; the section's object holds the home position."""
-    ready4.home(Homing(17, position=-3.0, speed=5.0, timeout_s=20.0))
+    ready4.home(Homing(method=17, position=-3.0, speed=5.0, timeout_s=20.0))
     assert ready4.drive.shaft_counts == -8000
     assert ready4.driver.position() == -3.0
     assert ready4.driver.is_referenced()
@@ -361,7 +360,7 @@ def test_homing_at_a_switch_ends_with_the_counter_at_home(ready4: OneDrive) -> N
 
 def test_a_home_position_of_the_other_sign_is_noticed(ready4: OneDrive) -> None:
     """A drive that sets its counter to the negated value is refused."""
-    homing = ready4.driver.home(Homing(17, position=-3.0, speed=5.0, timeout_s=20.0))
+    homing = ready4.driver.home(Homing(method=17, position=-3.0, speed=5.0, timeout_s=20.0))
     next(homing)
     ready4.drive.objects.values[Place(0x30B0)] *= -1
     ready4.wait(10.0)
@@ -372,16 +371,16 @@ def test_a_home_position_of_the_other_sign_is_noticed(ready4: OneDrive) -> None:
 
 def test_a_homing_that_takes_too_long_is_given_up(ready: OneDrive) -> None:
     """The attained bit of an earlier homing does not count."""
-    ready.home(Homing(HOMING_HERE))
+    ready.home(HERE)
     with pytest.raises(DriveError, match="did not find home in time"):
-        ready.home(Homing(-3, timeout_s=0.05))
+        ready.home(Homing(method=-3, timeout_s=0.05))
 
 
 def test_a_home_position_without_an_object_is_refused(tmp_path: Path) -> None:
     """Before anything is written; so is a distance off the switch."""
     with one_drive(section_of(tmp_path, objects={})) as one:
         one.get_ready()
-        for homing in (Homing(HOMING_HERE, position=1.0), Homing(17, offset=1.0)):
+        for homing in (Homing(position=1.0), Homing(method=17, offset=1.0)):
             with pytest.raises(InputError, match="no object of the drive is known"):
                 one.home(homing)
 
@@ -391,7 +390,7 @@ def test_an_unreported_reference_ends_with_closing(tmp_path: Path) -> None:
     with one_drive(other_make(tmp_path)) as one:
         one.get_ready()
         assert not one.driver.is_referenced()
-        one.home(Homing(HOMING_HERE))
+        one.home(HERE)
         assert one.driver.is_referenced()
         one.drive.restart()
         assert not one.driver.is_referenced()

@@ -21,7 +21,6 @@ class StepperAxis(ProductSection):
 
     factory_settings = {"microsteps_per_turn": 3200}  # noqa: RUF012 - as the base class declares it
     homing_directions = {HOMING_HERE: 0}  # noqa: RUF012 - as the base class declares it
-    count_unit = "microsteps"
 
     driver: Literal["example-stepper"] = Field("example-stepper", description="Kind of drive.")
     microsteps_per_turn: Annotated[int, Field(ge=200, le=51_200)] = Field(

@@ -113,7 +113,7 @@ class Signal:
         return self.name
 
 
-_WALLS = Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
+WALLS = Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
 
 
 @dataclass
@@ -162,7 +162,7 @@ def one_drive(
     drive = (
         epos2_node(wire, 1, clock, **drive_settings)
         if section is None
-        else section.simulate(wire, clock, _WALLS)
+        else section.simulate(wire, clock, WALLS)
     )
     clock.on_advance(drive.tick)
     driver = Cia402Drive(link, told or section or epos2_axis(), "insertion", clock)

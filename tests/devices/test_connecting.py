@@ -7,13 +7,21 @@ import pytest
 
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
-from labrig.devices.drives.epos2 import HOMING_DIRECTIONS
+from labrig.devices.drives.epos2 import HOMING_DIRECTIONS, Epos2Axis
 from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.rig import Rig
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices import epos2_places as od
-from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
+from tests.devices.rigs import (
+    HEARTBEAT,
+    WALLS,
+    OneDrive,
+    OpenedRig,
+    epos2_axis,
+    one_drive,
+    opened_rig,
+    simulated_rig,
+)
 
 QUADCOUNTS_PER_MM = 4000
 READ_BACK = {
@@ -36,9 +44,9 @@ def _rig(*overrides: str) -> AbstractContextManager[OpenedRig]:
     return opened_rig(simulated_rig(*settings, *overrides))
 
 
-def _connect_and_reference(rig: Rig) -> None:
-    rig.connect()
-    rig.reference_axes()
+def _configure(one: OneDrive, section: Epos2Axis) -> None:
+    one.driver.configure(HEARTBEAT, None)
+    one.driver.set_limits(section.limits)
 
 
 def _value(opened: OpenedRig, entry: Place) -> int:
@@ -57,12 +65,13 @@ def test_the_drive_has_the_settings_of_the_rig_file() -> None:
 @pytest.mark.parametrize("place", READ_BACK, ids=str)
 def test_a_setting_that_the_drive_does_not_keep_is_refused(place: Place) -> None:
     """Each setting is read back after it has been written; the error names the object."""
-    with _rig() as opened:
-        objects = opened.drives["insertion"].objects
+    section = epos2_axis(limit_switches=("negative", "positive"), max_following_error=0.4)
+    with one_drive(told=section) as one:
+        objects = one.drive.objects
         kept, name = objects.values[place], objects._objects[place].name
         objects._live = {**objects._live, place: lambda: kept}
         with pytest.raises(DriveError, match=f"kept {name} .{place}. at {kept} when"):
-            _connect_and_reference(opened.rig)
+            _configure(one, section)
 
 
 def _list_writes(opened: OpenedRig) -> list[int]:
@@ -123,19 +132,15 @@ def test_a_referenced_drive_gets_changed_limits(tmp_path: Path) -> None:
 @pytest.mark.parametrize("method", [method for method in HOMING_DIRECTIONS if method != HOMING_HERE])
 def test_each_homing_method_has_its_direction(method: int) -> None:
     """-1 and -3 go positive, -2 and -4 negative, switches to their side; home is where they end."""
-    with _rig() as opened:
-        opened.rig.connect()
-        drive = opened.drives["insertion"]
+    with one_drive(mechanics=WALLS) as one:
+        one.get_ready()
         went: list[float] = []
-        opened.hardware.clock.on_advance(lambda: went.append(drive.shaft_counts))
-        opened.rig.home(
-            "insertion",
-            Homing(method=method, offset=0.25, speed=16.0, timeout_s=60.0),
-        )
+        one.clock.on_advance(lambda: went.append(one.drive.shaft_counts))
+        one.home(Homing(method=method, offset=0.25, speed=16.0, timeout_s=60.0))
         first = next(place for place in went if place)
         assert first * HOMING_DIRECTIONS[method] > 0
-        assert opened.rig.axis("insertion").referenced
-        assert opened.rig.read_states()["insertion"].position == pytest.approx(0.0, abs=1e-3)
+        assert one.driver.is_referenced()
+        assert one.driver.position() == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_signal_ends_a_homing() -> None:

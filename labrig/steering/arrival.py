@@ -19,9 +19,8 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtri
 
-from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.tip import freeze, require_numbers
+from labrig.steering.tip import freeze
 
 Arrival = Literal["reached", "reached_in_plane_only", "missed"]
 
@@ -32,7 +31,6 @@ _POINTS = 1 << 14
 # The root of t^4 = t + 1. Fractions of multiples of its powers fill the unit cube evenly: M. Roberts, "The Unreasonable
 # Effectiveness of Quasirandom Sequences" (2018).
 _ROOT = 1.2207440846057596
-_ASYMMETRY = 1e-9
 _KNOWN_MM = 1e-9
 
 
@@ -49,27 +47,12 @@ class TipOffset:
         With which this place and its covariance hold.
     slope : (2,) array
         By how much y and z grow with x along the line of sight.
-
-    Raises
-    ------
-    InputError
-        For another shape, a number that is not finite, or a matrix that is no covariance.
     """
 
     mm: FloatArray
     covariance_mm2: FloatArray
     probability: float = 1.0
     slope: FloatArray = field(default_factory=lambda: np.zeros(2))
-
-    def __post_init__(self) -> None:
-        require_numbers("mm", self.mm, (3,))
-        covariance = require_numbers("covariance_mm2", self.covariance_mm2, (3, 3))
-        scale = max(float(np.abs(covariance).max()), 1.0)
-        asymmetry = np.abs(covariance - covariance.T).max()
-        if asymmetry > _ASYMMETRY * scale or np.linalg.eigvalsh(covariance)[0] < -_ASYMMETRY * scale:
-            raise InputError(
-                "covariance_mm2 is no covariance: it must be symmetric, without negative variances"
-            )
 
     def spread(self) -> tuple[FloatArray, FloatArray]:
         """Return distances from the target (N,) [mm] and their probabilities (N,)."""

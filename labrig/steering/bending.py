@@ -7,6 +7,7 @@ millimetres goes straight along half of them. So a path still consists of arcs, 
 place where it was made.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray, rotation_x, rotation_z
 from labrig.steering.motion import step_position_mm
-from labrig.steering.tip import freeze
+from labrig.steering.tip import TipObservation, freeze
 
 
 @dataclass(frozen=True)
@@ -25,47 +26,34 @@ class Turn:
     roll_rad: float
 
 
-@dataclass(frozen=True)
-class PathStretch:
-    """A turn of the bend, then a length without another; `bends` is False where the tip goes straight."""
-
-    length_mm: float
-    roll_rad: float
-    bends: bool
-
-
-def split_into_stretches(
+def split_into_steps(
     from_mm: float, to_mm: float, turns: tuple[Turn, ...], straight_to_mm: float
-) -> tuple[PathStretch, ...]:
-    """Return the stretches between two insertion lengths, without a turn at the second length."""
+) -> list[TipObservation]:
+    """Return the steps of the tip between two insertion lengths, without a turn at the second length."""
     acting = [turn for turn in turns if from_mm <= turn.at_mm < to_mm]
     between = {turn.at_mm for turn in acting} | {straight_to_mm}
     cuts = sorted({from_mm, to_mm} | {cut for cut in between if from_mm < cut < to_mm})
-    return tuple(
-        PathStretch(
-            length_mm=end - start,
-            roll_rad=sum(turn.roll_rad for turn in acting if turn.at_mm == start),
+    return [
+        TipObservation(
+            None,
+            end - start,
+            sum(turn.roll_rad for turn in acting if turn.at_mm == start),
             bends=start >= straight_to_mm,
         )
         for start, end in pairwise(cuts)
-    )
+    ]
 
 
-def shorten(along: tuple[PathStretch, ...], slip: float) -> tuple[PathStretch, ...]:
-    """Return the stretches by which the tip advances when it stays behind by this share of what is inserted."""
-    return tuple(
-        PathStretch(stretch.length_mm * (1.0 - slip), stretch.roll_rad, stretch.bends) for stretch in along
-    )
-
-
-def advance_pose(pose: FloatArray, along: tuple[PathStretch, ...], curvature: float) -> FloatArray:
-    """Return the pose (4, 4) at the end of these stretches, equations (16) and (17)."""
+def advance_pose(
+    pose: FloatArray, steps: Sequence[TipObservation], curvature: float, slip: float = 0.0
+) -> FloatArray:
+    """Return the pose (4, 4) after these steps, equations (16) and (17); the tip stays behind by a share of each."""
     rotation, position = pose[:3, :3], pose[:3, 3]
-    for stretch in along:
-        bend = curvature if stretch.bends else 0.0
-        rolled = rotation @ rotation_z(stretch.roll_rad)
-        position = position + rolled @ step_position_mm(stretch.length_mm, bend)
-        rotation = rolled @ rotation_x(stretch.length_mm * bend)
+    for step in steps:
+        bend, step_mm = curvature if step.bends else 0.0, step.step_mm * (1.0 - slip)
+        rolled = rotation @ rotation_z(step.roll_rad)
+        position = position + rolled @ step_position_mm(step_mm, bend)
+        rotation = rolled @ rotation_x(step_mm * bend)
     moved = np.eye(4)
     moved[:3, :3], moved[:3, 3] = rotation, position
     return freeze(moved)

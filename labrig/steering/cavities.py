@@ -57,13 +57,13 @@ class TipBelief:
 
 
 def start_belief(pose: FloatArray, settings: EstimatorSettings) -> TipBelief:
-    """Return the tip at its start, outside any cavity. Raises as `start_tip`."""
+    """Return the tip at its start, outside any cavity."""
     tip = start_tip(pose, settings)
     return TipBelief(tip, tip, tip, 0.0)
 
 
 def step_belief(belief: TipBelief, observation: TipObservation, settings: EstimatorSettings) -> TipBelief:
-    """Return the tip after one observation. Raises as `step_tip`."""
+    """Return the tip after one observation."""
     if settings.cavity_every_mm is None:
         tip = step_tip(belief.tip, observation, settings)
         return TipBelief(tip, tip, tip, 0.0, _weigh(tip, settings))
@@ -99,7 +99,7 @@ def _weigh(tip: TipState, settings: EstimatorSettings) -> float:
 
 
 def advance_belief(belief: TipBelief, step: TipObservation, settings: EstimatorSettings) -> TipBelief:
-    """Return the tip after a step without a sighting; the last sighting's figures stay. Raises as `step_tip`."""
+    """Return the tip after a step without a sighting; the last sighting's figures stay."""
     moved = step_belief(belief, replace(step, position_mm=None), settings)
     pairs = ((moved.tip, belief.tip), (moved.outside, belief.outside), (moved.inside, belief.inside))
     tip, outside, inside = (

@@ -19,7 +19,6 @@ from labrig.steering.tip import (
     TipObservation,
     TipState,
     freeze,
-    require_half_turns,
     require_numbers,
     require_pose,
 )
@@ -33,38 +32,31 @@ _STEPS: dict[EstimatorMethod, Callable[[TipState, TipObservation, EstimatorSetti
 }
 
 
-def start_tip(pose: ArrayLike, settings: EstimatorSettings) -> TipState:
+def start_tip(pose: FloatArray, settings: EstimatorSettings) -> TipState:
     """Return the tip at its start: its position is as good as an observation, its orientation as `start_sd_rad`.
 
     Parameters
     ----------
     pose : (4, 4) array
     settings : EstimatorSettings
-
-    Raises
-    ------
-    InputError
-        For a matrix that is not a pose.
     """
     curvature = 1.0 / settings.radius_mm
     sd = np.array([settings.observation_sd_mm] * 3 + [settings.start_sd_rad] * 3 + [0.0, settings.slip_sd])
     sd[CURVATURE] = settings.radius_sd_mm * curvature**2
     variances = np.zeros(settings.size)
     variances[list(settings.errors)] = sd[list(settings.errors)] ** 2
-    at = freeze(require_pose("pose", pose))
-    return TipState(at, curvature, freeze(np.diag(variances)), nis=None, accepted=False, misses=0)
+    return TipState(
+        freeze(np.array(pose, dtype=np.float64)),
+        curvature,
+        freeze(np.diag(variances)),
+        nis=None,
+        accepted=False,
+        misses=0,
+    )
 
 
 def step_tip(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
-    """Return the tip after one observation: the needle rolls, advances, and is then seen or missed.
-
-    Raises
-    ------
-    InputError
-        In the plane, for a roll that is not a whole number of half turns.
-    """
-    if settings.planar:
-        require_half_turns(observation.roll_rad)
+    """Return the tip after one observation: the needle rolls, advances, and is then seen or missed."""
     return _STEPS[settings.method](state, observation, settings)
 
 
@@ -77,9 +69,6 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
     process_sd_rad: float,
     method: EstimatorMethod = "error-state",
     start: ArrayLike | None = None,
-    *,
-    planar: bool = False,
-    radius_sd_mm: float = 0.0,
 ) -> FloatArray:
     """Return the poses of the tip at each observed position.
 
@@ -99,8 +88,6 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
         The default filter, or the paper's as corrected.
     start : (4, 4) array or None
         The pose at the first position; None: along z, with the bevel at roll zero.
-    planar, radius_sd_mm
-        As in `EstimatorSettings`.
 
     Returns
     -------
@@ -123,18 +110,14 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
             method=method,
             observation_sd_mm=observation_sd_mm,
             process_sd_deg_per_root_mm=math.degrees(process_sd_rad / math.sqrt(step_mm)),
-            radius_sd_mm=radius_sd_mm,
+            radius_sd_mm=0.0,
             start_sd_deg=math.degrees(_START_SD_RAD),
             cavity_every_mm=None,
             slip_sd=0.0,
             radius_mm=radius_mm,
-            planar=planar,
         )
     except ValidationError as error:
-        wrong = (
-            f"{fault['loc'][0]} is {fault['input']}: {fault['msg']}" if fault["loc"] else fault["msg"]
-            for fault in error.errors()
-        )
+        wrong = (f"{fault['loc'][0]} is {fault['input']}: {fault['msg']}" for fault in error.errors())
         raise InputError("; ".join(wrong)) from error
     state = _start_path(positions[0], start, settings)
     poses = [state.pose]

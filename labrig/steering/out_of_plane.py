@@ -21,9 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.torsion import Bends, RolledStretch, TorsionalLag
+from labrig.steering.torsion import RolledStretch, TorsionalLag, displace_by_bends
 
 
 @dataclass(frozen=True)
@@ -51,18 +50,17 @@ class OutOfPlaneSettings:
 
 @dataclass(frozen=True)
 class OutOfPlaneBudget:
-    """Standard deviation of the tip's place out of the plane by source [mm], and of its lean [rad]."""
+    """Standard deviation of the tip's place out of the plane by source [mm]."""
 
-    roll_zero_mm: float
-    torsion_mm: float
-    heading_mm: float
-    start_mm: float
-    lean_rad: float
+    roll_zero: float
+    torsion: float
+    heading_noise: float
+    start: float
 
     @property
     def total_mm(self) -> float:
         """Standard deviation of the tip's place out of the plane by all sources."""
-        return math.hypot(self.roll_zero_mm, self.torsion_mm, self.heading_mm, self.start_mm)
+        return math.hypot(*vars(self).values())
 
 
 def budget_out_of_plane(
@@ -77,26 +75,14 @@ def budget_out_of_plane(
     radius_mm : float
         Of the needle's arcs.
     settings : OutOfPlaneSettings
-
-    Raises
-    ------
-    InputError
-        For a radius or a length that is not a positive number, or not 0 or more.
     """
     length_mm = sum(stretch.length_mm for stretch in stretches)
-    roll, lags = _displace(stretches, radius_mm, settings, np.array([length_mm]))
-    heading = settings.heading_sd_rad_per_root_mm
+    roll_mm, lags_mm = _displace(stretches, radius_mm, settings, np.array([length_mm]))
     return OutOfPlaneBudget(
-        roll_zero_mm=settings.roll_zero_sd_rad * abs(float(roll.x_mm[0])),
-        torsion_mm=math.hypot(*(lag.x_mm[0] for lag in lags)),
-        heading_mm=heading * math.sqrt(length_mm**3 / 3.0),
-        start_mm=math.hypot(settings.start_sd_mm, settings.start_sd_rad * length_mm),
-        lean_rad=math.hypot(
-            settings.roll_zero_sd_rad * roll.lean[0],
-            *(lag.lean[0] for lag in lags),
-            heading * math.sqrt(length_mm),
-            settings.start_sd_rad,
-        ),
+        roll_zero=settings.roll_zero_sd_rad * abs(float(roll_mm[0])),
+        torsion=math.hypot(*lags_mm[:, 0]),
+        heading_noise=settings.heading_sd_rad_per_root_mm * math.sqrt(length_mm**3 / 3.0),
+        start=math.hypot(settings.start_sd_mm, settings.start_sd_rad * length_mm),
     )
 
 
@@ -105,49 +91,35 @@ def covary_out_of_plane(
 ) -> FloatArray:
     """Return how the places out of the plane along a needle vary together, (N, N) [mm^2], at arc lengths (N,).
 
-    Parameters and errors are those of `budget_out_of_plane`, whose total is the root of the last element for the whole
+    Parameters are those of `budget_out_of_plane`, whose total is the root of the last element for the whole
     length.
     """
-    roll, lags = _displace(stretches, radius_mm, settings, at_mm)
+    roll_mm, lags_mm = _displace(stretches, radius_mm, settings, at_mm)
     first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
     wandering = first**2 * (3.0 * second - first) / 6.0
     return np.asarray(
-        settings.roll_zero_sd_rad**2 * np.outer(roll.x_mm, roll.x_mm)
-        + sum(np.outer(lag.x_mm, lag.x_mm) for lag in lags)
+        settings.roll_zero_sd_rad**2 * np.outer(roll_mm, roll_mm)
+        + lags_mm.T @ lags_mm
         + settings.heading_sd_rad_per_root_mm**2 * wandering
         + settings.start_sd_mm**2
         + settings.start_sd_rad**2 * np.outer(at_mm, at_mm)
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Displacement:
-    """By how much a source displaces points of the needle [mm] and makes them lean [rad], (N,)."""
-
-    x_mm: FloatArray
-    lean: FloatArray
-
-
 def _displace(
     stretches: Sequence[RolledStretch], radius_mm: float, settings: OutOfPlaneSettings, at_mm: FloatArray
-) -> tuple[_Displacement, tuple[_Displacement, ...]]:
-    """Return what a radian of roll does that is the same everywhere, and standard deviations of the lag.
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how much a radian of roll displaces points of the needle (N,), and the lag does (4, N) [mm].
 
-    Those are of a lag that is the same at all depths and of its growth, each where the direction of the turn is known,
-    and where it is not.
+    Those are standard deviations: of a lag that is the same at all depths and of its growth, each where the direction
+    of the turn is known, and where it is not.
     """
-    if not 0.0 < radius_mm < math.inf:
-        raise InputError(f"radius_mm is {radius_mm:g}, it must be above 0")
-    for stretch in stretches:
-        if not 0.0 <= stretch.length_mm < math.inf:
-            raise InputError(f"length_mm of a stretch is {stretch.length_mm:g}, it must be 0 or more")
-    bends = Bends.of(stretches, radius_mm, at_mm)
-    leans, moves_mm = bends.leans, bends.moves_mm
+    starts_mm, moves_mm = displace_by_bends(stretches, radius_mm, at_mm)
     turned = np.array([stretch.turned for stretch in stretches], dtype=np.float64)
-    growth = settings.lag.per_mm_sd_rad * (bends.starts_mm - settings.lag.best_mm)
-    lags = (
-        _Displacement(moves_mm @ (signs * sd_rad), leans @ (signs * sd_rad))
+    growth = settings.lag.per_mm_sd_rad * (starts_mm - settings.lag.best_mm)
+    lags = [
+        moves_mm @ (signs * sd_rad)
         for signs in (-turned, (turned == 0.0).astype(np.float64))
         for sd_rad in (settings.lag.best_sd_rad, growth)
-    )
-    return _Displacement(moves_mm @ np.ones(len(turned)), leans @ np.ones(len(turned))), tuple(lags)
+    ]
+    return moves_mm.sum(axis=1), np.array(lags)

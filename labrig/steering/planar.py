@@ -29,13 +29,12 @@ _SPREADING = np.uint64(0x9E3779B97F4A7C15)
 class Field:
     """The steering plane with the discs that a path has to avoid, and the limits of a path.
 
-    An obstacle is a disc if its sphere, enlarged by the distance to keep, cuts the plane; `obstacles` are the indexes.
+    An obstacle is a disc if its sphere, enlarged by the distance to keep, cuts the plane.
     """
 
     radius_mm: float
     discs: ComplexArray
     disc_radii_mm: FloatArray
-    obstacles: NDArray[np.intp]
     max_length_mm: float
 
     @classmethod
@@ -43,9 +42,9 @@ class Field:
         """Return the field of a problem."""
         problem, centres = around.problem, around.centres_mm
         left = around.keep_off_mm**2 - centres[:, 0] ** 2
-        cut = np.flatnonzero(left > 0)
+        cut = left > 0
         discs, radii_mm = centres[cut, 2] + 1j * centres[cut, 1], np.sqrt(left[cut])
-        return cls(problem.radius_mm, discs, radii_mm, cut, problem.max_length_mm)
+        return cls(problem.radius_mm, discs, radii_mm, problem.max_length_mm)
 
     def with_smaller_discs(self, by_mm: float) -> "Field":
         """Return the same plane with discs smaller by this length; those that vanish stay as points."""

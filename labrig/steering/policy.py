@@ -1,14 +1,12 @@
 """Input and output of the steering step: settings, sighting, command."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.parameters import PlanMethod, SteeringPolicy
 from labrig.steering.problem import PlanProblem
-from labrig.steering.tip import EstimatorSettings, freeze, require_numbers
+from labrig.steering.tip import EstimatorSettings
 
 StopReason = Literal[
     "target_reached",
@@ -44,11 +42,6 @@ class SteeringSettings:
     method: PlanMethod = "best"
     observe_every_mm: float = 1.0
 
-    def __post_init__(self) -> None:
-        """Refuse a planner and a filter that disagree about the plane."""
-        if self.problem.planar != self.estimator.planar:
-            raise InputError("planner and estimator differ about planar", "set both or none")
-
 
 @dataclass(frozen=True, eq=False)
 class TipSighting:
@@ -64,15 +57,6 @@ class TipSighting:
 
     insertion_mm: float
     position_mm: FloatArray | None
-
-    def __post_init__(self) -> None:
-        """Refuse a value that is not finite."""
-        if not math.isfinite(self.insertion_mm):
-            raise InputError(f"insertion_mm is {self.insertion_mm:g}, it must be a number")
-        if self.position_mm is not None:
-            object.__setattr__(
-                self, "position_mm", freeze(require_numbers("position_mm", self.position_mm, (3,)))
-            )
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,14 @@ import numpy as np
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
-from labrig.steering.bending import PathStretch, Turn, advance_pose
+from labrig.steering.bending import Turn, advance_pose
 from labrig.steering.cavities import CAVITY_MM
 from labrig.steering.clearance import path_distances
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.state import HERE_MM, NO_TURN, Occasion, SteeringState, find_acting_mm
+from labrig.steering.tip import TipObservation
 
 # An estimated radius counts within this factor of the given radius.
 _RADIUS_FACTOR = 1.5
@@ -80,7 +81,7 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
     along = np.asarray(settings.problem.start)[:3, 2]
     return replace(
         settings.problem,
-        start=advance_pose(start, (PathStretch(0.0, turned, bends=True),), 0.0),
+        start=advance_pose(start, (TipObservation(None, 0.0, turned),), 0.0),
         radius_mm=_bounded_radius_mm(state, settings),
         radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
         cavity_mm=0.0 if settings.estimator.cavity_every_mm is None else CAVITY_MM,

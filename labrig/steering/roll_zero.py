@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.steering.tip import require_numbers
 
 _LEAST_INSERTIONS = 4
 _MOST_OFF = 0.25
@@ -54,12 +53,11 @@ def fit_roll_zero(
     Raises
     ------
     InputError
-        For fewer insertions, or a number that is not finite.
+        For fewer insertions.
     MeasurementRefusedError
         If the bend is not as expected, or its side is undetermined.
     """
-    rolls = require_numbers("roll_rad", roll_rad, (None,))
-    places = require_numbers("deflection_mm", deflection_mm, (None,))
+    rolls, places = np.asarray(roll_rad, dtype=float), np.asarray(deflection_mm, dtype=float)
     if len(rolls) != len(places) or len(rolls) < _LEAST_INSERTIONS:
         raise InputError(
             f"{len(rolls)} rolls and {len(places)} deflections, four of each are the least",

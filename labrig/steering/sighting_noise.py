@@ -12,7 +12,7 @@ better than they say, and larger where it is seen worse or moves otherwise (Bar-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -33,25 +33,35 @@ _BACKLASHES_MM = np.arange(7.0)
 _LOG_SD_STEP, _LOG_SD_EXACT = 0.1, 0.05
 _BACKLASH_STEP_MM, _BACKLASH_EXACT_MM = 0.1, 0.05
 
-NisVerdict = Literal["too small", "as expected", "too large"]
+# Along each axis a template reads a tip off its place that is bent to the other side; no scatter of sightings shows it.
+TEMPLATE_BIAS_MM = 0.05
+# The template shows so much of the tip. While the bend swings over inside it, the tip is read off its place.
+_TEMPLATE_MM = 4.0
+
+Measured = tuple[float, float]
+"""A measured length and its standard deviation [mm]."""
 
 
 @dataclass(frozen=True)
-class NisJudgement:
-    """Mean NIS of the sightings that were believed, the limits of usual values, and the verdict."""
+class SightingNoise:
+    """What the protocol states about sightings and hinges, and what the sightings themselves say.
 
-    mean: float
-    low: float
-    high: float
-    verdict: NisVerdict
+    `mean_nis` is over the sightings that were believed in all insertions; where the settings fit it is within
+    `usual_nis` in 99.9 % of all runs. Measured values are None where too few sightings, or turns, tell them.
+    `advised_observation_sd_mm` is the measured one, and at least what a template reads a tip off that is bent to the
+    other side: with less, that counts as motion.
+    """
 
-
-@dataclass(frozen=True)
-class MeasuredMm:
-    """A measured length and its standard deviation [mm]."""
-
-    value_mm: float
-    sd_mm: float
+    mean_nis: float
+    usual_nis: tuple[float, float]
+    verdict: Literal["too small", "as expected", "too large"]
+    stated_observation_sd_mm: float
+    observation_sd_mm: float | None
+    observation_sd_sd_mm: float | None
+    advised_observation_sd_mm: float | None
+    stated_backlash_mm: float
+    backlash_mm: float | None
+    backlash_sd_mm: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,22 +81,65 @@ class SeenInsertion:
         """The number of turns."""
         return sum(isinstance(part, float) for part in self.way)
 
+    def leave_out_swings(self) -> Self:
+        """Return it without the sightings in which the bend swings over inside the template."""
+        way, at_mm, swung_mm = list[TipSighting | float](), 0.0, 0.0
+        for part in self.way:
+            if isinstance(part, float):
+                swung_mm = at_mm + _TEMPLATE_MM
+                way.append(part)
+            else:
+                at_mm = part.insertion_mm
+                way.append(TipSighting(at_mm, part.position_mm if at_mm >= swung_mm else None))
+        return replace(self, way=tuple(way))
 
-def judge_nis(nis: Sequence[float], observed: int) -> NisJudgement | None:
-    """Return whether the NIS of sightings with this many coordinates is as expected; None for fewer than twenty."""
+
+def measure_noise(
+    insertions: Sequence[SeenInsertion], nis: Sequence[float], stated: SteeringSettings
+) -> SightingNoise | None:
+    """Return whether the stated noise of the sightings fits, and what it is; None for too few sightings.
+
+    Parameters
+    ----------
+    insertions : sequence of SeenInsertion
+        From which noise and backlash are measured.
+    nis : sequence of float
+        Of the sightings, of two coordinates each, that were believed in all insertions.
+    stated : SteeringSettings
+    """
     if len(nis) < _LEAST_SIGHTINGS:
         return None
-    freedom = observed * len(nis)
     low, high = (
-        2.0 * float(gammaincinv(freedom / 2, share)) / len(nis)  # quantiles of chi-square
+        2.0 * float(gammaincinv(len(nis), share)) / len(nis)  # quantiles of chi-square
         for share in ((1.0 - _USUAL_SHARE) / 2, (1.0 + _USUAL_SHARE) / 2)
     )
     mean = math.fsum(nis) / len(nis)
-    verdict: NisVerdict = "too small" if mean < low else "too large" if mean > high else "as expected"
-    return NisJudgement(mean, low, high, verdict)
+    sd_mm, sd_sd_mm = measure_sighting_sd(insertions, stated) or (None, None)
+    advised_mm = None if sd_mm is None else max(sd_mm, TEMPLATE_BIAS_MM)
+    fitting = with_observation_sd(stated, advised_mm or TEMPLATE_BIAS_MM)
+    steady = [insertion.leave_out_swings() for insertion in insertions]
+    backlash_mm, backlash_sd_mm = measure_backlash(steady, fitting) or (None, None)
+    return SightingNoise(
+        mean_nis=mean,
+        usual_nis=(low, high),
+        verdict="too small" if mean < low else "too large" if mean > high else "as expected",
+        stated_observation_sd_mm=stated.estimator.observation_sd_mm,
+        observation_sd_mm=sd_mm,
+        observation_sd_sd_mm=sd_sd_mm,
+        advised_observation_sd_mm=advised_mm,
+        stated_backlash_mm=stated.policy.backlash_mm,
+        backlash_mm=backlash_mm,
+        backlash_sd_mm=backlash_sd_mm,
+    )
 
 
-def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> MeasuredMm | None:
+def with_observation_sd(settings: SteeringSettings, observation_sd_mm: float) -> SteeringSettings:
+    """Return the settings with another standard deviation of a sighting."""
+    estimator = settings.estimator.model_copy(update={"observation_sd_mm": observation_sd_mm})
+    return replace(settings, estimator=estimator)
+
+
+def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> Measured | None:
     """Return the most likely standard deviation of a sighting along each axis under these settings.
 
     None for fewer than twenty sightings, or for the paper's filter, which takes the seen position as the tip's and
@@ -97,14 +150,13 @@ def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringS
         return None
 
     def cost(log_sd: float) -> float:
-        estimator = settings.estimator.model_copy(update={"observation_sd_mm": math.exp(log_sd)})
-        return _find_cost(insertions, replace(settings, estimator=estimator))
+        return _find_cost(insertions, with_observation_sd(settings, math.exp(log_sd)))
 
     found = _find_minimum(cost, np.log(_SDS_MM), _LOG_SD_EXACT, _LOG_SD_STEP)
-    return None if found is None else MeasuredMm(math.exp(found[0]), math.exp(found[0]) * found[1])
+    return None if found is None else (math.exp(found[0]), math.exp(found[0]) * found[1])
 
 
-def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> MeasuredMm | None:
+def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> Measured | None:
     """Return the most likely backlash under these settings; None for fewer than two turns or the paper's filter."""
     turns = sum(insertion.turns for insertion in insertions)
     if turns < _LEAST_TURNS or settings.estimator.method == "paper":
@@ -114,8 +166,7 @@ def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSett
         policy = settings.policy.model_copy(update={"backlash_mm": max(backlash_mm, 0.0)})
         return _find_cost(insertions, replace(settings, policy=policy))
 
-    found = _find_minimum(cost, _BACKLASHES_MM, _BACKLASH_EXACT_MM, _BACKLASH_STEP_MM)
-    return None if found is None else MeasuredMm(*found)
+    return _find_minimum(cost, _BACKLASHES_MM, _BACKLASH_EXACT_MM, _BACKLASH_STEP_MM)
 
 
 def _find_minimum(

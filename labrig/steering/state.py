@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.bending import Turn, advance_pose, shorten, split_into_stretches
+from labrig.steering.bending import Turn, advance_pose, split_into_steps
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
 from labrig.steering.planner import Plan
 from labrig.steering.policy import SteeringSettings, TipSighting
@@ -87,8 +87,8 @@ class SteeringState:
     def predict(self, insertion_mm: float, settings: SteeringSettings) -> FloatArray:
         """Return the tip's pose (4, 4) at an insertion length ahead if no further turn is made before it."""
         straight_mm = settings.policy.closing_mm / 2
-        along = split_into_stretches(self.insertion_mm, insertion_mm, self.turns, straight_mm)
-        return advance_pose(self.tip.pose, shorten(along, self.tip.slip), self.tip.curvature)
+        steps = split_into_steps(self.insertion_mm, insertion_mm, self.turns, straight_mm)
+        return advance_pose(self.tip.pose, steps, self.tip.curvature, self.tip.slip)
 
     def list_turns(self, roll_rad: float) -> list[TurnAhead]:
         """Return the turn that is made here and the planned ones, each with the length inserted until the next."""
@@ -113,13 +113,12 @@ def begin_steering(settings: SteeringSettings) -> SteeringState:
 def take_in_sighting(
     state: SteeringState, sighting: TipSighting, settings: SteeringSettings
 ) -> SteeringState:
-    """Return the state with the tip advanced to a sighting, stretch by stretch, and updated with it.
+    """Return the state with the tip advanced to a sighting, step by step, and updated with it.
 
     Reanalysis of a record uses it with the recorded turns.
     """
     straight_mm = settings.policy.closing_mm / 2
-    along = split_into_stretches(state.insertion_mm, sighting.insertion_mm, state.turns, straight_mm)
-    steps = [TipObservation(None, part.length_mm, part.roll_rad, part.bends) for part in along]
+    steps = split_into_steps(state.insertion_mm, sighting.insertion_mm, state.turns, straight_mm)
     last = steps.pop() if steps else TipObservation(None, 0.0)
     belief = state.belief
     for step in steps:

@@ -56,18 +56,7 @@ def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringC
 def step_steering(
     state: SteeringState, sighting: TipSighting, settings: SteeringSettings, halt: Halt | None = None
 ) -> tuple[SteeringState, SteeringCommand]:
-    """Take in a sighting and return what to do next; that is to stop if something else than the tip calls for it.
-
-    Raises
-    ------
-    InputError
-        For a sighting at a smaller insertion length than the one before.
-    """
-    if sighting.insertion_mm < state.insertion_mm:
-        raise InputError(
-            f"insertion_mm is {sighting.insertion_mm:g} after {state.insertion_mm:g}: the needle was withdrawn",
-            "start again from its present pose",
-        )
+    """Take in a sighting and return what to do next; that is to stop if something else than the tip calls for it."""
     state = take_in_sighting(state, sighting, settings)
     if halt is not None:
         return state, _stop(state, halt.reason, halt.detail)

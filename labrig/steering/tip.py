@@ -20,7 +20,6 @@ _GATE_PROBABILITY, _DOUBTFUL_PROBABILITY = 0.9999, 0.95
 # In the plane the tip moves along its y and z axes and turns about its x axis.
 _PLANAR_ERRORS, _SPATIAL_ERRORS = (1, 2, 3), (0, 1, 2, 3, 4, 5)
 _ROTATION_TOLERANCE = 1.1e-5  # of rows that are written with five digits
-_HALF_TURN_TOLERANCE = 1e-6
 
 
 class EstimatorSettings(Estimator):
@@ -80,30 +79,17 @@ class TipObservation:
     position_mm : (3,) array or None
         None if the tip was not found.
     step_mm : float
-        Inserted since the previous observation.
+        Inserted since the previous observation, 0 or more.
     roll_rad : float
-        Roll before that, about the needle's axis.
+        Roll before that, about the needle's axis; in the plane it is a whole number of half turns.
     bends : bool
         Whether the tip bends over the step; False while its hinges have not closed yet and it goes straight.
-
-    Raises
-    ------
-    InputError
-        For another shape, a number that is not finite, or a negative step.
     """
 
     position_mm: FloatArray | None
     step_mm: float
     roll_rad: float = 0.0
     bends: bool = True
-
-    def __post_init__(self) -> None:
-        _require("step_mm", self.step_mm, self.step_mm >= 0.0, "0 or more")
-        _require("roll_rad", self.roll_rad, math.isfinite(self.roll_rad), "a number")
-        if self.position_mm is not None:
-            object.__setattr__(
-                self, "position_mm", freeze(require_numbers("position_mm", self.position_mm, (3,)))
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,25 +195,7 @@ def require_pose(name: str, value: ArrayLike) -> FloatArray:
     return pose
 
 
-def require_half_turns(roll_rad: float) -> None:
-    """Refuse a roll that would turn the bend out of the plane.
-
-    Raises
-    ------
-    InputError
-        With the roll.
-    """
-    if abs(math.sin(roll_rad)) > _HALF_TURN_TOLERANCE:
-        message = f"roll_rad is {roll_rad:.6g}, but in the plane the needle is rolled by whole half turns"
-        raise InputError(message, "use 0 or pi, or estimate without planar")
-
-
 def freeze(array: FloatArray) -> FloatArray:
     """Return the array itself, read-only from now on."""
     array.flags.writeable = False
     return array
-
-
-def _require(name: str, value: float, fits: bool, limit: str) -> None:
-    if not (math.isfinite(value) and fits):
-        raise InputError(f"{name} is {value:g}, it must be {limit}")

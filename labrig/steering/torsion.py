@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.parameters import Turning
 
@@ -139,32 +138,25 @@ class BaseTurn:
         return self.to_rad + self.overshoot_rad
 
 
-@dataclass(frozen=True, eq=False)
-class Bends:
-    """How the bends of stretches, each turned by a radian out of the plane, lead points of the needle out of it.
+def displace_by_bends(
+    stretches: Sequence[RolledStretch], radius_mm: float, at_mm: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return how bends of stretches, each turned by a radian out of the plane, lead the needle out of it.
 
-    Attributes
-    ----------
-    starts_mm : ndarray (N,)
+    To first order, a bend at the arc length s moves the point at L by L - s times its angle.
+
+    Returns
+    -------
+    starts_mm : (N,) array
         Where the stretches begin.
-    leans : ndarray (A, N)
-        The lean of each point by each stretch.
-    moves_mm : ndarray (A, N)
-        How far each point is moved: a bend at the arc length s moves the point at L by L - s times its angle.
+    moves_mm : (A, N) array
+        How far each stretch moves the points at the arc lengths `at_mm` (A,).
     """
-
-    starts_mm: FloatArray
-    leans: FloatArray
-    moves_mm: FloatArray
-
-    @classmethod
-    def of(cls, stretches: Sequence[RolledStretch], radius_mm: float, at_mm: FloatArray) -> "Bends":
-        """Return what the stretches do at arc lengths (A,), to first order."""
-        lengths_mm = np.array([stretch.length_mm for stretch in stretches])
-        starts_mm = np.cumsum(lengths_mm) - lengths_mm
-        within_mm = np.clip(at_mm[:, None] - starts_mm, 0.0, lengths_mm)
-        leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
-        return cls(starts_mm, leans, leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm))
+    lengths_mm = np.array([stretch.length_mm for stretch in stretches])
+    starts_mm = np.cumsum(lengths_mm) - lengths_mm
+    within_mm = np.clip(at_mm[:, None] - starts_mm, 0.0, lengths_mm)
+    leans = np.cos([stretch.roll_rad for stretch in stretches]) * within_mm / radius_mm
+    return starts_mm, leans * (at_mm[:, None] - starts_mm - 0.5 * within_mm)
 
 
 def _displace_end(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_mm: float) -> FloatArray:
@@ -173,25 +165,9 @@ def _displace_end(stretches: Sequence[RolledStretch], lag: TorsionalLag, radius_
     The two are standard deviations: of a lag that is the same at all depths, and of its growth.
     """
     end_mm = np.array([sum(stretch.length_mm for stretch in stretches)])
-    bends = Bends.of(stretches, radius_mm, end_mm)
-    growth_rad = lag.per_mm_sd_rad * (bends.starts_mm - lag.best_mm)
-    return -np.column_stack((bends.moves_mm[0] * lag.best_sd_rad, bends.moves_mm[0] * growth_rad))
-
-
-def plan_turn(
-    path: Sequence[RolledStretch],
-    base_rad: float,
-    turns: Sequence[TurnAhead],
-    lag: TorsionalLag,
-    limits: BaseLimits,
-    *,
-    turning: Turning,
-    radius_mm: float,
-) -> BaseTurn:
-    """Return how the base makes the first of these turns: by `choose_turn`, or back and forth whatever the lag."""
-    if turning == "back_and_forth":
-        return turn_back_and_forth(base_rad, turns[0].roll_rad)
-    return choose_turn(path, base_rad, turns, lag, limits, radius_mm=radius_mm)
+    starts_mm, moves_mm = displace_by_bends(stretches, radius_mm, end_mm)
+    growth_rad = lag.per_mm_sd_rad * (starts_mm - lag.best_mm)
+    return -np.column_stack((moves_mm[0] * lag.best_sd_rad, moves_mm[0] * growth_rad))
 
 
 def choose_turn(
@@ -202,6 +178,7 @@ def choose_turn(
     limits: BaseLimits,
     *,
     radius_mm: float,
+    turning: Turning = "compensated",
 ) -> BaseTurn:
     """Return how to make the first of these turns, so that errors of the lag displace the end of the path least.
 
@@ -220,14 +197,12 @@ def choose_turn(
         As measured; zero if it is not known.
     limits : BaseLimits
     radius_mm : float
-
-    Raises
-    ------
-    InputError
-        For no turn.
+    turning : {"compensated", "back_and_forth"}
+        Back and forth, the turn leads back towards the roll zero or away from it, and nothing is done about a lag.
     """
-    if not turns:
-        raise InputError("there is no turn to make")
+    if turning == "back_and_forth":
+        direction = -1 if base_rad > 0.0 else 1
+        return BaseTurn(direction, base_rad + direction * abs(turns[0].roll_rad), 0.0)
     depth_mm, foreseen = sum(stretch.length_mm for stretch in path), turns[:_FORESEEN_TURNS]
     # A turn either way leaves the bevel at the same roll: its lag displaces the end by as much, to either side.
     rolls_rad = base_rad + np.cumsum([turn.roll_rad for turn in foreseen])
@@ -255,12 +230,6 @@ def choose_turn(
             direction = int(ways[best, 0])
             return BaseTurn(direction, float(to_rad[best, 0]), direction * lags_rad[0])
     return _turn_where_room_is(base_rad, (float(forth[0]), float(back[0])), lags_rad[0], limits)
-
-
-def turn_back_and_forth(base_rad: float, roll_rad: float) -> BaseTurn:
-    """Return the turn back towards the roll zero, or away from it; nothing is done about a lag."""
-    direction = -1 if base_rad > 0.0 else 1
-    return BaseTurn(direction, base_rad + direction * abs(roll_rad), 0.0)
 
 
 def centre_bevel(from_rad: float, lag: TorsionalLag, limits: BaseLimits) -> BaseTurn:

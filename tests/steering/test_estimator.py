@@ -1,6 +1,7 @@
 """The tip estimator with clean, noisy, missing and wild observations."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,13 @@ from tests.steering.insertions import (
 from tests.steering.plain_ekf import plain_ekf
 
 METHODS = ("error-state", "paper")
+
+
+def poses_of(states: list[TipState]) -> np.ndarray:
+    """Return the poses of states, (T + 1, 4, 4)."""
+    return np.stack([state.pose for state in states])
+
+
 PLANES = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
 
 
@@ -52,7 +60,7 @@ def estimate(insertion: SimulatedInsertion, **changes: object) -> np.ndarray:
 def test_clean_observations_give_the_true_poses(method: str, planar: bool, radius_mm: float) -> None:
     """Without noise the model's own path is followed exactly, flips and headings beyond 90 degrees included."""
     insertion = insert(3, planar, radius_mm, noise=0.0)
-    poses = estimate(insertion, radius_mm=radius_mm, method=method, planar=planar)
+    poses = poses_of(follow(insertion, settings(planar, radius_mm=radius_mm, method=method)))
     assert poses.shape == (101, 4, 4)
     np.testing.assert_allclose(poses, insertion.truth, atol=1e-9)
 
@@ -81,13 +89,12 @@ def test_every_pose_is_rigid_and_moves_with_the_world(
         np.testing.assert_allclose(turned, world @ poses, atol=1e-9)
 
 
-@PLANES
 @pytest.mark.parametrize("method", METHODS)
-def test_the_batch_is_the_live_steps(method: str, planar: bool) -> None:
+def test_the_batch_is_the_live_steps(method: str) -> None:
     """`estimate_tip_poses` and a chain of `step_tip` give the same poses, bit for bit."""
-    insertion = insert(11, planar)
-    stepped = [state.pose for state in follow(insertion, settings(planar, method=method))]
-    np.testing.assert_array_equal(estimate(insertion, method=method, planar=planar), np.stack(stepped))
+    insertion = insert(11, planar=False)
+    stepped = follow(insertion, settings(planar=False, method=method))
+    np.testing.assert_array_equal(estimate(insertion, method=method), poses_of(stepped))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -95,7 +102,7 @@ def test_in_the_plane_the_needle_stays_in_the_plane(method: str) -> None:
     """Out of its plane the planar filter neither moves nor turns, whatever is seen there."""
     insertion = insert(5, planar=True)
     positions = insertion.positions_mm + np.outer(np.sin(np.arange(101.0)), (0.5, 0.0, 0.0))
-    poses = estimate(insertion, positions_mm=positions, planar=True, method=method)
+    poses = poses_of(follow(replace(insertion, positions_mm=positions), settings(planar=True, method=method)))
     np.testing.assert_allclose(np.abs(poses[:, 0, 0]), 1.0, atol=1e-12)
     if method == "error-state":
         np.testing.assert_allclose(poses[:, 0, 3], positions[0, 0], atol=1e-9)
@@ -104,7 +111,7 @@ def test_in_the_plane_the_needle_stays_in_the_plane(method: str) -> None:
 def test_planar_and_spatial_filters_agree_in_the_plane() -> None:
     """What is seen in the plane alone gives the same headings with and without the reduction."""
     insertion = insert(6, planar=True)
-    reduced, full = estimate(insertion, planar=True), estimate(insertion)
+    reduced, full = (poses_of(follow(insertion, settings(planar))) for planar in (True, False))
     np.testing.assert_allclose(reduced, full, atol=1e-6)
 
 
@@ -148,7 +155,7 @@ def test_no_filter_could_know_the_heading_much_better(planar: bool) -> None:
     squares, bounds = [], []
     for seed in range(20):
         insertion = insert(seed, planar)
-        poses = np.stack([state.pose for state in follow(insertion, settings(planar))])
+        poses = poses_of(follow(insertion, settings(planar)))
         squares.append(np.mean(heading_errors_rad(poses, insertion.truth) ** 2))
         bounds.append(np.mean(bound_heading_rad2(insertion, planar)))
     assert math.sqrt(np.mean(squares) / np.mean(bounds)) == pytest.approx(1.0, abs=0.12)
@@ -273,10 +280,7 @@ def _with(index: tuple[int, int], value: float) -> np.ndarray:
         ({"radius_mm": math.nan}, "radius_mm is nan"),
         ({"observation_sd_mm": 0.0}, "observation_sd_mm is 0"),
         ({"process_sd_rad": -0.1}, r"process_sd_deg_per_root_mm is -5\.7"),
-        ({"radius_sd_mm": math.inf}, "radius_sd_mm is inf"),
         ({"method": "kalman"}, "method is kalman"),
-        ({"method": "paper", "radius_sd_mm": 0.5}, "takes the radius as known"),
-        ({"planar": True, "roll_rad": np.full(100, 0.3)}, r"roll_rad is 0\.3, but in the plane"),
         ({"start": np.eye(3)}, r"start has shape \(3, 3\), expected \(4, 4\)"),
         ({"start": np.diag((1.0, 1.0, -1.0, 1.0))}, "3x3 of start is not a rotation"),
         ({"start": np.diag((2.0, 1.0, 1.0, 1.0))}, "3x3 of start is not a rotation"),
@@ -288,23 +292,6 @@ def test_bad_input_is_named(changes: dict[str, object], message: str) -> None:
     """Invalid input is an InputError with its name, index and value."""
     with pytest.raises(InputError, match=message):
         estimate(insert(0, planar=False), **changes)
-
-
-@pytest.mark.parametrize(
-    ("given_values", "message"),
-    [
-        (((0.0, math.nan, 1.0), 1.0, 0.0), r"position_mm\[1\] is nan"),
-        (((0.0, 1.0), 1.0, 0.0), r"position_mm has shape \(2,\), expected \(3\)"),
-        ((None, -0.5, 0.0), r"step_mm is -0\.5"),
-        ((None, 1.0, math.nan), "roll_rad is nan"),
-    ],
-)
-def test_an_observation_is_checked_when_it_is_made(
-    given_values: tuple[Any, float, float], message: str
-) -> None:
-    """A live observation that cannot be used never reaches the filter."""
-    with pytest.raises(InputError, match=message):
-        TipObservation(*given_values)
 
 
 def test_a_single_position_is_its_own_answer() -> None:

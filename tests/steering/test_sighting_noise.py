@@ -10,8 +10,8 @@ from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
 from labrig.steering.sighting_noise import (
     SeenInsertion,
-    judge_nis,
     measure_backlash,
+    measure_noise,
     measure_sighting_sd,
 )
 from labrig.steering.state import begin_steering
@@ -47,19 +47,17 @@ def see(sigma_mm: float, seed: int) -> SeenInsertion:
 @pytest.mark.parametrize("sigma_mm", [0.03, 0.2])
 def test_the_noise_of_the_sightings_is_measured(sigma_mm: float) -> None:
     """Within four of its standard deviations and 25 %, whatever the protocol states."""
-    measured = measure_sighting_sd([see(sigma_mm, 1)], STATED)
-    assert measured is not None
-    assert measured.value_mm == pytest.approx(sigma_mm, rel=0.25)
-    assert abs(measured.value_mm - sigma_mm) < 4.0 * measured.sd_mm
+    measured_mm, sd_mm = measure_sighting_sd([see(sigma_mm, 1)], STATED) or (0.0, 0.0)
+    assert measured_mm == pytest.approx(sigma_mm, rel=0.25)
+    assert abs(measured_mm - sigma_mm) < 4.0 * sd_mm
 
 
 def test_the_backlash_is_measured() -> None:
     """Within three of its standard deviations, where the policy states another."""
     fitting = replace(STATED, estimator=STATED.estimator.model_copy(update={"observation_sd_mm": 0.03}))
-    measured = measure_backlash([see(0.03, 2)], fitting)
-    assert measured is not None
-    assert abs(measured.value_mm - TRUE_BACKLASH_MM) < 3.0 * measured.sd_mm
-    assert measured.sd_mm < 0.5
+    measured_mm, sd_mm = measure_backlash([see(0.03, 2)], fitting) or (0.0, 0.0)
+    assert abs(measured_mm - TRUE_BACKLASH_MM) < 3.0 * sd_mm
+    assert sd_mm < 0.5
 
 
 def test_too_few_sightings_tell_nothing() -> None:
@@ -67,21 +65,21 @@ def test_too_few_sightings_tell_nothing() -> None:
     short = SeenInsertion(begin_steering(STATED), see(0.03, 1).way[:10])
     assert measure_sighting_sd([short], STATED) is None
     assert measure_backlash([short], STATED) is None
-    assert judge_nis([2.0] * 19, observed=2) is None
+    assert measure_noise([], [2.0] * 19, STATED) is None
 
 
 @pytest.mark.parametrize(("scale", "verdict"), [(0.1, "too small"), (1.0, "as expected"), (3.0, "too large")])
 def test_a_mean_nis_is_judged_both_ways(scale: float, verdict: str) -> None:
     """The NIS of fitting settings passes; a tenth of it and thrice it are alarms."""
     nis = scale * np.random.default_rng(4).chisquare(2, 100)
-    judged = judge_nis(nis.tolist(), observed=2)
+    judged = measure_noise([], nis.tolist(), STATED)
     assert judged is not None
     assert judged.verdict == verdict
-    assert judged.low < 2.0 < judged.high
+    assert judged.usual_nis[0] < 2.0 < judged.usual_nis[1]
 
 
 def test_a_fitting_nis_is_rarely_an_alarm() -> None:
     """Of a thousand runs whose settings fit, at most five are alarms, where one is expected."""
     drawn = np.random.default_rng(6).chisquare(2, (1000, 60))
-    judged = [judge_nis(row.tolist(), observed=2) for row in drawn]
+    judged = [measure_noise([], row.tolist(), STATED) for row in drawn]
     assert sum(found is not None and found.verdict != "as expected" for found in judged) <= 5

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labrig.errors import InputError
 from labrig.steering.parameters import PAPER_POLICY, SteeringPolicy
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import Obstacle, PlanProblem
@@ -172,29 +171,6 @@ def test_the_same_sightings_give_the_same_commands() -> None:
     runs = [drive(DrivenNeedle(27.0), settings(), sigma_mm=0.2, seed=4) for _ in range(2)]
     assert runs[0].state.tip.pose.tolist() == runs[1].state.tip.pose.tolist()
     assert runs[0].command == runs[1].command
-
-
-def test_a_withdrawn_needle_is_refused() -> None:
-    """A sighting at a smaller insertion length is refused."""
-    chosen = settings()
-    state, _ = start_steering(chosen)
-    state, _ = step_steering(state, TipSighting(1.0, np.array((0.0, 0.0, 1.0))), chosen)
-    with pytest.raises(InputError, match="withdrawn"):
-        step_steering(state, TipSighting(0.5, None), chosen)
-
-
-def test_a_sighting_of_no_number_is_refused() -> None:
-    """A sighting with NaN is refused."""
-    with pytest.raises(InputError, match="insertion_mm"):
-        TipSighting(math.nan, None)
-    with pytest.raises(InputError, match="position_mm"):
-        TipSighting(1.0, np.array((0.0, math.nan, 1.0)))
-
-
-def test_planner_and_estimator_speak_of_one_plane() -> None:
-    """A planar problem with a spatial filter is refused."""
-    with pytest.raises(InputError, match="planar"):
-        SteeringSettings(PLANAR, EstimatorSettings(radius_mm=RADIUS_MM))
 
 
 @pytest.mark.parametrize("target_y_mm", [-15.0, 0.0, 15.0])

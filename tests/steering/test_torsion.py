@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.errors import InputError
 from labrig.steering.torsion import (
     BaseLimits,
     BaseTurn,
@@ -142,9 +141,3 @@ def test_turns_in_one_stretch_of_gel_alternate_the_side() -> None:
     """Two equal parts of the displacement cancel: the second turn goes on in the direction of the first."""
     turns, _, _ = steer([30.0, 40.0, 30.0], TorsionalLag(), TorsionalLag())
     assert turns[0].direction == turns[1].direction
-
-
-def test_no_turn_is_refused() -> None:
-    """A choice without a turn to make is refused."""
-    with pytest.raises(InputError, match="no turn"):
-        choose_turn([], 0.0, [], TorsionalLag(), WIDE, radius_mm=RADIUS_MM)

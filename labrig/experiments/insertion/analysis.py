@@ -8,8 +8,9 @@ would have been estimated of the path that the needle took.
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,14 @@ from labrig.analysis.pictures import list_not_in_interval, load_plane_map
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
+from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.ending import (
-    TEMPLATE_BIAS_MM,
     Ending,
     EstimatedEnd,
     TargetErrorBounds,
-    TracedPath,
+    decide_ending,
     judge_end,
+    trace_path,
 )
 from labrig.experiments.insertion.events import (
     BevelTurn,
@@ -37,30 +39,26 @@ from labrig.experiments.insertion.events import (
     InsertionStart,
     InsertionStop,
     MarkersSought,
+    NeedleHeld,
     TipObserved,
     TrueInsertion,
     describe_sighting,
 )
-from labrig.experiments.insertion.marker_history import MarkerHistory, follow_recorded
-from labrig.experiments.insertion.marker_view import find_target_sd_mm
+from labrig.experiments.insertion.markers import FollowedMarkers, find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial, SightingNoise
-from labrig.experiments.insertion.settings import (
-    make_insertion_settings,
-    make_out_of_plane,
-    restore_settings,
-    with_observation_sd,
-)
+from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial, MarkerStep
+from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, restore_settings
 from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.layout import INCOMPLETE
 from labrig.record.reader import Run
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
-from labrig.steering.sighting_noise import SeenInsertion, judge_nis, measure_backlash, measure_sighting_sd
+from labrig.steering.sighting_noise import SeenInsertion, measure_noise
 from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
+from labrig.vision.marker import MarkerFix
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template import load_template
 from labrig.vision.tip import TipFix
@@ -72,8 +70,6 @@ TEMPLATE_FILE = "template.png"
 _PATH_POINTS, _DECIMALS = 60, 3
 # The first insertions of a run tell enough about the noise of its sightings.
 _MOST_NOISE_INSERTIONS = 3
-# The template shows so much of the tip. While the bend swings over inside it, the tip is read off its place.
-_TEMPLATE_MM = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +105,16 @@ class _Events:
     sheath: TrialOrigin | None
     way: tuple[InsertionEvent, ...]
     true: TrueInsertion
-    markers: tuple[MarkersSought, ...] = ()
 
 
-class _TruePath:
-    """The needle's true path in the simulated world, (N, 2) as (y, z), with the arc length at each point."""
+@dataclass(frozen=True, eq=False)
+class _Retraced:
+    """An insertion followed again: how it was steered in the end, its steps and markers, and what was seen of it."""
 
-    def __init__(self, truth: TrueInsertion) -> None:
-        path = np.asarray(truth.path_mm, dtype=np.float64).reshape(-1, 3)
-        steps_mm = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        self.path_mm = path[:, 1:]
-        self._arc_mm = np.concatenate((np.zeros(min(len(path), 1)), np.cumsum(steps_mm)))
-
-    def at(self, depth_mm: float) -> tuple[Point | None, float | None]:
-        """Return position and heading at an insertion length; None for both without a path."""
-        if len(self.path_mm) < 2:
-            return None, None
-        y, z = (float(np.interp(depth_mm, self._arc_mm, along)) for along in self.path_mm.T)
-        index = int(np.clip(np.searchsorted(self._arc_mm, depth_mm), 1, len(self._arc_mm) - 1))
-        rise = self.path_mm[index] - self.path_mm[index - 1]
-        return (y, z), math.atan2(rise[0], rise[1])
+    settings: SteeringSettings
+    steps: Sequence[InsertionStep]
+    markers: FollowedMarkers | None
+    seen: SeenInsertion
 
 
 def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> Findings:
@@ -147,11 +133,14 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
     view = TipView(plane, template.relative_to(plane.insertion), request.mask)
     source = _Source(run, view, protocol, sentinel)
     trials = _read_trials(run)
-    insertions = []
+    insertions, seen = list[InsertionTrial](), list[SeenInsertion]()
     for number, trial in enumerate(trials, start=1):
-        insertions.append(_analyze_trial(trial, source))
+        retraced = _retrace(trial, source)
+        insertions.append(_analyze_trial(trial, retraced, source))
+        seen.append(retraced.seen)
         if request.progress is not None:
             request.progress(number, len(trials))
+    steps = [step for trial in insertions for step in trial.steps if step.believed]
     scenes = [line for line in run.frame_lines if line.role == InsertionRole.SCENE]
     result = InsertionResult(
         **request.stamp.list_members(
@@ -162,7 +151,11 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
         reached=_combine_reached([trial.reached for trial in insertions]),
         target_error_mm=max(_known(trial.target_error_mm for trial in insertions), default=None),
-        target_error_interval_mm=_find_widest([trial.target_error_interval_mm for trial in insertions]),
+        target_error_interval_mm=max(
+            (trial.target_error_interval_mm for trial in insertions if trial.target_error_interval_mm),
+            key=lambda interval: interval[1],
+            default=None,
+        ),
         true_target_error_mm=max(_known(trial.true_target_error_mm for trial in insertions), default=None),
         true_min_clearance_mm=min(_known(trial.true_min_clearance_mm for trial in insertions), default=None),
         replans=sum(trial.replans for trial in insertions),
@@ -170,7 +163,13 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         insertions=tuple(insertions),
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
-        sighting_noise=_measure_noise(trials, insertions, protocol),
+        sighting_noise=measure_noise(
+            seen[:_MOST_NOISE_INSERTIONS],
+            _known(step.nis for step in steps),
+            _restore_settings(trials[0], protocol),
+        )
+        if trials
+        else None,
         not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
     )
     return Findings(result)
@@ -180,8 +179,7 @@ def _read_trials(run: Run) -> list[_Events]:
     """Return the recorded events of each insertion that was neither made again nor left out by a person."""
     trials = run.read_trials(InsertionStart, InsertionStop)
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
-    way = run.read_events(BevelTurn, TipObserved)
-    markers = run.read_events(MarkersSought)
+    way = run.read_events(BevelTurn, TipObserved, MarkersSought, NeedleHeld)
     true = run.read_truth(TrueInsertion)
     return [
         _Events(
@@ -190,7 +188,6 @@ def _read_trials(run: Run) -> list[_Events]:
             sheaths.get(trial.start.trial),
             tuple(event for event in way if event.trial == trial.start.trial),
             true.get(trial.start.trial, TrueInsertion(trial=trial.start.trial)),
-            tuple(event for event in markers if event.trial == trial.start.trial),
         )
         for trial in trials
         if not trial.left_out and trial.exit_status != INTERRUPTED
@@ -202,17 +199,14 @@ def _stop_unrecorded(trial: int) -> InsertionStop:
     return InsertionStop(trial=trial, exit_status=INCOMPLETE, stop="interrupted", cause=cause)
 
 
-def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
+def _analyze_trial(events: _Events, retraced: _Retraced, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
-    settings, true = _restore_settings(events, source.protocol), _TruePath(truth)
-    markers = follow_recorded(source.protocol, source.view.plane, start, events.markers)
-    steps = _retrace(events, settings, source, true, markers)
-    settings = markers.place_at_end(settings)
+    settings, steps, markers = retraced.settings, retraced.steps, retraced.markers
     tolerance_mm, target_mm = settings.problem.tolerance_mm, settings.problem.target_mm[1:]
     end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
     budget = None if end is None else _find_budget(end, target_mm, source)
-    bounds = _judge_end(events, settings, source, end, steps=steps, markers=markers)
-    ending = _decide_ending(stop, bounds, _find_doubt(source, markers), tolerance_mm)
+    bounds = _judge_end(events, retraced, source, end)
+    ending = _decide_ending(events, bounds, retraced, source)
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
@@ -235,13 +229,21 @@ def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
         **_describe_bounds(bounds),
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
         **truth.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
-        true_path_mm=_thin_path(true.path_mm),
+        true_path_mm=_thin_path(truth.path_in_plane_mm),
         missed_sightings=sum(not step.believed for step in steps),
         mean_nis=_average(_known(step.nis for step in steps if step.believed)),
         steps=tuple(steps),
         as_recorded=_agree(steps, events),
         marker_ids=start.marker_ids,
-        marker_steps=markers.steps,
+        marker_steps=()
+        if markers is None
+        else tuple(
+            MarkerStep(
+                frame=event.frame, depth_mm=event.depth_mm, **marker.model_dump(exclude={"corners_px"})
+            )
+            for event in markers.sought
+            for marker in event.markers
+        ),
     )
 
 
@@ -275,125 +277,96 @@ def _restore_settings(events: _Events, protocol: InsertionProtocol) -> SteeringS
 
 
 def _judge_end(
-    events: _Events,
-    settings: SteeringSettings,
-    source: _Source,
-    shaft: ShaftTip | None,
-    *,
-    steps: Sequence[InsertionStep],
-    markers: MarkerHistory,
+    events: _Events, retraced: _Retraced, source: _Source, shaft: ShaftTip | None
 ) -> TargetErrorBounds | None:
     """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
-    start, stop = events.start, events.stop
+    start, stop, settings = events.start, events.stop, retraced.settings
     if stop.exit_status == INCOMPLETE or source.bumped is not None:
         return None
     turns = [event for event in events.way if isinstance(event, BevelTurn)]
-    last = steps[-1] if steps else None
+    last = retraced.steps[-1] if retraced.steps else None
     return judge_end(
-        TracedPath.of_turns(
-            turns, start.roll_zero_rad, stop.depth_mm, stop.centred, settings.policy.backlash_mm
-        ),
+        trace_path(turns, start.roll_zero_rad, stop.depth_mm, stop.centred, settings.policy.backlash_mm),
         settings,
         make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion),
         source.view.plane,
-        find_target_sd_mm(source.protocol, markers.last),
+        find_target_sd_mm(source.protocol, retraced.markers),
         shaft=shaft,
         estimate=None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm),
         drift=source.drift,
     )
 
 
-def _find_doubt(source: _Source, markers: MarkerHistory) -> Ending | None:
-    """Return the ending of an insertion after which camera or markers are not where they were, None otherwise."""
-    if source.bumped is not None:
-        return Ending("unknown", "camera_bumped", source.bumped)
-    doubt = None if markers.last is None else markers.last.doubt
-    return None if doubt is None else Ending("stopped", doubt.reason, doubt.detail)
-
-
 def _decide_ending(
-    stop: InsertionStop, bounds: TargetErrorBounds | None, doubt: Ending | None, tolerance_mm: float
+    events: _Events, bounds: TargetErrorBounds | None, retraced: _Retraced, source: _Source
 ) -> Ending:
-    """Return how an insertion ended: as steered, unless camera or markers were moved or the shaft shows otherwise."""
-    if stop.outcome in ("reached", "reached_in_plane_only"):
-        if doubt is not None:
-            return doubt
-        if bounds is not None:
-            return bounds.decide(tolerance_mm)
-    return Ending(stop.outcome, str(stop.stop), stop.cause)
+    """Return how an insertion ended: as the live one was decided, unless the camera was bumped."""
+    stop, held = events.stop, next((event for event in events.way if isinstance(event, NeedleHeld)), None)
+    if held is None or stop.exit_status == INCOMPLETE:
+        return Ending(stop.outcome, str(stop.stop), stop.cause)
+    doubt = None if retraced.markers is None else retraced.markers.doubt
+    if source.bumped is not None:
+        doubt = Ending("unknown", "camera_bumped", source.bumped)
+    tolerance_mm = retraced.settings.problem.tolerance_mm
+    return decide_ending(str(held.stop), held.detail, bounds, tolerance_mm, doubt)
 
 
-def _retrace(
-    events: _Events, settings: SteeringSettings, source: _Source, true: _TruePath, markers: MarkerHistory
-) -> list[InsertionStep]:
-    """Find the tip again in each picture, and estimate its pose with the recorded turns."""
-    settings = markers.place_before(events.way, settings)
-    state, steps = begin_steering(settings), list[InsertionStep]()
+def _retrace(events: _Events, source: _Source) -> _Retraced:
+    """Find tip and markers again in each picture, and estimate the tip's pose with the recorded turns."""
+    start, settings = events.start, _restore_settings(events, source.protocol)
+    aim, markers = (
+        Aim(start.target_mm, start.obstacles),
+        FollowedMarkers.of(source.protocol, source.view.plane),
+    )
+    begun = state = begin_steering(settings)
+    steps, way = list[InsertionStep](), list[TipSighting | float]()
+    depths_mm = [event.depth_mm for event in events.way if isinstance(event, TipObserved)]
+    truths = _list_truths(events.true.path_in_plane_mm, depths_mm)
     for event in events.way:
-        if isinstance(event, BevelTurn):
+        if isinstance(event, MarkersSought) and markers is not None:
+            found = [
+                MarkerFix(
+                    marker.marker_id,
+                    None if marker.corners_px is None else np.array(marker.corners_px),
+                    marker.reason,
+                )
+                for marker in event.markers
+            ]
+            markers = markers.take(found, event.trial, event.frame, event.depth_mm)
+            settings, _ = markers.place(settings, aim)
+        elif isinstance(event, BevelTurn):
+            way.append(event.to_rad - event.from_rad)
             state = turn_bevel(state, event.to_rad - event.from_rad, settings)
         elif isinstance(event, TipObserved):
             predicted = state.predict(event.depth_mm, settings)
             fix, seen_mm = _find_tip_again(event, predicted, state, source)
-            settings = markers.place_at(event.frame, settings)
             state = take_in_sighting(state, TipSighting(event.depth_mm, seen_mm), settings)
-            true_mm, true_heading_rad = true.at(state.insertion_mm)
+            way.append(TipSighting(event.depth_mm, seen_mm if state.tip.accepted else None))
             steps.append(
                 InsertionStep(
                     frame=event.frame,
                     t_s=event.t_s,
                     **describe_sighting(fix, seen_mm, predicted[:3, 3], state),
                     clearance_mm=_find_clearance_mm(state.tip.position_mm, settings.problem),
-                    true_mm=true_mm,
-                    true_heading_rad=true_heading_rad,
+                    **next(truths),
                 )
             )
-    return steps
+    return _Retraced(settings, steps, markers, SeenInsertion(begun, tuple(way)))
 
 
-def _measure_noise(
-    trials: Sequence[_Events], insertions: Sequence[InsertionTrial], protocol: InsertionProtocol
-) -> SightingNoise | None:
-    """Return whether the stated noise of the sightings fits, and what it is; None for too few sightings."""
-    nis = [step.nis for trial in insertions for step in trial.steps if step.believed and step.nis is not None]
-    judged = judge_nis(nis, observed=2)
-    if judged is None:
-        return None
-    told = list(zip(trials[:_MOST_NOISE_INSERTIONS], insertions, strict=False))
-    stated = _restore_settings(trials[0], protocol)
-    noise = measure_sighting_sd([_list_sightings(*pair, protocol) for pair in told], stated)
-    swung = [_list_sightings(*pair, protocol, template_mm=_TEMPLATE_MM) for pair in told]
-    advised_mm = None if noise is None else max(noise.value_mm, TEMPLATE_BIAS_MM)
-    backlash = measure_backlash(swung, with_observation_sd(stated, advised_mm or TEMPLATE_BIAS_MM))
-    return SightingNoise(
-        mean_nis=judged.mean,
-        usual_nis=(judged.low, judged.high),
-        verdict=judged.verdict,
-        stated_observation_sd_mm=stated.estimator.observation_sd_mm,
-        observation_sd_mm=None if noise is None else noise.value_mm,
-        observation_sd_sd_mm=None if noise is None else noise.sd_mm,
-        advised_observation_sd_mm=advised_mm,
-        stated_backlash_mm=stated.policy.backlash_mm,
-        backlash_mm=None if backlash is None else backlash.value_mm,
-        backlash_sd_mm=None if backlash is None else backlash.sd_mm,
+def _list_truths(path_mm: FloatArray, depths_mm: Sequence[float]) -> Iterator[dict[str, Any]]:
+    """Return the true place and heading at insertion lengths on a path (N, 2); None for both without a path."""
+    if len(path_mm) < 2:
+        return repeat({"true_mm": None, "true_heading_rad": None})
+    rises_mm = np.diff(path_mm, axis=0)
+    arc_mm = np.concatenate(([0.0], np.cumsum(np.linalg.norm(rises_mm, axis=1))))
+    places = np.column_stack([np.interp(depths_mm, arc_mm, along) for along in path_mm.T]).tolist()
+    at = np.clip(np.searchsorted(arc_mm, depths_mm), 1, len(rises_mm)) - 1
+    headings_rad = np.arctan2(*rises_mm[at].T).tolist()
+    return (
+        {"true_mm": tuple(place), "true_heading_rad": heading}
+        for place, heading in zip(places, headings_rad, strict=True)
     )
-
-
-def _list_sightings(
-    events: _Events, insertion: InsertionTrial, protocol: InsertionProtocol, template_mm: float = 0.0
-) -> SeenInsertion:
-    """Return the turns of an insertion, and its believed sightings but those within `template_mm` after a turn."""
-    steps = {step.frame: step for step in insertion.steps}
-    way, swung_mm = list[TipSighting | float](), 0.0
-    for event in events.way:
-        if isinstance(event, BevelTurn):
-            way.append(event.to_rad - event.from_rad)
-            swung_mm = event.depth_mm + template_mm
-        elif isinstance(event, TipObserved):
-            step = steps[event.frame]
-            seen_mm = step.tip_mm if step.believed and step.depth_mm >= swung_mm else None
-            way.append(TipSighting(step.depth_mm, None if seen_mm is None else np.array((0.0, *seen_mm))))
-    return SeenInsertion(begin_steering(_restore_settings(events, protocol)), tuple(way))
 
 
 def _find_tip_again(
@@ -461,12 +434,6 @@ def _thin_path(path: FloatArray) -> tuple[Point, ...]:
 
 def _to_point(point: FloatArray) -> Point:
     return float(point[0]), float(point[1])
-
-
-def _find_widest(intervals: Sequence[Point | None]) -> Point | None:
-    """Return the interval that reaches furthest; None if there is none."""
-    known = [interval for interval in intervals if interval is not None]
-    return max(known, key=lambda interval: interval[1], default=None)
 
 
 def _combine_reached(reached: Sequence[bool | None]) -> bool | None:

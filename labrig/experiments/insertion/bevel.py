@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from labrig.devices.needle_state import RollZero
-from labrig.experiments.insertion.ending import TracedPath
+from labrig.experiments.insertion.ending import trace_path
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.runner.session import Session
 from labrig.steering.parameters import Turning
 from labrig.steering.state import SteeringState
-from labrig.steering.torsion import BaseLimits, BaseTurn, RolledStretch, centre_bevel, plan_turn
+from labrig.steering.torsion import BaseLimits, BaseTurn, RolledStretch, centre_bevel, choose_turn
 
 _SAME_RAD = 0.01
 
@@ -67,8 +67,8 @@ class Bevel:
     def turn(self, roll_rad: float, state: SteeringState, depth_mm: float) -> None:
         """Turn by an angle at a depth, in the direction that `turning` leads to, while the needle stands still."""
         session, rotation, zero_rad = self.session, self.session.axis("rotation"), self.roll_zero.zero_rad
-        path = TracedPath.of_turns(self.turns, zero_rad, state.insertion_mm, self.centred)
-        turn = self.choose(roll_rad, state, path.stretches)
+        path = trace_path(self.turns, zero_rad, state.insertion_mm, self.centred)
+        turn = self.choose(roll_rad, state, path)
         event = BevelTurn(
             trial=self.trial,
             depth_mm=depth_mm,
@@ -87,7 +87,7 @@ class Bevel:
 
     def choose(self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]) -> BaseTurn:
         """Return the turn of the base that turns the bevel by an angle after these stretches."""
-        return plan_turn(
+        return choose_turn(
             rolled,
             self.base_rad,
             state.list_turns(roll_rad),

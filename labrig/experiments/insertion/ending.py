@@ -23,7 +23,8 @@ from labrig.steering.out_of_plane import (
     budget_out_of_plane,
     covary_out_of_plane,
 )
-from labrig.steering.policy import Halt, SteeringSettings
+from labrig.steering.policy import SteeringSettings
+from labrig.steering.sighting_noise import TEMPLATE_BIAS_MM
 from labrig.steering.torsion import RolledStretch
 from labrig.vision.depth import Depth, PossibleDepth, measure_depth
 from labrig.vision.error_budget import PlaceErrors, budget_place
@@ -60,8 +61,6 @@ _SOURCES: Mapping[str, tuple[str, str]] = {
 }
 
 
-# Along each axis a template reads a tip off its place that is bent to the other side; no scatter of sightings shows it.
-TEMPLATE_BIAS_MM = 0.05
 # While the bend swings over in the last stretch of a shaft, its end is read off by so many needle widths: 0.18 mm (rms)
 # in the 37 of 85 runs of protocols/insertion.yaml that ended so, 0.07 mm in the others.
 _SWINGS_MM, _SWUNG = 6.0, 0.17
@@ -109,37 +108,22 @@ class Ending:
         return "target_missed" if self.outcome == "missed" else self.outcome
 
 
-@dataclass(frozen=True)
-class TracedPath:
-    """The stretches of a path between the turns of the bevel, and the length inserted since the last turn."""
+def trace_path(
+    turns: Sequence[BevelTurn],
+    roll_zero_rad: float,
+    depth_mm: float,
+    centred: int = 0,
+    backlash_mm: float = 0.0,
+) -> tuple[RolledStretch, ...]:
+    """Return the stretches of a path between recorded turns of the bevel; a turn acts half the backlash later.
 
-    stretches: tuple[RolledStretch, ...]
-    since_turn_mm: float = math.inf
-
-    @classmethod
-    def of_turns(
-        cls,
-        turns: Sequence[BevelTurn],
-        roll_zero_rad: float,
-        depth_mm: float,
-        centred: int = 0,
-        backlash_mm: float = 0.0,
-    ) -> "TracedPath":
-        """Return the path between recorded turns; a turn acts half the backlash later.
-
-        `centred` is the direction in which the bevel was turned to the roll zero; 0 if it is not known.
-        """
-        acting_mm = [min(turn.depth_mm + backlash_mm / 2, depth_mm) for turn in turns]
-        lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, depth_mm)))
-        turned = ((turn.to_rad - roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in turns)
-        rolls = ((0.0, centred), *turned)
-        stretches = (RolledStretch(max(0.0, mm), *roll) for mm, roll in zip(lengths_mm, rolls, strict=True))
-        return cls(tuple(stretches), depth_mm - turns[-1].depth_mm if turns else math.inf)
-
-    @property
-    def depth_mm(self) -> float:
-        """The length of the path."""
-        return sum(stretch.length_mm for stretch in self.stretches)
+    `centred` is the direction in which the bevel was turned to the roll zero; 0 if it is not known.
+    """
+    acting_mm = [min(turn.depth_mm + backlash_mm / 2, depth_mm) for turn in turns]
+    lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, depth_mm)))
+    turned = ((turn.to_rad - roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in turns)
+    rolls = ((0.0, centred), *turned)
+    return tuple(RolledStretch(max(0.0, mm), *roll) for mm, roll in zip(lengths_mm, rolls, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,58 +164,53 @@ class SeenEnd:
     depth: Depth | None = None
     shown_mm: FloatArray | None = None
 
-    @classmethod
-    def of_shaft(
-        cls,
-        end: ShaftTip,
-        estimate: EstimatedEnd | None,
-        path: TracedPath,
-        plane: PlaneMap,
-        *,
-        drift: float = 0.0,
-        depth: Depth | None = None,
-    ) -> "SeenEnd":
-        """Return the end of a measured shaft, and of the estimate if the two agree.
 
-        `drift` is the relative change of scale since the calibration. The roll's part of the error budget is left out:
-        it is what the slope stands for.
-        """
-        shown_mm = np.array(end.tip_mm)
-        drift_mm = drift * float(np.linalg.norm(shown_mm))
-        budgets = [
-            budget_place(plane, end.tip_px, end.errors, axis).with_drift(drift_mm) for axis in np.eye(2)
-        ]
-        swung_mm = _SWUNG * end.width_px * plane.mm_per_px if path.since_turn_mm < _SWINGS_MM else 0.0
-        read = np.array([(b.fit or 0.0) ** 2 + (b.lighting or 0.0) ** 2 + swung_mm**2 for b in budgets])
-        shared = np.square([b.calibration for b in budgets])
-        by: EndSource = "shaft"
-        place_mm, variances = shown_mm, read
-        if estimate is not None and _agree(shown_mm, read, estimate):
-            by = "shaft_and_estimate"
-            place_mm, variances = _join(shown_mm, read, estimate)
-        return cls(place_mm, np.sqrt(shared + variances), _find_slope(plane, place_mm), by, depth, shown_mm)
+def see_end(
+    plane: PlaneMap,
+    shaft: ShaftTip | None,
+    estimate: EstimatedEnd | None,
+    *,
+    swings: bool = False,
+    drift: float = 0.0,
+    depth: Depth | None = None,
+) -> SeenEnd | None:
+    """Return the end of a measured shaft, and of the estimate if the two agree; without a shaft, of the estimate.
 
-    @classmethod
-    def of_estimate(cls, estimate: EstimatedEnd, plane: PlaneMap) -> "SeenEnd":
-        """Return the end as the estimator has it, where the shaft cannot be measured."""
-        place_mm, errors = estimate.place_mm, PlaceErrors(fit_mm=math.sqrt(estimate.variance))
-        px = plane.to_px(place_mm[None])[0]
-        sd_mm = [budget_place(plane, px, errors, axis).total for axis in np.eye(2)]
-        return cls(place_mm, np.array(sd_mm), _find_slope(plane, place_mm), "estimate")
+    The roll's part of the error budget is left out: it is what the slope stands for.
 
-
-def _agree(shown_mm: FloatArray, variances: FloatArray, estimate: EstimatedEnd) -> bool:
-    """Return whether the place that a picture shows does not contradict an estimate."""
-    apart_mm = np.abs(shown_mm - estimate.place_mm)
-    return bool(np.all(apart_mm <= _AGREES * np.sqrt(variances + estimate.variance)))
-
-
-def _join(
-    shown_mm: FloatArray, variances: FloatArray, estimate: EstimatedEnd
-) -> tuple[FloatArray, FloatArray]:
-    """Return a place and its variances by a picture and an estimate."""
-    share = estimate.variance / (variances + estimate.variance)
-    return estimate.place_mm + share * (shown_mm - estimate.place_mm), share * variances
+    Parameters
+    ----------
+    plane : PlaneMap
+    shaft, estimate
+        As in `judge_end`; None for both: nothing tells the end.
+    swings : bool
+        Whether the bend swings over in the last stretch of the shaft.
+    drift : float
+        Relative change of scale since the calibration.
+    depth : Depth or None
+        As the picture shows it.
+    """
+    by: EndSource = "estimate"
+    if shaft is not None:
+        by, shown_mm, px, errors = "shaft", np.array(shaft.tip_mm), np.array(shaft.tip_px), shaft.errors
+    elif estimate is not None:
+        shown_mm, errors = estimate.place_mm, PlaceErrors(fit_mm=math.sqrt(estimate.variance))
+        px = plane.to_px(shown_mm[None])[0]
+    else:
+        return None
+    drift_mm = drift * float(np.linalg.norm(shown_mm))
+    budgets = [budget_place(plane, px, errors, axis).with_drift(drift_mm) for axis in np.eye(2)]
+    swung_mm = _SWUNG * shaft.width_px * plane.mm_per_px if shaft is not None and swings else 0.0
+    read = np.array([(b.fit or 0.0) ** 2 + (b.lighting or 0.0) ** 2 + swung_mm**2 for b in budgets])
+    place_mm, shared = shown_mm, np.square([b.calibration for b in budgets])
+    if shaft is not None and estimate is not None:
+        apart_mm, both = shown_mm - estimate.place_mm, read + estimate.variance
+        if np.all(np.abs(apart_mm) <= _AGREES * np.sqrt(both)):
+            share = estimate.variance / both
+            by, place_mm, read = "shaft_and_estimate", estimate.place_mm + share * apart_mm, share * read
+    perspective = Perspective.of(plane)
+    slope = np.zeros(2) if perspective is None else perspective.find_slope(place_mm)
+    return SeenEnd(place_mm, np.sqrt(shared + read), slope, by, depth, None if shaft is None else shown_mm)
 
 
 @dataclass(frozen=True)
@@ -310,7 +289,11 @@ class TargetErrorBounds:
 
 
 def decide_ending(
-    stop: str, detail: str, bounds: TargetErrorBounds | None, tolerance_mm: float, doubt: Halt | None = None
+    stop: str,
+    detail: str,
+    bounds: TargetErrorBounds | None,
+    tolerance_mm: float,
+    doubt: Ending | None = None,
 ) -> Ending:
     """Return how an insertion ended, by the last picture if it was steered to the target.
 
@@ -322,18 +305,18 @@ def decide_ending(
         By the last picture; None if it was not steered there.
     tolerance_mm : float
         How far from the target the needle may end.
-    doubt : Halt or None
-        Why the place of the target is not known in the end.
+    doubt : Ending or None
+        Why the last picture does not tell where target and needle are; None if it does.
     """
-    if stop != "target_reached" or bounds is None:
-        return Ending("stopped" if stop in UNSURE_STOPS else "missed", stop, detail)
-    if doubt is not None:
-        return Ending("stopped", doubt.reason, doubt.detail)
-    return bounds.decide(tolerance_mm)
+    if stop == "target_reached" and doubt is not None:
+        return doubt
+    if stop == "target_reached" and bounds is not None:
+        return bounds.decide(tolerance_mm)
+    return Ending("stopped" if stop in UNSURE_STOPS else "missed", stop, detail)
 
 
 def judge_end(
-    path: TracedPath,
+    path: Sequence[RolledStretch],
     settings: SteeringSettings,
     unseen: OutOfPlaneSettings,
     plane: PlaneMap,
@@ -347,7 +330,7 @@ def judge_end(
 
     Parameters
     ----------
-    path : TracedPath
+    path : sequence of RolledStretch
         The path that it has taken, or will take.
     settings : SteeringSettings
         With the target where it is in the end.
@@ -364,27 +347,28 @@ def judge_end(
         Relative change of scale since the calibration.
     """
     problem = settings.problem
-    if shaft is not None:
-        depth = _find_depth(shaft, plane, path, problem.radius_mm, unseen)
-        seen = SeenEnd.of_shaft(shaft, estimate, path, plane, drift=drift, depth=depth)
-    elif estimate is not None:
-        seen = SeenEnd.of_estimate(estimate, plane)
-    else:
-        return None
-    budget = budget_out_of_plane(path.stretches, problem.radius_mm, unseen)
-    return bound_error(seen, budget, problem.target_mm, target_sd_mm)
+    depth = None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen)
+    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < _SWINGS_MM
+    seen = see_end(plane, shaft, estimate, swings=swings, drift=drift, depth=depth)
+    budget = budget_out_of_plane(path, problem.radius_mm, unseen)
+    return None if seen is None else bound_error(seen, budget, problem.target_mm, target_sd_mm)
 
 
 def _find_depth(
-    shaft: ShaftTip, plane: PlaneMap, path: TracedPath, radius_mm: float, unseen: OutOfPlaneSettings
+    shaft: ShaftTip,
+    plane: PlaneMap,
+    path: Sequence[RolledStretch],
+    radius_mm: float,
+    unseen: OutOfPlaneSettings,
 ) -> Depth | None:
     """Return how far the needle's end is out of the plane, by the last picture and its path; None if it is not told."""
     perspective = Perspective.of(plane)
     if perspective is None:
         return None
-    at_mm = np.linspace(0.0, path.depth_mm, max(_LEAST_NODES, round(path.depth_mm / _NODE_MM)))
-    covariance = covary_out_of_plane(path.stretches, radius_mm, unseen, at_mm)
-    return measure_depth(shaft, perspective, path.depth_mm, at_mm, covariance)
+    depth_mm = sum(stretch.length_mm for stretch in path)
+    at_mm = np.linspace(0.0, depth_mm, max(_LEAST_NODES, round(depth_mm / _NODE_MM)))
+    covariance = covary_out_of_plane(path, radius_mm, unseen, at_mm)
+    return measure_depth(shaft, perspective, depth_mm, at_mm, covariance)
 
 
 def bound_error(
@@ -411,20 +395,12 @@ def bound_error(
         by=seen.by,
         tip_mm=(float(seen.place_mm[0]), float(seen.place_mm[1])),
         sources=TargetErrorSources(
-            roll_zero=unseen.roll_zero_mm,
-            torsion=unseen.torsion_mm,
-            heading_noise=unseen.heading_mm,
-            start=unseen.start_mm,
+            **vars(unseen),
             in_plane=float(np.linalg.norm(seen.sd_mm)),
             target=target_sd_mm,
         ),
         depth=None if seen.depth is None else EndDepth.model_validate(seen.depth, from_attributes=True),
     )
-
-
-def _find_slope(plane: PlaneMap, place_mm: FloatArray) -> FloatArray:
-    perspective = Perspective.of(plane)
-    return np.zeros(2) if perspective is None else perspective.find_slope(place_mm)
 
 
 def _describe_depth(depth: EndDepth) -> str:

@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from labrig.analysis.result import Point
@@ -237,3 +238,8 @@ class TrueInsertion(TruthLine):
     path_mm: tuple[_Point, ...] = ()
     true_target_error_mm: float | None = None
     true_min_clearance_mm: float | None = None
+
+    @property
+    def path_in_plane_mm(self) -> FloatArray:
+        """The path, (N, 2), as (y, z)."""
+        return np.asarray(self.path_mm, dtype=np.float64).reshape(-1, 3)[:, 1:]

@@ -9,15 +9,15 @@ from labrig.devices.needle_state import RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LimitError, Problem
 from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
-from labrig.experiments.insertion.ending import EstimatedEnd, TracedPath, judge_end
-from labrig.experiments.insertion.marker_view import find_marker_problems, find_target_sd_mm
+from labrig.experiments.insertion.ending import EstimatedEnd, judge_end
+from labrig.experiments.insertion.markers import find_marker_problems, find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_out_of_plane
 from labrig.experiments.shared.holes import find_near_holes
 from labrig.runner.session import Session
 from labrig.steering.planner import Plan
 from labrig.steering.policy import SteeringSettings
-from labrig.steering.torsion import BaseLimits, RolledStretch, TurnAhead, plan_turn
+from labrig.steering.torsion import BaseLimits, RolledStretch, TurnAhead, choose_turn
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import READ_PX
 
@@ -55,7 +55,7 @@ def foresee_doubt(
     """Return the warning that the last picture will not be able to certify the tolerance; None if it may."""
     problem = settings.problem
     bounds = judge_end(
-        TracedPath(tuple(stretches)),
+        stretches,
         settings,
         make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion),
         plane,
@@ -109,7 +109,7 @@ def list_stretches(
     base_rad, turned, rolled = 0.0, 0, list[RolledStretch]()
     for number, arc in enumerate(path.arcs):
         if arc.roll_rad != 0.0:
-            turn = plan_turn(
+            turn = choose_turn(
                 rolled,
                 base_rad,
                 ahead[number:],

@@ -43,22 +43,13 @@ _OCCASIONS = {
 
 
 @dataclass(frozen=True)
-class Line:
-    """A line of a panel: what it is, and the `points` of an SVG polyline in the recorded picture's pixels."""
-
-    name: str
-    points: str
-
-
-@dataclass(frozen=True)
 class Panel:
-    """One picture of figure 9 with the lines over it."""
+    """One picture of figure 9; its lines are names with the `points` of SVG polylines in the picture's pixels."""
 
     title: str
     occasion: str
     picture: Photograph
-    text_px: float
-    lines: tuple[Line, ...]
+    lines: Sequence[tuple[str, str]]
     scale_mm: float
     scale: tuple[Pixel, Pixel]
 
@@ -109,7 +100,7 @@ def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dic
         ],
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "noise_told": describe_sighting_noise(
-            None if content.sighting_noise is None else content.sighting_noise.model_dump()
+            None if content.sighting_noise is None else vars(content.sighting_noise)
         ),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
@@ -119,8 +110,8 @@ def _write_verdict(content: InsertionResult) -> list[str]:
     """Return the page in a sentence or two."""
     if not content.made:
         return ["No insertion was begun."]
-    sentences = [f"{content.arrived} of {format_count(content.made, 'insertion')} reached the target."]
-    several = content.made > 1
+    several, sentences = content.made > 1, list[str]()
+    sentences.append(f"{content.arrived} of {format_count(content.made, 'insertion')} reached the target.")
     open_ones = sum(trial.reached is None for trial in content.insertions)
     if open_ones:
         sentences.append(
@@ -129,9 +120,11 @@ def _write_verdict(content: InsertionResult) -> list[str]:
         )
     if content.target_error_mm is not None:
         where = "is never further than" if several else "is"
+        sigma_mm = None if several else content.insertions[0].sigma_target_error_mm
+        sure = "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
         sentences.append(
             f"Measured by the shaft in the final picture, the needle's end {where} "
-            f"{number(content.target_error_mm)} mm from it{_format_uncertainty(content)}."
+            f"{number(content.target_error_mm)} mm from it{sure}."
         )
     if content.target_error_interval_mm is not None:
         which = "the least certain insertion" if several else "it"
@@ -149,45 +142,31 @@ def _write_verdict(content: InsertionResult) -> list[str]:
     return [" ".join(sentences)]
 
 
-def _format_uncertainty(content: InsertionResult) -> str:
-    """Return the standard deviation of a single error as text; empty for several insertions, which have a table."""
-    sigma_mm = content.insertions[0].sigma_target_error_mm if content.made == 1 else None
-    return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
-
-
 def _draw_insertion(
     run: Run, trial: InsertionTrial, events: Sequence[Event], plane: PlaneMap
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    return ShownInsertion(trial, tuple(_list_panels(run, trial, events, _select_plans(plans), plane)), figure)
-
-
-def _list_panels(
-    run: Run, trial: InsertionTrial, events: Sequence[Event], shown: Sequence[PathSought], plane: PlaneMap
-) -> Iterator[Panel]:
-    """Yield the pictures of figure 9: one at each of these plans, with those before it, and one at the end."""
-    scene, former = Scene(plane), list[Stroke]()
+    panels, scene = list[Panel](), Scene(plane)
     for event in events:
-        former += scene.draw_line("former", scene.plan_mm) if isinstance(event, PathSought) else ()
         scene.take(event)
-        if isinstance(event, PathSought) and any(event is plan for plan in shown):
+        if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
             frame = _find_scene(run, trial.trial) if event.frame is None else event.frame
-            strokes = *scene.draw_places(), *former, *scene.draw_ways()
+            strokes = *scene.draw_places(), *scene.former, *scene.draw_ways()
             title = f"{event.depth_mm:.1f} mm, {event.t_s - trial.start_t_s:.0f} s"
-            occasion = _OCCASIONS.get(event.because, event.because)
-            yield from _draw_panel(run, frame, strokes, plane, title=title, occasion=occasion)
+            panels += _draw_panel(run, frame, strokes, plane, (title, _OCCASIONS[event.because]))
     if trial.final_frame is not None:
         seconds = run.frame_lines[trial.final_frame].t_s - trial.start_t_s
         strokes = (
             *scene.draw_places(),
-            *former,
+            *scene.former,
+            *scene.draw_line("former", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", trial.true_path_mm),
         )
-        title = f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s"
-        occasion = f"stopped, {trial.cause}"
-        yield from _draw_panel(run, trial.final_frame, strokes, plane, title=title, occasion=occasion)
+        told = f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s", f"stopped, {trial.cause}"
+        panels += _draw_panel(run, trial.final_frame, strokes, plane, told)
+    return ShownInsertion(trial, tuple(panels), figure)
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:
@@ -207,15 +186,14 @@ def _find_scene(run: Run, trial: int) -> int | None:
 
 
 def _draw_panel(
-    run: Run, frame: int | None, strokes: Sequence[Stroke], plane: PlaneMap, *, title: str, occasion: str
+    run: Run, frame: int | None, strokes: Sequence[Stroke], plane: PlaneMap, told: tuple[str, str]
 ) -> Iterator[Panel]:
-    """Yield a picture with these lines over it; nothing if it cannot be read."""
+    """Yield a picture with these lines over it, its title and its occasion; nothing if it cannot be read."""
     if frame is None:
         return
     try:
         picture = photograph(run.read_frame(frame), PLATE)
     except RecordError:
         return
-    lines = tuple(Line(stroke.name, polyline(stroke.px)) for stroke in strokes)
-    scale = scale_bar((picture.width, picture.height), plane)
-    yield Panel(title, occasion, picture, picture.width / 40, lines, *scale)
+    lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
+    yield Panel(*told, picture, lines, *scale_bar((picture.width, picture.height), plane))

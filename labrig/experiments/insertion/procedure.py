@@ -38,9 +38,9 @@ from labrig.experiments.insertion.ending import (
     Ending,
     EstimatedEnd,
     TargetErrorBounds,
-    TracedPath,
     decide_ending,
     judge_end,
+    trace_path,
 )
 from labrig.experiments.insertion.events import (
     InsertionRole,
@@ -59,16 +59,7 @@ from labrig.experiments.insertion.foresight import (
     foresee_doubt,
     list_stretches,
 )
-from labrig.experiments.insertion.marker_view import (
-    MarkersFollowed,
-    MarkerView,
-    SearchMarkers,
-    find_start,
-    find_target_sd_mm,
-    follow_markers,
-    list_marker_ids,
-    place_settings,
-)
+from labrig.experiments.insertion.markers import FollowedMarkers, find_target_sd_mm, list_marker_ids
 from labrig.experiments.insertion.protocol import InsertionObstacle, InsertionProtocol
 from labrig.experiments.insertion.settings import (
     SAME_MM,
@@ -250,7 +241,7 @@ class Insertion:
     sight: Sight
     roll_zero: RollZero
     made: TrialRun[int]
-    markers: MarkersFollowed | None = None
+    markers: FollowedMarkers | None = None
     path: list[AxisPositions] = field(default_factory=list)
     run_to_mm: float = 0.0
     bounds: TargetErrorBounds | None = None
@@ -330,25 +321,19 @@ class Insertion:
 
     def find_markers(self) -> None:
         """Find every marker before the needle moves, if the protocol has any."""
-        view = MarkerView.of(self.protocol, self.sight.plane)
-        if view is None:
-            return
-        picture = self.session.take_picture(InsertionRole.MARKERS, self.trial)
-        self.markers = self.session.compute(partial(find_start, self._search_markers(picture), view))
-        self.session.record(self.markers.make_event(self.trial, picture.frame, 0.0))
-
-    def _search_markers(self, picture: TakenPicture) -> SearchMarkers:
-        """Return what finds markers in a picture."""
-        return partial(self.sight.find_markers, picture)
+        self.markers = FollowedMarkers.of(self.protocol, self.sight.plane)
+        if self.markers is not None:
+            self.follow_markers(self.session.take_picture(InsertionRole.MARKERS, self.trial), 0.0)
 
     def follow_markers(self, picture: TakenPicture, inserted_mm: float) -> Halt | None:
         """Move target and obstacles with their markers; return why the needle has to stop, if it has to."""
         if self.markers is None:
             return None
-        search = self._search_markers(picture)
-        self.markers = self.session.compute(partial(follow_markers, self.markers, search, inserted_mm))
-        self.session.record(self.markers.make_event(self.trial, picture.frame, inserted_mm))
-        self.settings, halt = place_settings(self.settings, self.aim, self.markers)
+        dictionary, marker_ids = self.markers.markers.dictionary, self.markers.marker_ids
+        found = self.session.compute(partial(self.sight.find_markers, picture, dictionary, marker_ids))
+        self.markers = self.markers.take(found, self.trial, picture.frame, inserted_mm)
+        self.session.record(self.markers.sought[-1])
+        self.settings, halt = self.markers.place(self.settings, self.aim)
         return halt
 
     def find_sheath(self, picture: TakenPicture) -> TrialOrigin | None:
@@ -437,7 +422,7 @@ class Insertion:
     def _judge_end(self, final: TakenPicture, state: SteeringState) -> TargetErrorBounds | None:
         """Return the distance in space from the target, by the shaft in the last picture and the estimate."""
         protocol, roll_zero = self.protocol, self.roll_zero
-        path = TracedPath.of_turns(
+        path = trace_path(
             self.bevel.turns,
             roll_zero.zero_rad,
             state.insertion_mm,

@@ -10,7 +10,7 @@ from labrig.analysis.result import Point, Result, Sentinel, TrialOrigin, make_or
 from labrig.experiments.insertion.events import SeenMarker, Sighted
 from labrig.protocol.model import Model
 from labrig.steering.problem import Obstacle
-from labrig.steering.sighting_noise import NisVerdict
+from labrig.steering.sighting_noise import SightingNoise
 from labrig.vision.error_budget import ErrorBudget
 
 EndSource = Literal["shaft", "shaft_and_estimate", "estimate"]
@@ -151,27 +151,6 @@ def name_bound(marker_ids: Sequence[int | None], marker_id: int) -> str:
     """Return what is bound to a marker: target, obstacle 1, obstacle 2."""
     bound = (place for place, own in enumerate(marker_ids) if own == marker_id)
     return ", ".join(f"obstacle {place}" if place else "target" for place in bound)
-
-
-class SightingNoise(Model):
-    """What the protocol states about sightings and hinges, and what the sightings themselves say.
-
-    `mean_nis` is over the sightings that were believed in all insertions; where the settings fit it is within
-    `usual_nis` in 99.9 % of all runs. Measured values are None where too few sightings, or turns, tell them.
-    `advised_observation_sd_mm` is the measured one, and at least what a template reads a tip off that is bent to the
-    other side: with less, that counts as motion.
-    """
-
-    mean_nis: float
-    usual_nis: tuple[float, float]
-    verdict: NisVerdict
-    stated_observation_sd_mm: float
-    observation_sd_mm: float | None
-    observation_sd_sd_mm: float | None
-    advised_observation_sd_mm: float | None
-    stated_backlash_mm: float
-    backlash_mm: float | None
-    backlash_sd_mm: float | None
 
 
 class InsertionResult(Result):

@@ -11,15 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.analysis.result import Point
-from labrig.experiments.insertion.events import InsertionStart, MarkersSought, PathSought, TipObserved
+from labrig.experiments.insertion.aim import Aim
+from labrig.experiments.insertion.events import (
+    InsertionStart,
+    MarkersSought,
+    PathSought,
+    SeenMarker,
+    TipObserved,
+)
+from labrig.experiments.insertion.markers import locate_places
 from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Colour, Stroke
 from labrig.report.pictures import circle
-from labrig.steering.moving import Displacement, Displacements
 from labrig.steering.planner import Plan, sample_path
-from labrig.steering.problem import Obstacle, PlanProblem
-from labrig.steering.problem import Point as SpacePoint
+from labrig.steering.problem import PlanProblem
 from labrig.vision.plane import PlaneMap
 
 FloatArray = NDArray[np.float64]
@@ -62,14 +68,15 @@ def read_scenes(run: Run) -> Mapping[int, Sequence[Event]]:
 
 @dataclass
 class Scene:
-    """Target and obstacles where they are, the last plan, and the path taken, (y, z) [mm]."""
+    """Target and obstacles where they are, the last plan and those before, and the path taken, (y, z) [mm]."""
 
     plane: PlaneMap
     start: InsertionStart | None = None
     plan_mm: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     taken_mm: list[Point] = field(default_factory=list)
+    former: list[Stroke] = field(default_factory=list)
     last: TipObserved | None = None
-    moved: Mapping[int, Displacement] = field(default_factory=dict)
+    markers: Sequence[SeenMarker] = ()
 
     def take(self, event: Event) -> None:
         """Take in what an event adds; a new insertion begins anew."""
@@ -77,27 +84,26 @@ class Scene:
             case InsertionStart():
                 self.__init__(self.plane, event)  # type: ignore[misc]
             case PathSought() if event.found:
+                self.former += self.draw_line("former", self.plan_mm)
                 self.plan_mm = sample_plan(event)
             case MarkersSought():
-                self.moved = {
-                    marker.marker_id: Displacement(marker.displacement_mm, marker.sd_mm)
-                    for marker in event.markers
-                }
+                self.markers = event.markers
             case TipObserved():
                 self.last = event
                 self.taken_mm.append(event.estimate_mm)
 
-    def locate(self) -> tuple[SpacePoint, tuple[Obstacle, ...]]:
-        """Return where target (x, y, z) and obstacles are now [mm]."""
+    def locate(self) -> Aim:
+        """Return where target and obstacles are now."""
         assert self.start is not None
-        moved = Displacements.by_marker(self.start.marker_ids, self.moved)
-        return moved.move_target(self.start.target_mm), moved.move_obstacles(self.start.obstacles)
+        aim = Aim(self.start.target_mm, self.start.obstacles)
+        return locate_places(aim, self.start.marker_ids, self.markers)
 
     def draw_places(self) -> Iterator[Stroke]:
         """Yield the obstacles, and the target with its tolerance."""
         assert self.start is not None
-        (_, *target_mm), obstacles = self.locate()
-        for ball in obstacles:
+        aim = self.locate()
+        target_mm = aim.target_mm[1:]
+        for ball in aim.obstacles:
             yield _make_stroke("obstacle", circle(ball.position_mm[1:], ball.radius_mm, self.plane))
         yield _make_stroke("target", circle(target_mm, self.start.tolerance_mm, self.plane))
         yield from self._draw_cross("target", target_mm)
@@ -127,7 +133,7 @@ class Scene:
     @property
     def left_mm(self) -> float | None:
         """The distance in the plane from the estimated tip to the target; None before the first sighting."""
-        return None if self.last is None else math.dist(self.last.estimate_mm, self.locate()[0][1:])
+        return None if self.last is None else math.dist(self.last.estimate_mm, self.locate().target_mm[1:])
 
 
 def _make_stroke(name: str, px: FloatArray) -> Stroke:

@@ -92,9 +92,3 @@ def restore_settings(settings: SteeringSettings, origin: TrialOrigin | None) -> 
     if origin is None or not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
         return settings
     return with_start(settings, origin.tip_mm, origin.heading_rad)
-
-
-def with_observation_sd(settings: SteeringSettings, observation_sd_mm: float) -> SteeringSettings:
-    """Return the settings with another standard deviation of a sighting."""
-    estimator = settings.estimator.model_copy(update={"observation_sd_mm": observation_sd_mm})
-    return replace(settings, estimator=estimator)

@@ -80,7 +80,7 @@ def _name_of(stroke: Stroke) -> str:
 
 
 def _draw_numbers(stream: rr.RecordingStream, scene: Scene, step: TipObserved) -> None:
-    _, obstacles = scene.locate()
+    obstacles = scene.locate().obstacles
     gaps_mm = [math.dist(step.estimate_mm, ball.position_mm[1:]) - ball.radius_mm for ball in obstacles]
     values = (
         _find_deviation(step.estimate_mm, scene.plan_mm),

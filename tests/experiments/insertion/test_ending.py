@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labrig.experiments.insertion.ending import SeenEnd, TracedPath, bound_error
+from labrig.experiments.insertion.ending import SeenEnd, bound_error, trace_path
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import make_out_of_plane
@@ -25,7 +25,7 @@ def seen_at(y_mm: float, sd_mm: float = 0.1) -> SeenEnd:
 
 def unseen(heading_mm: float) -> OutOfPlaneBudget:
     """Return the budget of a needle that wanders out of the plane."""
-    return OutOfPlaneBudget(0.0, 0.0, heading_mm, 0.0, 0.0)
+    return OutOfPlaneBudget(0.0, 0.0, heading_mm, 0.0)
 
 
 @pytest.mark.parametrize("settings", [SURE, UNSURE])
@@ -121,9 +121,9 @@ def test_a_turn_counts_from_where_it_acts() -> None:
     assert isinstance(protocol, InsertionProtocol)
     settings_unseen = make_out_of_plane(protocol, 0.01, None)
     turn = BevelTurn(trial=0, depth_mm=20.0, from_rad=0.3, to_rad=0.3 + math.pi)
-    stretches = TracedPath.of_turns((turn,), 0.3, 40.0, 0, protocol.policy.backlash_mm).stretches
+    stretches = trace_path((turn,), 0.3, 40.0, 0, protocol.policy.backlash_mm)
     budget = budget_out_of_plane(stretches, protocol.planner.radius_mm, settings_unseen)
     first_mm, radius_mm = 20.75, protocol.planner.radius_mm
     parts = (first_mm * (40 - first_mm / 2) / radius_mm, -((40 - first_mm) ** 2) / 2 / radius_mm)
-    assert budget.roll_zero_mm == pytest.approx(0.01 * abs(sum(parts)))
-    assert budget.torsion_mm == pytest.approx(math.radians(5) * math.hypot(*parts))
+    assert budget.roll_zero == pytest.approx(0.01 * abs(sum(parts)))
+    assert budget.torsion == pytest.approx(math.radians(5) * math.hypot(*parts))

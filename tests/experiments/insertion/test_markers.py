@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
+import numpy as np
 import pytest
 
 from labrig.analysis.pictures import load_plane_map
@@ -15,8 +16,8 @@ from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.film import make_films
-from labrig.experiments.insertion.marker_view import MarkersFollowed, MarkerView, place_settings
-from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.markers import FollowedMarkers
+from labrig.experiments.insertion.protocol import InsertionProtocol, Markers
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.experiments.registry import find_experiment, follow_run
@@ -25,8 +26,8 @@ from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.report.rerun_view import write_view
 from labrig.runner.replay import replay_run
-from labrig.steering.marker_tracking import TrackedMarker
-from labrig.steering.problem import Obstacle
+from labrig.steering.problem import Obstacle, Surroundings
+from labrig.vision.marker import MarkerFix
 from labrig.vision.plane import PlaneMap
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
@@ -46,6 +47,7 @@ from tests.runner.sessions import PROTOCOLS, Told, Watched, find_problems, large
 BOUND = ("target.marker_id=7", "markers={side_mm: 6}")
 NEAR = ("target.position_mm=[0,-3,25]", "insertion.frame_every_mm=2")
 MARKER = "marker_id: 7, side_mm: 6, position_mm: [-28, 45]"
+CORNERS_MM = 3.0 * np.array([(1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
 WAY_MM = math.hypot(3, 25)
 MOVES = "world.target_moves_mm=3"
 """The target has moved by 3 mm, aside and ahead, when the needle gets there."""
@@ -160,32 +162,87 @@ def test_without_its_markers_the_needle_does_not_move(tmp_path: Path, what: str,
     assert not events(run, "move")
 
 
-def _follow(*markers: TrackedMarker) -> MarkersFollowed:
-    """Return markers as they were followed, without pictures."""
-    protocol = insertion(*NEAR, *BOUND, "obstacles=[{position_mm: [0, 9, 25], radius_mm: 4}]")
-    assert isinstance(protocol, InsertionProtocol)
-    view = MarkerView.of(protocol, PlaneMap.from_scale(10.0, (0.0, 0.0), "right"))
-    assert view is not None
-    return MarkersFollowed(view, markers)
+PLANE = PlaneMap.from_scale(10.0, (0.0, 0.0), "right")
+AIM = Aim((0.0, -3.0, 25.0), (Obstacle((0.0, 9.0, 25.0), 4.0), Obstacle((0.0, 12.0, 40.0), 4.0)))
+
+
+def follow(
+    *seen: tuple[float, tuple[float, float] | None], bound: tuple[int | None, ...] = (7, None, None)
+) -> FollowedMarkers:
+    """Follow marker 7 from (-20, 30) over pictures, each an insertion length and where it was seen."""
+    trust = Markers(side_mm=6.0, sd_mm=0.1, lost_sd_mm_per_mm=0.05, most_lost_mm=10.0, jump_mm=1.0)
+    followed = FollowedMarkers(trust, bound, PLANE)
+    for frame, (inserted_mm, seen_mm) in enumerate(((0.0, (-20.0, 30.0)), *seen)):
+        corners_px = None if seen_mm is None else PLANE.to_px(np.array(seen_mm) + CORNERS_MM)
+        followed = followed.take([MarkerFix(7, corners_px)], 0, frame, inserted_mm)
+    return followed
+
+
+@pytest.mark.parametrize(
+    ("seen", "moved_mm", "unseen_mm", "told"),
+    [
+        (((1.0, (-19.8, 30.0)), (3.0, None), (5.0, None)), (0.2, 0.0), 4.0, None),
+        (((1.0, (-19.8, 30.0)), (3.0, None), (5.0, None), (6.0, (-19.5, 30.0))), (0.5, 0.0), 0.0, None),
+        (
+            ((8.0, (-20.0, 30.0)), (14.0, None), (9.0, None)),
+            (0.0, 0.0),
+            11.0,
+            "marker 7 was not seen while the needle moved by 11.0 mm, and 10 mm are allowed",
+        ),
+        (((8.0, (-20.0, 30.0)), (14.0, None), (10.0, None)), (0.0, 0.0), 10.0, None),
+        (((1.0, (-20.0, 30.0)), (2.0, (-18.0, 30.0))), (0.0, 0.0), 1.0, None),
+        (
+            ((1.0, (-20.0, 30.0)), (2.0, (-18.0, 30.0)), (3.0, (-20.0, 30.1)), (4.0, (-18.0, 30.0))),
+            (0.0, 0.1),
+            1.0,
+            None,
+        ),
+        (((2.0, (-18.0, 30.0)), (3.0, (-20.0, 35.0))), (0.0, 0.0), 3.0, None),
+        (
+            ((2.0, (-18.0, 30.0)), (3.0, (-17.9, 30.0))),
+            (0.0, 0.0),
+            3.0,
+            "marker 7 has jumped by 2.1 mm and stays there",
+        ),
+    ],
+)
+def test_a_marker_is_held_believed_or_stops_the_needle(
+    seen: tuple[tuple[float, tuple[float, float] | None], ...],
+    moved_mm: tuple[float, float],
+    unseen_mm: float,
+    told: str | None,
+) -> None:
+    """Unseen it is held and less certain; a jump counts once it stays; too long unseen, on any way, it is lost."""
+    followed = follow(*seen)
+    (marker,) = followed.last
+    assert marker.displacement_mm == pytest.approx(moved_mm, abs=1e-9)
+    assert marker.unseen_mm == pytest.approx(unseen_mm)
+    assert marker.sd_mm == pytest.approx(math.hypot(0.1, 0.05 * unseen_mm))
+    assert (followed.halt is None) == (told is None)
+    assert told is None or told in followed.halt.detail
 
 
 def test_a_marker_that_strays_in_the_last_picture_is_no_arrival() -> None:
     """No picture follows that could tell whether it stays; one that was only covered there is in no doubt."""
-    doubt = _follow(TrackedMarker(7, (0.0, 0.0), strayed_mm=(3.0, 0.0))).doubt
+    doubt = follow((1.0, (-17.0, 30.0))).doubt
     assert doubt is not None
-    assert (doubt.reason, "marker 7" in doubt.detail) == ("marker_jumped", True)
-    assert _follow(TrackedMarker(7, (0.0, 0.0), unseen_mm=1.0)).doubt is None
+    assert (doubt.stop, "marker 7" in doubt.cause) == ("marker_jumped", True)
+    assert follow((1.0, None)).doubt is None
 
 
-def test_a_target_that_moves_into_an_obstacle_stops_the_needle() -> None:
-    """What cannot be planned with halts the needle as blocked, and is planned with where it was before."""
+def test_target_and_obstacles_are_planned_with_where_their_markers_are() -> None:
+    """An uncertain obstacle is kept off further; what overlaps now halts the needle, and stays where it was before."""
     protocol = insertion(*NEAR, *BOUND)
     assert isinstance(protocol, InsertionProtocol)
-    aim = Aim((0.0, -3.0, 25.0), (Obstacle((0.0, 9.0, 25.0), 4.0),))
-    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
-    beside, halt = place_settings(settings, aim, _follow(TrackedMarker(7, (0.0, 0.0), (2.0, 1.0))))
-    assert (beside.problem.target_mm, halt) == ((0.0, -1.0, 26.0), None)
-    inside, halt = place_settings(beside, aim, _follow(TrackedMarker(7, (0.0, 0.0), (10.0, 0.0))))
+    settings = make_insertion_settings(protocol, AIM.target_mm, AIM.obstacles)
+    beside, halt = follow((1.0, (-19.2, 29.5)), bound=(7, None, 7)).place(settings, AIM)
+    assert halt is None
+    assert beside.problem.target_mm == pytest.approx((0.0, -2.2, 24.5))
+    assert [ball.position_mm[1] for ball in beside.problem.obstacles] == pytest.approx([9.0, 12.8])
+    grown = Surroundings(beside.problem).keep_off_mm - Surroundings(settings.problem).keep_off_mm
+    assert grown == pytest.approx([0.0, 2.0 * 0.1])
+    way = [(float(mm), (-20.0 + 0.9 * mm, 30.0)) for mm in range(12)]
+    inside, halt = follow(*way).place(beside, AIM)
     assert halt is not None
     assert (halt.reason, "target lies inside obstacle 1" in halt.detail) == ("blocked", True)
     assert inside.problem.target_mm == beside.problem.target_mm

@@ -8,8 +8,16 @@ from labrig.experiments.insertion.ending import trace_path
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.runner.session import Session
 from labrig.steering.parameters import Turning
+from labrig.steering.planner import Plan
 from labrig.steering.state import SteeringState
-from labrig.steering.torsion import BaseLimits, BaseTurn, RolledStretch, centre_bevel, choose_turn
+from labrig.steering.torsion import (
+    BaseLimits,
+    BaseTurn,
+    RolledStretch,
+    TurnAhead,
+    centre_bevel,
+    choose_turn,
+)
 
 _SAME_RAD = 0.01
 
@@ -87,12 +95,21 @@ class Bevel:
 
     def choose(self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]) -> BaseTurn:
         """Return the turn of the base that turns the bevel by an angle after these stretches."""
-        return choose_turn(
-            rolled,
-            self.base_rad,
-            state.list_turns(roll_rad),
-            self.roll_zero.lag,
-            self._limits,
-            turning=self.turning,
-            radius_mm=self.radius_mm,
-        )
+        return self._choose(rolled, self.base_rad, state.list_turns(roll_rad))
+
+    def foresee(self, path: Plan) -> list[RolledStretch]:
+        """Return the arcs of a path with the directions in which the bevel will be turned before them."""
+        ahead = [TurnAhead(arc.roll_rad, arc.length_mm) for arc in path.arcs]
+        base_rad, turned, rolled = 0.0, 0, list[RolledStretch]()
+        for number, arc in enumerate(ahead):
+            if arc.roll_rad != 0.0:
+                turn = self._choose(rolled, base_rad, ahead[number:])
+                base_rad, turned = turn.to_rad, turn.direction
+            rolled.append(RolledStretch(arc.length_mm, base_rad, turned))
+        return rolled
+
+    def _choose(
+        self, rolled: Sequence[RolledStretch], base_rad: float, turns: Sequence[TurnAhead]
+    ) -> BaseTurn:
+        lag, limits, radius_mm = self.roll_zero.lag, self._limits, self.radius_mm
+        return choose_turn(rolled, base_rad, turns, lag, limits, radius_mm=radius_mm, turning=self.turning)

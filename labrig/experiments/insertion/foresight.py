@@ -1,25 +1,17 @@
-"""What can be said of an insertion before anything moves: what it lacks, and how sure its end can be."""
+"""What an insertion lacks on a rig, found before anything moves."""
 
-from collections.abc import Iterator, Sequence
-
-import numpy as np
+from collections.abc import Iterator
 
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.needle_state import RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LimitError, Problem
-from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
-from labrig.experiments.insertion.ending import EstimatedEnd, judge_end
-from labrig.experiments.insertion.markers import find_marker_problems, find_target_sd_mm
+from labrig.experiments.insertion.aim import find_aim_problems, make_aim
+from labrig.experiments.insertion.markers import find_marker_problems
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import make_out_of_plane
 from labrig.experiments.shared.holes import find_near_holes
 from labrig.runner.session import Session
-from labrig.steering.planner import Plan
-from labrig.steering.policy import SteeringSettings
-from labrig.steering.torsion import BaseLimits, RolledStretch, TurnAhead, choose_turn
 from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_tip import READ_PX
 
 
 def find_problems(protocol: InsertionProtocol, session: Session) -> Iterator[Problem]:
@@ -37,32 +29,10 @@ def find_problems(protocol: InsertionProtocol, session: Session) -> Iterator[Pro
 
 
 def find_place_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
-    """Yield stated places that are out of the camera's view or cannot be aimed at."""
-    astray = tuple(find_pixel_problems(protocol, plane))
-    yield from astray
+    """Yield markers that cannot be told, and stated places that cannot be aimed at."""
     yield from find_marker_problems(protocol, plane)
-    if not astray and not any(place.ask for place in protocol.places.values()):
+    if not any(place.ask for place in protocol.places.values()):
         yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
-
-
-def foresee_doubt(
-    protocol: InsertionProtocol,
-    settings: SteeringSettings,
-    stretches: Sequence[RolledStretch],
-    roll_zero: RollZero,
-    plane: PlaneMap,
-) -> Problem | None:
-    """Return the warning that the last picture will not be able to certify the tolerance; None if it may."""
-    problem = settings.problem
-    bounds = judge_end(
-        stretches,
-        settings,
-        make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion),
-        plane,
-        find_target_sd_mm(protocol, None),
-        estimate=EstimatedEnd(np.array(problem.target_mm[1:]), READ_PX * plane.mm_per_px),
-    )
-    return None if bounds is None else bounds.warn(problem.tolerance_mm)
 
 
 def _find_unmeasured(
@@ -98,26 +68,3 @@ def _knows_torsion(protocol: InsertionProtocol, certified: RollZero | None) -> b
     if certified is not None and certified.needle_id == protocol.needle.needle_id:
         return certified.torsion is not None
     return protocol.roll_zero is not None and protocol.roll_zero.torsion is not None
-
-
-def list_stretches(
-    path: Plan, roll_zero: RollZero, rig: RigDescription, protocol: InsertionProtocol
-) -> list[RolledStretch]:
-    """Return the arcs of a path with the directions in which the bevel will be turned before them."""
-    limits = BaseLimits.of_axis(rig.axes.rotation.limits, roll_zero.zero_rad)
-    ahead = [TurnAhead(arc.roll_rad, arc.length_mm) for arc in path.arcs]
-    base_rad, turned, rolled = 0.0, 0, list[RolledStretch]()
-    for number, arc in enumerate(path.arcs):
-        if arc.roll_rad != 0.0:
-            turn = choose_turn(
-                rolled,
-                base_rad,
-                ahead[number:],
-                roll_zero.lag,
-                limits,
-                turning=protocol.policy.turning,
-                radius_mm=protocol.planner.radius_mm,
-            )
-            base_rad, turned = turn.to_rad, turn.direction
-        rolled.append(RolledStretch(arc.length_mm, base_rad, turned))
-    return rolled

@@ -15,9 +15,11 @@ space too.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+
+import numpy as np
 
 from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
@@ -53,12 +55,7 @@ from labrig.experiments.insertion.events import (
     TipObserved,
     describe_sighting,
 )
-from labrig.experiments.insertion.foresight import (
-    find_place_problems,
-    find_problems,
-    foresee_doubt,
-    list_stretches,
-)
+from labrig.experiments.insertion.foresight import find_place_problems, find_problems
 from labrig.experiments.insertion.markers import FollowedMarkers, find_target_sd_mm, list_marker_ids
 from labrig.experiments.insertion.protocol import InsertionObstacle, InsertionProtocol
 from labrig.experiments.insertion.settings import (
@@ -79,7 +76,9 @@ from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipS
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip_search import TipSearched
+from labrig.steering.torsion import RolledStretch
 from labrig.vision.drawing import DrawnPlan, draw_plan
+from labrig.vision.shaft_tip import READ_PX, ShaftTip
 
 IN_TISSUE = "in_tissue"
 """The safe point between two steps on the way to the target, as the record names it: the axes stop, and hold."""
@@ -290,8 +289,10 @@ class Insertion:
 
     def _warn(self, state: SteeringState) -> None:
         """Warn of a tolerance below what the last picture will be able to certify."""
-        stretches = list_stretches(state.plan, self.roll_zero, self.session.description, self.protocol)
-        warning = foresee_doubt(self.protocol, self.settings, stretches, self.roll_zero, self.sight.plane)
+        problem = self.settings.problem
+        there = EstimatedEnd(np.array(problem.target_mm[1:]), READ_PX * self.sight.plane.mm_per_px)
+        bounds = self._bound_end(self.bevel.foresee(state.plan), None, there)
+        warning = None if bounds is None else bounds.warn(problem.tolerance_mm)
         if warning is not None:
             self.session.warn(warning)
 
@@ -387,12 +388,15 @@ class Insertion:
         self.follow_markers(final, state.insertion_mm)
         if command.stop == "target_reached" or session.is_judged:
             self.bounds = session.compute(partial(self._judge_end, final, state))
-        bounds, ending = self.bounds, self._decide(self.bounds, command)
+        bounds, doubt = self.bounds, None if self.markers is None else self.markers.doubt
+        tolerance_mm = self.settings.problem.tolerance_mm
+        ending = decide_ending(str(command.stop), command.detail, bounds, tolerance_mm, doubt)
         session.record_truth(self.trial)
         session.tell(f"{ending.stop}: {ending.cause}")
         if command.stop in UNSURE_STOPS:
             session.ask(ConfirmStopped(command.detail))
-        withdraw(session, self.path, self._withdrawal_speeds)
+        speeds = find_speeds(session.description, self.protocol.insertion, self.protocol.sheath)
+        withdraw(session, self.path, speeds)
         error_mm = None if bounds is None else bounds.in_plane_mm
         session.judge(self.trial, {"target_error_mm": error_mm})
         session.record(
@@ -412,44 +416,33 @@ class Insertion:
         )
         return ending
 
-    def _decide(self, bounds: TargetErrorBounds | None, command: SteeringCommand) -> Ending:
-        """Return how the insertion ended, by the last picture if it was steered to the target."""
-        doubt = None if self.markers is None else self.markers.doubt
-        return decide_ending(
-            str(command.stop), command.detail, bounds, self.settings.problem.tolerance_mm, doubt
-        )
-
     def _judge_end(self, final: TakenPicture, state: SteeringState) -> TargetErrorBounds | None:
         """Return the distance in space from the target, by the shaft in the last picture and the estimate."""
-        protocol, roll_zero = self.protocol, self.roll_zero
-        path = trace_path(
-            self.bevel.turns,
-            roll_zero.zero_rad,
-            state.insertion_mm,
-            self.bevel.centred,
-            protocol.policy.backlash_mm,
-        )
-        unseen = make_out_of_plane(protocol, roll_zero.sd_rad, roll_zero.torsion)
+        protocol, roll_zero, bevel = self.protocol, self.roll_zero, self.bevel
+        backlash_mm = protocol.policy.backlash_mm
+        path = trace_path(bevel.turns, roll_zero.zero_rad, state.insertion_mm, bevel.centred, backlash_mm)
         try:
             shaft = self.sight.measure_end(
                 final, protocol.needle.diameter_mm, protocol.sheath.diameter_mm, roll_zero.sd_rad
             )
         except MeasurementRefusedError:
             shaft = None
+        estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
+        return self._bound_end(path, shaft, estimate)
+
+    def _bound_end(
+        self, path: Sequence[RolledStretch], shaft: ShaftTip | None, estimate: EstimatedEnd
+    ) -> TargetErrorBounds | None:
+        """Return the distance in space from the target to the end of a path."""
         return judge_end(
             path,
             self.settings,
-            unseen,
+            make_out_of_plane(self.protocol, self.roll_zero.sd_rad, self.roll_zero.torsion),
             self.sight.plane,
-            find_target_sd_mm(protocol, self.markers),
+            find_target_sd_mm(self.protocol, self.markers),
             shaft=shaft,
-            estimate=EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm),
+            estimate=estimate,
         )
-
-    @property
-    def _withdrawal_speeds(self) -> Mapping[str, float]:
-        """The speed of each axis while the needle is withdrawn [mm/s or rad/s]."""
-        return find_speeds(self.session.description, self.protocol.insertion, self.protocol.sheath)
 
     def record_start(self) -> None:
         """Record target and obstacles."""

@@ -112,21 +112,6 @@ class SteeringPolicy(Model):
     tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and back."""
 
 
-class MarkerTrust(Model):
-    """How far sightings of markers are trusted."""
-
-    sd_mm: NonNegativeMm = 0.1
-    """How far what is bound to a marker may be from where the marker's displacement puts it, along each axis
-    (standard deviation) [mm]."""
-    lost_sd_mm_per_mm: float = Field(0.05, ge=0, le=10)
-    """How much is added to that for each millimetre that the needle moves while the marker is not seen [mm/mm]."""
-    most_lost_mm: PositiveMm = 10.0
-    """The needle stops when it has moved this far without a marker being seen [mm]."""
-    jump_mm: PositiveMm = 1.0
-    """The needle stops when a marker has moved by more than this between two pictures and stays there; three
-    standard deviations of lost_sd_mm_per_mm are allowed besides [mm]."""
-
-
 PAPER_POLICY = SteeringPolicy(
     deviation_mm=None,
     near_mm=0.0,

@@ -13,9 +13,9 @@ import numpy as np
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
-from labrig.steering.bending import Turn, advance_pose
 from labrig.steering.cavities import CAVITY_MM
 from labrig.steering.clearance import path_distances
+from labrig.steering.motion import Turn, advance_pose
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings

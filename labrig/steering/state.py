@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.bending import Turn, advance_pose, split_into_steps
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
+from labrig.steering.motion import Turn, advance_pose, split_into_steps
 from labrig.steering.planner import Plan
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.tip import TipObservation, TipState

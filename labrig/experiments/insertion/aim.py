@@ -63,6 +63,17 @@ def locate_place(key: str, place: Place, plane: PlaneMap, picked_px: Pixel | Non
     return 0.0, y_mm, z_mm
 
 
+def find_pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield stated pixels that lie outside the camera's picture, where the map says nothing."""
+    for key, place in protocol.places.items():
+        for at, size in zip(place.pixel or (), plane.image_size or (), strict=False):
+            if not 0 <= at <= size - 1:
+                yield Problem(
+                    f"{key}.pixel", f"pixel {place.pixel} lies outside of the camera's view", _CORRECT
+                )
+                break
+
+
 def find_aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
     """Yield the problems of an aim: a target or an obstacle out of tissue or view, and a target inside an obstacle.
 

@@ -6,7 +6,7 @@ from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.needle_state import RollZero
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LimitError, Problem
-from labrig.experiments.insertion.aim import find_aim_problems, make_aim
+from labrig.experiments.insertion.aim import find_aim_problems, find_pixel_problems, make_aim
 from labrig.experiments.insertion.markers import find_marker_problems
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.shared.holes import find_near_holes
@@ -29,9 +29,11 @@ def find_problems(protocol: InsertionProtocol, session: Session) -> Iterator[Pro
 
 
 def find_place_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
-    """Yield markers that cannot be told, and stated places that cannot be aimed at."""
+    """Yield stated places that are out of the camera's view or cannot be aimed at, and markers that cannot be told."""
+    astray = tuple(find_pixel_problems(protocol, plane))
+    yield from astray
     yield from find_marker_problems(protocol, plane)
-    if not any(place.ask for place in protocol.places.values()):
+    if not astray and not any(place.ask for place in protocol.places.values()):
         yield from find_aim_problems(protocol, make_aim(protocol, plane), plane)
 
 

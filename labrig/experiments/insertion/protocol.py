@@ -32,7 +32,6 @@ from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.steering.parameters import (
     PAPER_POLICY,
     Estimator,
-    MarkerTrust,
     PlanMethod,
     PlanWeights,
     SteeringPolicy,
@@ -88,9 +87,19 @@ class InsertionObstacle(Place):
     """Radius of the sphere [mm]."""
 
 
-class Markers(MarkerTrust):
+class Markers(Model):
     """The printed markers that target and obstacles are bound to by their `marker_id`, and how far they are trusted."""
 
+    sd_mm: NonNegativeMm = 0.1
+    """How far what is bound to a marker may be from where the marker's displacement puts it, along each axis
+    (standard deviation) [mm]."""
+    lost_sd_mm_per_mm: float = Field(0.05, ge=0, le=10)
+    """How much is added to that for each millimetre that the needle moves while the marker is not seen [mm/mm]."""
+    most_lost_mm: PositiveMm = 10.0
+    """The needle stops when it has moved this far without a marker being seen [mm]."""
+    jump_mm: PositiveMm = 1.0
+    """The needle stops when a marker has moved by more than this between two pictures and stays there; three
+    standard deviations of lost_sd_mm_per_mm are allowed besides [mm]."""
     dictionary: MarkerDictionary = "DICT_4X4_50"
     """OpenCV's name of the dictionary that all of them are from (ArUco or AprilTag)."""
     side_mm: PositiveMm

@@ -48,9 +48,9 @@ def test_the_example_suits_the_simulated_rig() -> None:
         ),
         (
             "obstacles=[{pixel: [1000, 3000], radius_mm: 8}]",
-            "lies outside of the tissue",
+            "pixel (1000.0, 3000.0) lies outside",
         ),
-        ("target={pixel: [1280, 300]}", "lies outside of the camera's view"),
+        ("target={pixel: [1280, 300]}", "pixel (1280.0, 300.0) lies outside"),
         ("roll_zero=null", "needle N1 has no certified roll zero"),
     ],
 )

@@ -15,10 +15,10 @@ from labrig.devices.operator import ConfirmStopped
 from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import Aim
-from labrig.experiments.insertion.film import make_films
 from labrig.experiments.insertion.markers import FollowedMarkers
 from labrig.experiments.insertion.protocol import InsertionProtocol, Markers
 from labrig.experiments.insertion.result import InsertionResult
+from labrig.experiments.insertion.scene import make_films
 from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.experiments.registry import find_experiment, follow_run
 from labrig.protocol.load import load_protocol

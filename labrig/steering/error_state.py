@@ -12,7 +12,6 @@ always 1-D here, and `TipObservation` checks its input.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import predict, update
@@ -41,36 +40,36 @@ _REOPENED_HEADING_SD_RAD = 0.05
 _SLIP_CHANGES_MM = 100.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """Where the tip should be after a step, and how the errors propagate to there."""
-
-    rotation: FloatArray
-    position_mm: FloatArray
-    transition: FloatArray
-    process: FloatArray
-
-
 def step_error_state(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
     """Return the tip after a roll, an advance and, if the tip was seen, an observation."""
-    prediction = _predict(state, observation, settings)
-    known, covariance = predict(
-        np.zeros(settings.size), state.covariance, F=prediction.transition, Q=prediction.process
+    pose, transition, process = _predict(state, observation, settings)
+    error, covariance = predict(np.zeros(settings.size), state.covariance, F=transition, Q=process)
+    nis, log_likelihood, accepted = None, 0.0, False
+    if observation.position_mm is not None:
+        offset = pose[:3, :3].T @ (observation.position_mm - pose[:3, 3])
+        innovation = offset[settings.seen]
+        noise = settings.observation_sd_mm**2 * np.eye(len(innovation))
+        spread = covariance[settings.seen, settings.seen] + noise
+        nis = float(innovation @ np.linalg.solve(spread, innovation))
+        log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
+        fits = nis <= _limit_nis(state, settings)
+        accepted = fits or state.misses >= _PATIENCE
+        if accepted:
+            covariance = covariance if fits else _reopen(covariance, innovation, settings)
+            error, covariance = update(error, covariance, innovation, noise, settings.observed)
+    # The error moves into the pose.
+    pose[:3, 3] = pose[:3, 3] + pose[:3, :3] @ error[POSITION]
+    pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(error[ORIENTATION])
+    return TipState(
+        freeze(pose),
+        state.curvature + float(error[CURVATURE]),
+        freeze(0.5 * (covariance + covariance.T)),
+        nis,
+        accepted,
+        0 if accepted else state.misses + 1,
+        log_likelihood,
+        state.slip + float(error[SLIP]) if len(error) > SLIP else 0.0,
     )
-    if observation.position_mm is None:
-        return _apply_error(prediction, (known, covariance), state, None)
-    offset = prediction.rotation.T @ (observation.position_mm - prediction.position_mm)
-    innovation, view = offset[settings.seen], settings.observed
-    noise = settings.observation_sd_mm**2 * np.eye(len(innovation))
-    spread = covariance[settings.seen, settings.seen] + noise
-    nis = float(innovation @ np.linalg.solve(spread, innovation))
-    log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
-    if nis > _limit_nis(state, settings):
-        if state.misses < _PATIENCE:
-            return _apply_error(prediction, (known, covariance), state, nis, log_likelihood)
-        covariance = _reopen(covariance, innovation, settings)
-    error, covariance = update(known, covariance, innovation, noise, view)
-    return _apply_error(prediction, (error, covariance), state, nis, log_likelihood, accepted=True)
 
 
 def _limit_nis(state: TipState, settings: EstimatorSettings) -> float:
@@ -96,8 +95,10 @@ def _reopen(covariance: FloatArray, innovation: FloatArray, settings: EstimatorS
     return covariance + moved + turned
 
 
-def _predict(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> _Prediction:
-    """Propagate the pose by (16) and (17), and linearise how its errors follow."""
+def _predict(
+    state: TipState, observation: TipObservation, settings: EstimatorSettings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the pose (4, 4) after a step by (16) and (17), and F and Q by which its errors follow."""
     step_mm = observation.step_mm * (1.0 - state.slip)
     roll = rotation_z(observation.roll_rad)
     curvature = state.curvature if observation.bends else 0.0
@@ -117,26 +118,6 @@ def _predict(state: TipState, observation: TipObservation, settings: EstimatorSe
         process[SLIP, SLIP] = settings.slip_sd**2 * observation.step_mm / _SLIP_CHANGES_MM
     turning = (3,) if settings.planar else _TURNING
     process[turning, turning] = settings.process_sd_rad_per_root_mm**2 * step_mm
-    rolled = state.rotation @ roll
-    return _Prediction(rolled @ bend, state.position_mm + rolled @ advance, transition, process)
-
-
-def _apply_error(
-    prediction: _Prediction,
-    found: tuple[FloatArray, FloatArray],
-    before: TipState,
-    nis: float | None,
-    log_likelihood: float = 0.0,
-    *,
-    accepted: bool = False,
-) -> TipState:
-    """Return the state with the error that was found, with its covariance, moved into the pose."""
-    error, covariance = found
-    pose = np.eye(4)
-    pose[:3, 3] = prediction.position_mm + prediction.rotation @ error[POSITION]
-    pose[:3, :3] = prediction.rotation @ rotation_from_vector(error[ORIENTATION])
-    curvature = before.curvature + float(error[CURVATURE])
-    slip = before.slip + float(error[SLIP]) if len(error) > SLIP else 0.0
-    covariance = freeze(0.5 * (covariance + covariance.T))
-    misses = 0 if accepted else before.misses + 1
-    return TipState(freeze(pose), curvature, covariance, nis, accepted, misses, log_likelihood, slip)
+    rolled, pose = state.rotation @ roll, np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rolled @ bend, state.position_mm + rolled @ advance
+    return pose, transition, process

@@ -119,19 +119,15 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
     except ValidationError as error:
         wrong = (f"{fault['loc'][0]} is {fault['input']}: {fault['msg']}" for fault in error.errors())
         raise InputError("; ".join(wrong)) from error
-    state = _start_path(positions[0], start, settings)
+    pose = np.eye(4)
+    pose[:3, 3] = positions[0]
+    if start is None:
+        state = start_tip(pose, settings)
+    else:
+        state = start_tip(require_pose("start", start), settings)
+        state = replace(step_tip(state, TipObservation(positions[0], 0.0), settings), misses=0)
     poses = [state.pose]
     for position, roll in zip(positions[1:], rolls, strict=True):
         state = step_tip(state, TipObservation(position, step_mm, float(roll)), settings)
         poses.append(state.pose)
     return np.stack(poses)
-
-
-def _start_path(position_mm: FloatArray, start: ArrayLike | None, settings: EstimatorSettings) -> TipState:
-    """Return the state at the first position, fused with the start pose if there is one."""
-    if start is not None:
-        state = start_tip(require_pose("start", start), settings)
-        return replace(step_tip(state, TipObservation(position_mm, 0.0), settings), misses=0)
-    pose = np.eye(4)
-    pose[:3, 3] = position_mm
-    return start_tip(pose, settings)

@@ -79,11 +79,11 @@ def find_aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) ->
 
     An obstacle that no path could touch, because it lies wholly outside, was placed by mistake.
     """
-    yield from _find_stray("target", "the target", aim.target_mm, protocol, plane)
+    yield from _find_stray("target", aim.target_mm, 0.0, protocol, plane)
     for number, obstacle in enumerate(aim.obstacles):
-        what, radius_mm = f"obstacle {number + 1}", obstacle.radius_mm
-        key, centre_mm = f"obstacles.{number}", obstacle.position_mm
-        yield from _find_stray(key, what, centre_mm, protocol, plane, radius_mm=radius_mm)
+        yield from _find_stray(
+            f"obstacles.{number}", obstacle.position_mm, obstacle.radius_mm, protocol, plane
+        )
     try:
         make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     except InputError as error:
@@ -91,17 +91,12 @@ def find_aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) ->
 
 
 def _find_stray(
-    key: str,
-    what: str,
-    place_mm: Point,
-    protocol: InsertionProtocol,
-    plane: PlaneMap,
-    *,
-    radius_mm: float = 0.0,
+    key: str, place_mm: Point, radius_mm: float, protocol: InsertionProtocol, plane: PlaneMap
 ) -> Iterator[Problem]:
     """Yield a sphere of this radius that lies wholly outside the tissue or the camera's view."""
     block, depth_mm, (_, y, z) = protocol.specimen, protocol.sheath.depth_mm, place_mm
     far_mm, half_mm = block.length_mm - depth_mm, block.width_mm / 2
+    what = f"obstacle {int(key.split('.')[1]) + 1}" if radius_mm else "the target"
     at = f"{what} at y {y:.1f}, z {z:.1f} mm" + (f", radius {radius_mm:g} mm," if radius_mm else "")
     if not (-depth_mm - radius_mm <= z <= far_mm + radius_mm and abs(y) <= half_mm + radius_mm):
         tissue = f"which reaches from z {-depth_mm:g} to {far_mm:g} mm and to {half_mm:g} mm aside"

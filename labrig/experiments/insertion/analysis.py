@@ -47,7 +47,7 @@ from labrig.experiments.insertion.events import (
 from labrig.experiments.insertion.markers import FollowedMarkers, find_target_sd_mm
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial, MarkerStep
-from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, restore_settings
+from labrig.experiments.insertion.settings import make_insertion_settings, make_out_of_plane, start_at
 from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.layout import INCOMPLETE
@@ -273,7 +273,7 @@ def _restore_settings(events: _Events, protocol: InsertionProtocol) -> SteeringS
         asked = make_insertion_settings(protocol, events.start.target_mm, events.start.obstacles)
     except InputError:  # an insertion that ended before it was planned: its target lies in an obstacle
         asked = make_insertion_settings(protocol, events.start.target_mm, ())
-    return restore_settings(asked, events.sheath)
+    return start_at(asked, events.sheath)
 
 
 def _judge_end(

@@ -197,21 +197,19 @@ class FollowedMarkers:
 
     def _begin(self, fix: MarkerFix) -> RecordedMarker:
         """Return a marker before the needle moves; refuse one that is not seen, or has another size than stated."""
-        name, place = f"marker {fix.marker_id} of {self.markers.dictionary}", self._locate(fix)
+        place, stated_mm, wrong = self._locate(fix), self.markers.side_mm, None
         if place is None:
-            raise TargetMissedError(
-                f"{name} is missing: {fix.reason} in the picture taken before the needle moves",
-                "lay it where the camera sees all of it with its white rim, evenly lit, and only once",
-                reason="no_marker",
-            )
-        stated_mm = self.markers.side_mm
-        if abs(place.side_mm - stated_mm) > _SIDE_SHARE * stated_mm:
-            raise TargetMissedError(
-                f"{name} is seen with sides of {place.side_mm:.2f} mm, and markers.side_mm is {stated_mm:g}",
+            wrong = f"is missing: {fix.reason} in the picture taken before the needle moves"
+            hint = "lay it where the camera sees all of it with its white rim, evenly lit, and only once"
+        elif abs(place.side_mm - stated_mm) > _SIDE_SHARE * stated_mm:
+            wrong = f"is seen with sides of {place.side_mm:.2f} mm, and markers.side_mm is {stated_mm:g}"
+            hint = (
                 "measure the black square with a caliper, and state how far from the steering plane it lies "
-                "(markers.x_mm, negative towards the camera)",
-                reason="no_marker",
+                "(markers.x_mm, negative towards the camera)"
             )
+        if wrong is not None:
+            name = f"marker {fix.marker_id} of {self.markers.dictionary}"
+            raise TargetMissedError(f"{name} {wrong}", hint, reason="no_marker")
         return self._describe(fix, place, (0.0, 0.0), 0.0, believed=True)
 
     def _follow(

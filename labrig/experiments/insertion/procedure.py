@@ -62,7 +62,7 @@ from labrig.experiments.insertion.settings import (
     SAME_MM,
     make_insertion_settings,
     make_out_of_plane,
-    with_start,
+    start_at,
 )
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.roll_zero_order import RollZeroOrder
@@ -350,15 +350,12 @@ class Insertion:
         self, origin: TrialOrigin | None, state: SteeringState
     ) -> tuple[SteeringState, SteeringCommand]:
         """Plan from the sheath's pose, if that was asked for; stop before the needle leaves one that was refused."""
-        if origin is None:
-            state, command = self.session.compute(partial(start_steering, self.settings))
-            self._record_plan(state, None, because="markers")
-            return state, command
-        if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
+        if origin is not None and not origin.accepted:
             return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
-        self.settings = with_start(self.settings, origin.tip_mm, origin.heading_rad)
+        self.settings = start_at(self.settings, origin)
         state, command = self.session.compute(partial(start_steering, self.settings))
-        self._record_plan(state, origin.frame, because="origin")
+        found = (None, "markers") if origin is None else (origin.frame, "origin")
+        self._record_plan(state, *found)
         return state, command
 
     def confirm(self, picture: TakenPicture, state: SteeringState, origin: TrialOrigin | None = None) -> None:

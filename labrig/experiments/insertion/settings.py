@@ -1,7 +1,6 @@
 """The settings of the steering step from an insertion protocol, for the live run and its reanalysis."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -75,20 +74,15 @@ def make_out_of_plane(
     )
 
 
-def with_start(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad: float) -> SteeringSettings:
-    """Return the settings with the start at the sheath's tip (y, z), in the sheath's direction."""
-    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
-    start = np.eye(4)
-    start[1:3, 1:3] = ((cosine, sine), (-sine, cosine))
-    start[1:3, 3] = tip_mm
-    return replace(settings, problem=replace(settings.problem, start=start))
+def start_at(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
+    """Return the settings with the start at the sheath's tip, in the sheath's direction, if it was found and accepted.
 
-
-def restore_settings(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
-    """Return the settings of a recorded insertion from its sheath's origin.
-
-    It started at the sheath's tip if that was found and accepted, otherwise at the plane's origin.
+    Otherwise an insertion starts at the plane's origin.
     """
     if origin is None or not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
         return settings
-    return with_start(settings, origin.tip_mm, origin.heading_rad)
+    sine, cosine = math.sin(origin.heading_rad), math.cos(origin.heading_rad)
+    start = np.eye(4)
+    start[1:3, 1:3] = ((cosine, sine), (-sine, cosine))
+    start[1:3, 3] = origin.tip_mm
+    return replace(settings, problem=replace(settings.problem, start=start))

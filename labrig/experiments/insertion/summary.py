@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from labrig.analysis.result import Summary, TextTable
-from labrig.experiments.insertion.result import name_bound
 from labrig.text import interval, number
 
 _HEADS = (
@@ -53,19 +52,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         else ()
     )
     tables = (TextTable(_HEADS, rows), *_list_sources(trials))
-    return Summary((*tables, *rests_on, arrived, *_list_markers(trials), *alarms), values)
-
-
-def _list_markers(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield what each marker moved in each insertion."""
-    for trial in trials:
-        for marker in {step["marker_id"]: step for step in trial.get("marker_steps", ())}.values():
-            y_mm, z_mm = marker["displacement_mm"]
-            yield (
-                f"insertion {trial['trial'] + 1}: marker {marker['marker_id']} moved "
-                f"{name_bound(trial['marker_ids'], marker['marker_id'])} by {y_mm:+.2f} mm along y and {z_mm:+.2f} mm "
-                "along z"
-            )
+    return Summary((*tables, *rests_on, arrived, *alarms), values)
 
 
 def _list_sources(trials: Sequence[Mapping[str, Any]]) -> Iterator[TextTable]:

@@ -19,16 +19,12 @@ def tell_values(
     clearance of an obstacle. `target_error_mm` and its interval are what the last picture tells. `target_` is where the
     target was told to be.
     """
-    start, stop, turns = None, None, 0
-    for event in events:
-        turns += isinstance(event, BevelTurn)
-        if isinstance(event, InsertionStart):
-            start = start or event
-        elif isinstance(event, InsertionStop):
-            stop = event
-            break
+    made = list(events)
+    start = next((event for event in made if isinstance(event, InsertionStart)), None)
+    stop = next((event for event in made if isinstance(event, InsertionStop)), None)
     if start is None or stop is None or not truths:
         return {}
+    turns = sum(isinstance(event, BevelTurn) for event in made[: made.index(stop)])
     truth = truths[0]
     off_mm = np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]
     low_mm, high_mm = stop.interval_mm or (None, None)

@@ -245,18 +245,6 @@ def test_a_roll_without_an_advance_turns_the_tip(method: str) -> None:
     np.testing.assert_array_equal(flipped.position_mm, state.position_mm)
 
 
-def test_a_start_in_another_direction_is_followed() -> None:
-    """A start that is given sets position and direction; the true poses follow from there."""
-    insertion = insert(10, planar=False, noise=0.0)
-    world = np.eye(4)
-    world[:3, :3] = Rotation.from_rotvec((0.3, -0.8, 2.0)).as_matrix()
-    world[:3, 3] = (5.0, -4.0, 12.0)
-    expected = world @ insertion.truth
-    poses = estimate(insertion, positions_mm=expected[:, :3, 3], start=world)
-    assert heading_errors_rad(poses, expected).max() < 1e-9
-    np.testing.assert_allclose(poses, expected, atol=1e-8)
-
-
 def _with(index: tuple[int, int], value: float) -> np.ndarray:
     positions = insert(0, planar=False).positions_mm.copy()
     positions[index] = value

@@ -111,19 +111,13 @@ def test_wandering_out_of_the_plane_spreads_with_the_length_to_the_power_of_thre
 
 
 def test_a_start_that_leans_displaces_the_tip_by_its_length() -> None:
-    """The spread by the start is its own, and its lean's over the length, within 5 %."""
+    """The spread by the start is its own, and its lean's over the length, within 5 %; sources add up as squares."""
     random = np.random.default_rng(5)
     leans_rad, starts_mm = 0.01 * random.standard_normal(DRAWS), 0.3 * random.standard_normal(DRAWS)
     x_mm = starts_mm + integrate(((60.0, 0.0, 0),), STRAIGHT_MM, lean_rad=leans_rad)
-    settings = OutOfPlaneSettings(0.0, 0.3, 0.01, 0.0, known_to(0.0))
-    budget = budget_out_of_plane([RolledStretch(60.0, 0.0, 0)], STRAIGHT_MM, settings)
-    assert budget.start == pytest.approx(x_mm.std(), rel=0.05)
-
-
-def test_the_sources_add_up_as_squares() -> None:
-    """The total is the root of the sum of squares, and every source has its part."""
     settings = OutOfPlaneSettings(0.002, 0.3, 0.01, 0.02, known_to(0.03))
     budget = budget_out_of_plane(stretches(BACK_AND_FORTH), RADIUS_MM, settings)
+    assert budget.start == pytest.approx(x_mm.std(), rel=0.05)
     parts = (budget.roll_zero, budget.torsion, budget.heading_noise, budget.start)
     assert min(parts) > 0
     assert budget.total_mm == pytest.approx(math.sqrt(sum(part**2 for part in parts)))

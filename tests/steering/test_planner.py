@@ -54,8 +54,10 @@ def test_what_the_oracle_solves_is_solved(count: int) -> None:
 
 
 def test_blocked_free_plans_are_replaced_in_space() -> None:
-    """In 3-D every problem with a witness path is solved, although its obstacle-free plan would collide."""
-    assert [find_faults(problem) for problem in draw_spatial_problems(10, seed=11)] == [[]] * 10
+    """In 3-D what has a witness path is solved, although its obstacle-free plan would collide, and is planned alike."""
+    problems = draw_spatial_problems(10, seed=11)
+    assert [find_faults(problem) for problem in problems] == [[]] * 10
+    assert plan_path(problems[0]) == plan_path(problems[0])
 
 
 @pytest.mark.parametrize(("planar", "target"), [(True, TARGET), (False, (8.0, 5.0, 95.0))])
@@ -235,12 +237,6 @@ def test_obstacles_off_the_plane_count_by_their_cut() -> None:
     assert np.array_equal(plan_path(far).psi, free.psi)
 
 
-def test_the_same_problem_has_the_same_plan() -> None:
-    """Planning draws from no clock and no global seed."""
-    problem = draw_spatial_problems(1, seed=5)[0]
-    assert plan_path(problem) == plan_path(problem)
-
-
 @pytest.mark.processors
 def test_a_heavier_weight_buys_clearance() -> None:
     """A higher price of missing clearance gives no less of it."""
@@ -253,8 +249,10 @@ def test_a_heavier_weight_buys_clearance() -> None:
 
 @pytest.mark.parametrize("roll_rad", [0.0, math.pi])
 def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad: float) -> None:
-    """The room on either side of an obstacle is the clearance of one arc that bends away from it and is long enough."""
-    around = Surroundings(PlanProblem((0.0, 0.0, 90.0), (Obstacle((1.0, 2.0, 33.0), 6.0),), planar=True))
+    """It is the clearance of one arc that bends away from an obstacle; those behind and off the plane take none."""
+    behind, beside = Obstacle((0.0, 9.0, -2.0), 6.0), Obstacle((8.0, 0.0, 30.0), 6.0)
+    spheres = (Obstacle((1.0, 2.0, 33.0), 6.0), behind, beside)
+    around = Surroundings(PlanProblem((0.0, 0.0, 90.0), spheres, planar=True))
     psi = np.array([[(1.2, roll_rad)]])
     along = integrate_path([(roll_rad, 1.2)], around.problem.radius_mm)
     in_plane = along - (0.0, 2.0, 33.0)
@@ -262,14 +260,6 @@ def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad: float) -> None
     room_mm = np.linalg.norm(in_plane, axis=1).min() - disc_radius_mm
     found_mm = find_least_rooms(psi, path_frames(psi, around.problem.radius_mm), around)
     assert found_mm == pytest.approx(room_mm, abs=1e-3)
-
-
-def test_an_obstacle_behind_the_tip_takes_no_room() -> None:
-    """Only obstacles ahead that cut the plane take room."""
-    spheres = (Obstacle((0.0, 9.0, -2.0), 6.0), Obstacle((8.0, 0.0, 30.0), 6.0))
-    around = Surroundings(PlanProblem((0.0, 0.0, 90.0), spheres, planar=True))
-    psi = np.array([[(0.5, 0.0)]])
-    assert np.isinf(find_least_rooms(psi, path_frames(psi, around.problem.radius_mm), around))
 
 
 def test_the_side_with_room_is_taken() -> None:

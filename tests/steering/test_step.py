@@ -121,24 +121,21 @@ def test_a_needle_halts_for_a_thorough_search() -> None:
     assert last.insertion_mm == before.run_to_mm == before.insertion_mm + LEAD_MM
 
 
-def test_a_tip_that_is_not_seen_is_lost() -> None:
-    """After the allowed number of misses the needle stops, and the sentence states that number."""
+@pytest.mark.parametrize(
+    ("seen_mm", "stops", "word"),
+    [(None, {"needle_lost"}, "8 sightings"), (np.zeros(3), {"needle_stuck", "needle_lost"}, "")],
+    ids=["unseen", "standing"],
+)
+def test_a_tip_that_is_not_seen_or_does_not_advance_stops_the_needle(
+    seen_mm: np.ndarray | None, stops: set[str], word: str
+) -> None:
+    """After the allowed misses, which the sentence states, or after a few millimetres without an advance."""
     chosen = settings()
     state, command = start_steering(chosen)
     while command.stop is None:
-        state, command = step_steering(state, TipSighting(command.observe_at_mm, None), chosen)
-    assert command.stop == "needle_lost"
-    assert "8 sightings" in command.detail
-    assert state.insertion_mm < 10
-
-
-def test_a_needle_that_does_not_advance_is_stuck() -> None:
-    """A tip that stays at its start stops the insertion after a few millimetres."""
-    chosen = settings()
-    state, command = start_steering(chosen)
-    while command.stop is None:
-        state, command = step_steering(state, TipSighting(command.observe_at_mm, np.zeros(3)), chosen)
-    assert command.stop in {"needle_stuck", "needle_lost"}
+        state, command = step_steering(state, TipSighting(command.observe_at_mm, seen_mm), chosen)
+    assert command.stop in stops
+    assert word in command.detail
     assert state.insertion_mm < 10
 
 

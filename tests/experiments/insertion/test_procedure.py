@@ -28,7 +28,6 @@ from labrig.devices.operator import (
     PickTarget,
 )
 from labrig.errors import (
-    CameraError,
     ConditionMetError,
     DriveError,
     SafetyStopError,
@@ -36,6 +35,7 @@ from labrig.errors import (
     TrialsFailedError,
 )
 from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.insertion.ending import UNSURE_STOPS
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.registry import find_experiment, load_run_protocol
@@ -233,34 +233,14 @@ def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
     assert all(plan["found"] or plan["refusal"] for plan in plans)
 
 
-def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
-    """With a lag of two seconds the needle waits at least that long after each turn."""
+def test_axes_go_back_first_the_plan_is_shown_and_a_turn_waits_for_the_lag_of_the_bevel(
+    tmp_path: Path,
+) -> None:
+    """Axes away from zero move there; a picture of the plan comes before the needle moves; a turn lasts the lag."""
     protocol = insertion("target.position_mm=[0,3,25]")
     with open_certified_rig(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
-        _, run = opened.conduct(protocol)
-    turned_s = [event["t_s"] for event in events(run, "move_done") if event["axis"] == "rotation"]
-    flips_s = [flip["t_s"] for flip in events(run, "flip")]
-    starts_s = [move["t_s"] for move in events(run, "move") if move["axis"] == "insertion"]
-    assert flips_s
-    for flip in flips_s:
-        done = next(t for t in turned_s if t > flip)
-        assert next(t for t in starts_s if t > done) - done >= 2.0 - 1e-9
-
-
-def test_needle_and_sheath_are_drawn_back_before_an_insertion(tmp_path: Path) -> None:
-    """If the needle is out, axes away from zero are moved there first."""
-    protocol = insertion("target.position_mm=[0,-3,25]")
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         opened.session.move("linear", 3.0, 5.0)
         opened.session.move("insertion", 0.4, 1.0)
-        outcome, _ = opened.conduct(protocol)
-    assert outcome.exit_status == "success"
-
-
-def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
-    """The operator gets a colour picture of the plan while the needle is still flush with the sheath."""
-    protocol = insertion()
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         rig, shown = opened.opened.rig, []
 
         def look(request: object) -> None:
@@ -268,8 +248,16 @@ def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
                 shown.append((Path(request.picture).is_file(), rig.read_states()["insertion"].position))
 
         rig.operator = Watched(rig.operator, look)
-        opened.conduct(protocol)
+        outcome, run = opened.conduct(protocol)
+    assert outcome.exit_status == "success"
     assert shown == [(True, 0.0)]
+    turned_s = [event["t_s"] for event in events(run, "move_done") if event["axis"] == "rotation"]
+    flips_s = [flip["t_s"] for flip in events(run, "flip")]
+    starts_s = [move["t_s"] for move in events(run, "move") if move["axis"] == "insertion"]
+    assert flips_s
+    for flip in flips_s:
+        done = next(t for t in turned_s if t > flip)
+        assert next(t for t in starts_s if t > done) - done >= 2.0 - 1e-9
 
 
 def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) -> None:
@@ -294,13 +282,6 @@ def test_without_a_roll_zero_an_insertion_is_refused(tmp_path: Path) -> None:
     assert run.states.empty
 
 
-def test_the_roll_zero_of_another_needle_does_not_count(tmp_path: Path) -> None:
-    """A roll zero certified for another needle is not used."""
-    protocol = insertion("needle.needle_id=N2")
-    outcome, _ = conduct_insertion(tmp_path, protocol)
-    assert outcome.reason == "no_roll_zero"
-
-
 def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -> None:
     """A needle clamped at 40 degrees has a roll zero of -40 degrees and reaches its target."""
     steps = "{specimen: {name: plain, gelatin_percent: 13}, rolls: 4}"
@@ -314,48 +295,64 @@ def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -
     assert truth(run)["true_target_error_mm"] < 0.5
 
 
-def test_a_target_that_is_missed_ends_the_run_as_failed(tmp_path: Path) -> None:
-    """A missed target ends the run with the reason target_missed, and the needle is still withdrawn."""
-    protocol = insertion("target.tolerance_mm=0.001")
-    with open_certified_rig(tmp_path, protocol) as opened:
-        outcome, run = opened.conduct(protocol)
-        assert opened.opened.rig.state.needle_in_tissue is False
-    assert (outcome.exit_status, outcome.reason) == ("failed", "target_missed")
-    assert isinstance(outcome.error, TargetMissedError)
-    assert outcome.error.exit_code == 1
-    assert events(run, "trial_stop")[0]["outcome"] == "missed"
-
-
-def test_a_target_behind_the_turning_circles_is_refused_before_anything_moves(tmp_path: Path) -> None:
-    """A target without a path is refused with the planner's reason before the sheath moves."""
-    outcome, run = conduct_insertion(tmp_path, insertion("target.position_mm=[0,20,10]"))
-    assert outcome.reason == "no_path"
-    assert outcome.error is not None
-    assert "turning circles" in outcome.error.message
-    assert events(run, "move") == []
-
-
-def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
-    """A dark picture stops the axes; the error names the mean grey level and its limit."""
-    protocol = insertion()
-    with open_certified_rig(
-        tmp_path, protocol, (*EVEN, "world.light.level=8", "world.light.glint=0")
-    ) as opened:
-        outcome, _ = opened.conduct(protocol)
-    assert isinstance(outcome.error, CameraError)
-    assert "the picture is dark" in outcome.error.message
-
-
-def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> None:
-    """Too many misses stop the needle; the operator is informed, and then the needle is withdrawn."""
-    protocol = insertion("policy.most_misses=3", "sheath.origin=null")
-    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.noise_sd=90")) as opened:
+@pytest.mark.parametrize(
+    ("overrides", "world", "reason", "told", "deepest_mm"),
+    [
+        (("target.tolerance_mm=0.001",), (), "target_missed", "0.001 mm are allowed", 60.0),
+        (("needle.needle_id=N2",), EVEN, "no_roll_zero", "N2 has no certified roll zero", None),
+        (("target.position_mm=[0,20,10]",), EVEN, "no_path", "turning circles", None),
+        (
+            ("policy.most_misses=3", "sheath.origin=null"),
+            (*EVEN, "world.noise_sd=90"),
+            "needle_lost",
+            "3 sight",
+            5.0,
+        ),
+        ((), (*EVEN, "world.sheath_tip_at_origin_linear_mm=16"), "sheath_astray", "sheath slipped", 0.01),
+    ],
+)
+def test_an_insertion_that_does_not_arrive_ends_with_its_reason_and_the_needle_out(
+    tmp_path: Path,
+    overrides: tuple[str, ...],
+    world: tuple[str, ...],
+    reason: str,
+    told: str,
+    deepest_mm: float | None,
+) -> None:
+    """The run fails with exit code 1; a person is asked where nobody knows why; without a path nothing moves at all."""
+    with open_certified_rig(tmp_path, insertion(*overrides), world) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
-        outcome, run = opened.conduct(protocol)
-    assert outcome.reason == "needle_lost"
-    assert any(isinstance(request, ConfirmStopped) for request in watched.asked)
-    assert run.states["insertion_mm"].max() < 5.0
-    assert abs(run.states.iloc[-1]["insertion_mm"]) < 0.05
+        outcome, run = opened.conduct(insertion(*overrides))
+        assert opened.opened.rig.state.needle_in_tissue is False
+    assert isinstance(outcome.error, TargetMissedError)
+    assert (outcome.exit_status, outcome.reason, outcome.error.exit_code) == ("failed", reason, 1)
+    assert told in outcome.error.message
+    doubts = [request.reason for request in watched.asked if isinstance(request, ConfirmStopped)]
+    assert len(doubts) == (reason in UNSURE_STOPS)
+    assert all(told in doubt for doubt in doubts)
+    if deepest_mm is None:
+        assert events(run, "move") == []
+        return
+    assert list(run.trials["stop"]) == [reason]
+    assert run.states["insertion_mm"].max() < deepest_mm
+    assert run.states.iloc[-1][["insertion_mm", "linear_mm"]].abs().max() < 0.05
+    assert (reason == "sheath_astray") != any(isinstance(request, ConfirmPlan) for request in watched.asked)
+
+
+@pytest.mark.parametrize(
+    ("override", "world", "told"),
+    [
+        ("repetitions=1", ("world.light.level=8", "world.light.glint=0"), "the picture is dark"),
+        ("obstacles=[{ask: true, radius_mm: 1.5}]", (), "sees 0 marked obstacles"),
+    ],
+)
+def test_what_the_camera_or_a_person_does_not_see_stops_the_insertion(
+    tmp_path: Path, override: str, world: tuple[str, ...], told: str
+) -> None:
+    """A dark picture, and an obstacle that the simulated operator is asked for and the world lacks."""
+    outcome, run = conduct_insertion(tmp_path, insertion(override), (*EVEN, *world))
+    assert told in str(outcome.error)
+    assert run.states["insertion_mm"].max() < 0.01
 
 
 def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
@@ -375,24 +372,6 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
     drawn = run.frame_table[run.frame_table["role"] == "plan"]["frame"].iloc[-1]
     purple = np.abs(run.pictures[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30
     assert purple.sum() > 30
-
-
-def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
-    """A sheath that slipped by a millimetre keeps its needle: the operator is informed, and the run exits with 1."""
-    protocol = insertion()
-    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
-        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
-        outcome, run = opened.conduct(protocol)
-        assert opened.opened.rig.state.needle_in_tissue is False
-    assert isinstance(outcome.error, TargetMissedError)
-    assert (outcome.reason, outcome.error.exit_code) == ("sheath_astray", 1)
-    reasons = [request.reason for request in watched.asked if isinstance(request, ConfirmStopped)]
-    assert "1.0" in reasons[0]
-    assert "the sheath slipped" in reasons[0]
-    assert not any(isinstance(request, ConfirmPlan) for request in watched.asked)
-    assert run.states["insertion_mm"].max() < 0.01
-    assert abs(run.states.iloc[-1]["linear_mm"]) < 0.05
-    assert list(run.trials["stop"]) == ["sheath_astray"]
 
 
 def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> None:
@@ -426,14 +405,6 @@ def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_ident
     assert replay_run(run, find_experiment("insertion"), protocol, Told()).verdict is Verdict.IDENTICAL
 
 
-def test_an_obstacle_that_the_world_lacks_is_named(tmp_path: Path) -> None:
-    """The simulated operator sees the marked obstacles only."""
-    protocol = insertion("obstacles=[{ask: true, radius_mm: 1.5}]")
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
-        outcome, _ = opened.conduct(protocol)
-    assert "sees 0 marked obstacles" in outcome.reason
-
-
 @dataclass
 class MissesOnce:
     """Clicks a target out of the tissue first, and the right one afterwards."""
@@ -463,13 +434,6 @@ def test_a_wrongly_clicked_target_ends_its_insertion_and_not_the_run(tmp_path: P
     assert isinstance(made.content, InsertionResult)
     first, second = made.content.insertions
     assert (first.stop, first.reached, second.reached) == ("no_target", False, True)
-
-
-def test_repetitions_are_all_made(tmp_path: Path) -> None:
-    """Each repetition is a trial in a block of its own."""
-    outcome, run = conduct_insertion(tmp_path, insertion("repetitions=2", "target.position_mm=[0,-3,25]"))
-    assert outcome.exit_status == "success"
-    assert list(run.trials["exit_status"]) == ["success", "success"]
 
 
 def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:

@@ -70,6 +70,11 @@ TEMPLATE_FILE = "template.png"
 _PATH_POINTS, _DECIMALS = 60, 3
 # The first insertions of a run tell enough about the noise of its sightings.
 _MOST_NOISE_INSERTIONS = 3
+_UNRECORDED: dict[str, Any] = {
+    "exit_status": INCOMPLETE,
+    "stop": "interrupted",
+    "cause": "the run ended before the insertion did",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +189,7 @@ def _read_trials(run: Run) -> list[_Events]:
     return [
         _Events(
             trial.start,
-            trial.stop or _stop_unrecorded(trial.start.trial),
+            trial.stop or InsertionStop(trial=trial.start.trial, **_UNRECORDED),
             sheaths.get(trial.start.trial),
             tuple(event for event in way if event.trial == trial.start.trial),
             true.get(trial.start.trial, TrueInsertion(trial=trial.start.trial)),
@@ -192,11 +197,6 @@ def _read_trials(run: Run) -> list[_Events]:
         for trial in trials
         if not trial.left_out and trial.exit_status != INTERRUPTED
     ]
-
-
-def _stop_unrecorded(trial: int) -> InsertionStop:
-    cause = "the run ended before the insertion did"
-    return InsertionStop(trial=trial, exit_status=INCOMPLETE, stop="interrupted", cause=cause)
 
 
 def _analyze_trial(events: _Events, retraced: _Retraced, source: _Source) -> InsertionTrial:
@@ -428,12 +428,8 @@ def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source)
 
 def _thin_path(path: FloatArray) -> tuple[Point, ...]:
     """Return a path (N, 2) thinned for drawing, with both ends."""
-    kept = np.unique(np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int))
-    return tuple(_to_point(point) for point in np.round(path[kept], _DECIMALS)) if len(path) else ()
-
-
-def _to_point(point: FloatArray) -> Point:
-    return float(point[0]), float(point[1])
+    kept = np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int)
+    return tuple((y, z) for y, z in np.round(path[kept], _DECIMALS).tolist())
 
 
 def _combine_reached(reached: Sequence[bool | None]) -> bool | None:

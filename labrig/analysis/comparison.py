@@ -140,7 +140,7 @@ def compare_runs(
     wanted = _choose_quantity(runs) if quantity is None else quantity
     used = [run for run in runs if run.find_column(wanted) is not None]
     if not used:
-        raise _refuse_quantity(wanted, runs)
+        raise _refuse_quantity(repr(wanted), runs)
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
@@ -182,24 +182,18 @@ def _choose_quantity(runs: Sequence[Measured]) -> str:
     for name in DEFAULT_QUANTITIES:
         if measuring and all(run.find_column(name) is not None for run in measuring):
             return name
-    raise InputError(
-        "these runs have no quantity in common that is compared by default", _hint_at_quantities(runs)
-    )
+    raise _refuse_quantity("in common that is compared by default", runs)
 
 
-def _refuse_quantity(quantity: str, runs: Sequence[Measured]) -> InputError:
-    near = get_close_matches(quantity, [name for run in runs for name in run.quantities], 1)
+def _refuse_quantity(what: str, runs: Sequence[Measured]) -> InputError:
+    known = list(dict.fromkeys(name for run in runs for name in run.quantities))
+    named = [name for name in known if not any(part in name for part in _INTERVALS)]
+    near = get_close_matches(what.strip("'"), known, 1)
     meant = f"did you mean {near[0]}? " if near else ""
-    return InputError(f"no run has a quantity {quantity!r}", meant + _hint_at_quantities(runs))
-
-
-def _hint_at_quantities(runs: Sequence[Measured]) -> str:
-    named = [name for run in runs for name in run.quantities if not any(part in name for part in _INTERVALS)]
-    if not named:
-        return "none of them has measurements of trials"
-    known = list(dict.fromkeys([*(name for name in DEFAULT_QUANTITIES if name in named), *named]))
-    more = f" and {len(known) - _MOST_HINTED} more" if len(known) > _MOST_HINTED else ""
-    return f"name one with --quantity: {', '.join(known[:_MOST_HINTED])}{more}"
+    hint = f"{meant}name one with --quantity: {', '.join(named[:_MOST_HINTED])}"
+    return InputError(
+        f"these runs have no quantity {what}", hint if named else "none has measurements of trials"
+    )
 
 
 def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
@@ -210,7 +204,7 @@ def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
         rows = run.list_measurements(table)
         value = pd.to_numeric(rows[column], errors="coerce")
         if rows[column].notna().any() and value.isna().all():
-            raise InputError(f"{column} is no number in {run.name}", _hint_at_quantities(runs))
+            raise InputError(f"{column} is no number in {run.name}", "name another with --quantity")
         accepted = rows["left_out"].isna() & np.isfinite(value)
         if "accepted" in rows:
             accepted &= rows["accepted"].astype("boolean").fillna(value=False)

@@ -41,7 +41,6 @@ _MOST_DEATHS = 2
 _MEMORY_HINT = "free some memory, or use fewer processes, and try again"
 _INSTALL_HINT = "install the same labrig and the same packages wherever workers run, and start them anew"
 _COMPUTING = ("numpy", "scipy", "opencv-python-headless", "filterpy", "shapely")
-_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
@@ -329,11 +328,7 @@ def _do_task(
 
 @cache
 def _use_single_threads() -> None:
-    """Compute with a thread for the rest of this worker: the sums of two threads are rounded otherwise than of one.
-
-    The variables are for libraries that are loaded later.
-    """
-    os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
+    """Compute with a thread for the rest of this worker: the sums of two threads are rounded otherwise than of one."""
     threadpool_limits(1)
     cv2.setNumThreads(1)
 

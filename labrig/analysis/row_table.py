@@ -129,27 +129,16 @@ def _measure(
 ) -> dict[str, Value]:
     """Return the row of a picture; what was measured is named with its unit."""
     place = {name: getattr(line, name) for name in _OF_THE_PICTURE}
+    found: Row = dict.fromkeys(units)
+    reason = None
     try:
         picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)
         found = _call(experiment, lambda: measure(picture))
     except (MeasurementRefusedError, PictureError, RecordError) as error:
-        return {**place, **{_name(name, units): None for name in units}, "reason": error.message}
-    return {
-        **place,
-        **{_name(name, units): _to_plain(value) for name, value in found.items()},
-        "reason": None,
-    }
-
-
-def _name(column: str, units: Mapping[str, str]) -> str:
-    unit = units.get(column, "")
-    return f"{column}_{unit}" if unit else column
-
-
-def _to_plain(value: Any) -> Value:
-    """Return a number of NumPy as one of Python."""
-    plain: Value = value.item() if isinstance(value, np.generic) else value
-    return plain
+        reason = error.message
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in found.items()}
+    measured = {f"{name}_{units[name]}" if units.get(name) else name: value for name, value in plain.items()}
+    return {**place, **measured, "reason": reason}
 
 
 def _call(experiment: MeasuredExperiment, call: Callable[[], Any]) -> Any:

@@ -108,14 +108,12 @@ def name_damage(path: Path, damage: Sequence[Problem]) -> Iterator[None]:
 
 def _find_parent(run: Run, experiment: MeasuredExperiment) -> int | None:
     """Return the number of the newest result with the run's own settings, else of the newest readable result."""
-    readable: list[int] = []
+    readable: dict[int, bool] = {}
     for number in reversed(run.result_numbers):
         with suppress(RecordError):
             result = load_result(run, experiment.part("RunResult"), number)
-            readable.append(number)
-            if result is not None and not result.content.overrides:
-                return number
-    return readable[0] if readable else None
+            readable[number] = result is not None and not result.content.overrides
+    return next((number for number, is_own in readable.items() if is_own), next(iter(readable), None))
 
 
 def _resolve_protocol(

@@ -226,7 +226,6 @@ def draw_shaft(
         length_mm=length_mm,
         width_px=float(np.median(widths_mm)) / plane.mm_per_px,
         centre_line_mm=places_mm,
-        centre_line_px=plane.to_px(places_mm),
         arc_mm=at_mm * (length_mm / seen.length_mm),
         widths_mm=widths_mm,
         errors=PlaceErrors(fit_mm=errors.told_mm),

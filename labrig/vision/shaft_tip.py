@@ -40,7 +40,7 @@ class ShaftTip:
         Arc length from the entry to the tip.
     width_px : float
         Width of the needle.
-    centre_line_mm, centre_line_px : ndarray (N, 2)
+    centre_line_mm : ndarray (N, 2)
     arc_mm, widths_mm : ndarray (N,)
         Arc length from the entry, and width, at each point of the centre line.
     errors : PlaceErrors
@@ -53,7 +53,6 @@ class ShaftTip:
     length_mm: float
     width_px: float
     centre_line_mm: FloatArray
-    centre_line_px: FloatArray
     arc_mm: FloatArray
     widths_mm: FloatArray
     errors: PlaceErrors
@@ -109,7 +108,6 @@ def measure_shaft_tip(
         length_mm=shaft.length_mm,
         width_px=shaft.width_mm / plane.mm_per_px,
         centre_line_mm=shaft.centre_mm,
-        centre_line_px=shaft.centre_px,
         arc_mm=shaft.arc_mm,
         widths_mm=shaft.widths_mm,
         errors=_find_errors(shaft, plane, np.array([y, z]), roll_sd_rad),

@@ -140,7 +140,7 @@ def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Pa
 def test_an_unknown_quantity_names_those_that_exist(tmp_path: Path) -> None:
     """With the nearest name first."""
     run = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
-    with pytest.raises(InputError, match="no run has a quantity 'radius'") as unknown:
+    with pytest.raises(InputError, match="no quantity 'radius'") as unknown:
         _compare(run, quantity="radius")
     assert unknown.value.hint == "did you mean radius_mm? name one with --quantity: radius_mm"
 

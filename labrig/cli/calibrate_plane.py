@@ -120,7 +120,7 @@ def _find_scale(
         distance_mm = rig.camera.distance_mm
     if distance_mm is not None and lens is not None:
         return find_px_per_mm(lens, distance_mm)
-    last = None if rig is None else rig.calibration_paths().get("plane.json")
+    last = None if rig is None else rig.calibration_file("plane")
     return None if last is None or not last.is_file() else load_px_per_mm(last)
 
 

@@ -1,8 +1,8 @@
 """The CAN bus, real or inside the process. Both are a `CanLink`, and a user of the link cannot tell which it is.
 
-Every frame is logged with its rig time, for the record. `CanLink.trouble` is the error of a bus that has failed (error
-frames for error passive and bus off, or an adapter that can no longer be read). Interfaces that report neither show
-the failure by the silence of the drives.
+Every frame is logged with its rig time, for the record. `BusNetwork.trouble` is the error of a bus that has failed:
+error frames for error passive and bus off, or an adapter that can no longer be read. Interfaces that report neither
+show the failure by the silence of the drives.
 """
 
 import logging
@@ -131,19 +131,14 @@ class CanLink:
     attend: Callable[[], None] = lambda: None
 
     @property
-    def trouble(self) -> BusError | None:
-        """The error of a bus that has failed; None while it works."""
-        return self.network.trouble
-
-    @property
     def carries(self) -> bool:
         """Whether frames still pass: on a working bus, and on one that is only error passive."""
-        return self.trouble is None or isinstance(self.trouble, BusPassiveError)
+        return self.network.trouble is None or isinstance(self.network.trouble, BusPassiveError)
 
     def require_works(self) -> None:
         """Raise the `BusError` of a bus that has failed."""
-        if self.trouble is not None:
-            raise self.trouble
+        if self.network.trouble is not None:
+            raise self.network.trouble
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send one frame. Raises `BusError`."""

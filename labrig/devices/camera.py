@@ -130,14 +130,10 @@ _T = TypeVar("_T")
 _RATE_TOLERANCE = 0.01
 """Cameras state their rate as a fraction of integers; some report 29.97 for 30 Hz."""
 
-_NANOSECOND_S = 1e-9
 _MICROSECOND_S = 1e-6
 
 _PATIENCE_S, _PATIENCE_PICTURES = 3.0, 10
 """A camera hangs that has given no picture for this time and that of so many pictures [s]."""
-
-_LOOK_S = 0.05
-"""Longest time between two calls of `meanwhile` while a picture is still to come [s]."""
 
 _MOVED_MM = 0.5
 """Travel after which a picture must differ from the one before."""
@@ -282,7 +278,12 @@ class Camera:
                 f"expected {width}x{height} uint8",
                 "check width_px, height_px and pixel_format in the rig file",
             )
-        t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s, meanwhile)
+        t_s = asked_s if exposure.t_s is None else round(exposure.t_s, 6)
+        if t_s < asked_s - _MICROSECOND_S:
+            raise CameraError(
+                f"the camera gave a picture of {t_s:.3f} s, older than the command of {asked_s:.3f} s",
+                "check the times of the pictures, or unplug the camera and plug it in again",
+            )
         return Frame(image, t_s, exposure.t_bound_s)
 
     def _ask(self, call: Callable[[], _T], meanwhile: Callable[[], None]) -> _T:
@@ -296,20 +297,6 @@ class Camera:
                     "unplug the camera and plug it in again",
                 )
         raise self._hanging
-
-    def _wait_for(self, exposed_s: float, asked_s: float, meanwhile: Callable[[], None]) -> float:
-        """Wait until the time of an exposure and return it in whole microseconds; refuse one before the call."""
-        t_s = round(exposed_s, 6)
-        if t_s < asked_s - _MICROSECOND_S:
-            raise CameraError(
-                f"the camera gave a picture of {t_s:.3f} s, older than the command of {asked_s:.3f} s",
-                "check the times of the pictures, or unplug the camera and plug it in again",
-            )
-        # What is left of rounding, 1e-13 s, would not move a clock that stands at 1000 s.
-        while (left_s := t_s - self._clock.now_s()) > _NANOSECOND_S:
-            self._clock.sleep(min(left_s, _LOOK_S))
-            meanwhile()
-        return t_s
 
     def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
         """Refuse a camera that repeats a picture: two real exposures are never identical.
@@ -410,16 +397,11 @@ def require_calibrated_camera(camera: CameraDescription, path: Path, in_use: Map
     InputError
         Names the first setting that differs, its value then and its value now.
     """
-    made_with = {} if camera.recorded else _read_settings(path)
+    calibrated = None if camera.recorded else read_camera(path)
+    made_with = {} if calibrated is None else calibrated.settings
     for name in HELD_BY_CALIBRATION:
         if name in made_with and name in in_use and made_with[name] != in_use[name]:
             raise InputError(
                 f"{path.name} was made with camera.{name} {made_with[name]}, it is {in_use[name]} now",
                 f"write camera.{name}: {made_with[name]} in the rig file, or calibrate again",
             )
-
-
-def _read_settings(path: Path) -> Mapping[str, Setting]:
-    """Return the settings with which a calibration was made; nothing if they are unknown."""
-    calibrated = read_camera(path)
-    return {} if calibrated is None else calibrated.settings

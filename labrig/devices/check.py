@@ -111,7 +111,7 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
 
 def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
     """Check that the rig's calibration is there, was accepted, and is of this camera's picture size and settings."""
-    paths, intrinsics = rig.calibration_paths(), list[Intrinsics]()
+    intrinsics = list[Intrinsics]()
     calibrate = (
         f"labrig run protocols/calibration.yaml {rig.option}, then labrig calibrate adopt RUN {rig.option}"
     )
@@ -128,10 +128,10 @@ def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
         view = found.view_sentence()
         return f"{path.name}: {found.mm_per_px:.4f} mm/px" + ("" if view is None else f". {view}")
 
-    yield _check_calibration_file("intrinsics", paths.get("intrinsics.json"), lens, calibrate)
-    yield _check_calibration_file("plane", paths.get("plane.json"), plane, calibrate)
-    for path in rig.mask_paths().values():
-        yield _check_calibration_file("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
+    yield _check_calibration_file(rig, "intrinsics", lens, calibrate)
+    yield _check_calibration_file(rig, "plane", plane, calibrate)
+    if rig.calibration.mask is not None:
+        yield _check_calibration_file(rig, "mask", partial(_describe_mask, rig), _DRAW_MASK)
 
 
 def _describe_mask(rig: RigDescription, path: Path) -> str:
@@ -160,9 +160,9 @@ def list_calibration_ages(rig: RigDescription, now: datetime) -> Iterator[CheckR
 
 
 def _check_calibration_file(
-    which: str, path: Path | None, describe: Callable[[Path], str], solution: str
+    rig: RigDescription, kind: str, describe: Callable[[Path], str], solution: str
 ) -> CheckResult:
-    check = f"calibration {which}"
+    check, path = f"calibration {kind}", rig.calibration_file(kind)
     if path is None or not path.is_file():
         value = "none named in the rig file" if path is None else f"{path} does not exist"
         return CheckResult(check, CheckStatus.FAIL, value, solution)

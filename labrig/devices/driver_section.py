@@ -1,7 +1,7 @@
 """A section of the rig file whose model belongs to a driver, which its key `driver` names."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Hashable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -61,18 +61,18 @@ class DriverSection:
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema that validates and serializes a section."""
-        written = core_schema.plain_serializer_function_ser_schema(_dump_section, info_arg=True)
+        written = core_schema.plain_serializer_function_ser_schema(
+            lambda section, info: section.model_dump(mode=info.mode), info_arg=True
+        )
         return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
 
     def __get_pydantic_json_schema__(self, _schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         """Return the schema of a section: one of those of the installed drivers."""
-        models = {name: model.__pydantic_core_schema__ for name, model in self._list_usable()}
-        return handler(core_schema.tagged_union_schema(dict(models), _KEY))
-
-    def _list_usable(self) -> Iterator[tuple[str, type[Model]]]:
+        models: dict[Hashable, CoreSchema] = {}
         for name in find_plugins(self.group):
             with suppress(InputError):
-                yield name, find_section(self.group, name, self.base)
+                models[name] = find_section(self.group, name, self.base).__pydantic_core_schema__
+        return handler(core_schema.tagged_union_schema(models, _KEY))
 
     def _validate(self, value: object) -> Model:
         if isinstance(value, self.base):
@@ -94,7 +94,3 @@ class DriverSection:
 def _make_validator(name: str, model: type[Model]) -> SchemaValidator:
     """Return the validator of the section of a driver; errors name the driver on the path to the key."""
     return SchemaValidator(core_schema.tagged_union_schema({name: model.__pydantic_core_schema__}, _KEY))
-
-
-def _dump_section(section: Model, info: core_schema.SerializationInfo) -> dict[str, object]:
-    return section.model_dump(mode=info.mode)

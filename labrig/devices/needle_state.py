@@ -5,7 +5,7 @@ something else is never replaced.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,6 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 
 from labrig.devices.axis_description import AXES
-from labrig.devices.worker import Do, do_at_once
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
 from labrig.input_file import open_file, parse_json, read_file
@@ -23,6 +22,10 @@ from labrig.steering.torsion import TorsionalLag
 _KIND = "labrig-rig-state"
 _VERSION = 1
 _BEGIN_BYTES = 4096
+
+Do = Callable[[Callable[[], None]], None]
+"""Does something that may block, and returns when it is done."""
+
 _Sd = Annotated[float, Field(ge=0)]
 
 
@@ -132,7 +135,7 @@ class NeedleState:
         Does what waits for the disk.
     """
 
-    def __init__(self, path: Path | None, state: RigState = NEW, do: Do = do_at_once) -> None:
+    def __init__(self, path: Path | None, state: RigState = NEW, do: Do = lambda call: call()) -> None:
         self._path = path
         self._do = do
         self.state = state if path is None else _load(path)

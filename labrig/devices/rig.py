@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import NoReturn, TypeVar
 
+from labrig.clock import Clock
 from labrig.devices.axis import Axis
 from labrig.devices.axis_positions import collect_axis_positions
 from labrig.devices.bus import CanLink
@@ -23,7 +24,7 @@ from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest, Paused
 from labrig.devices.rig_calls import Photograph
-from labrig.devices.rig_file import RigDescription, check_axis_move, require_complete
+from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.supervisor import Interrupted, Supervisor
 from labrig.errors import (
     CameraError,
@@ -92,11 +93,10 @@ class Rig:
         self._person = person
         self._interrupted = interrupted
         self._alert = alert
-        self.clock = hardware.clock
+        self.clock: Clock = hardware.clock
         self.operator = hardware.operator or person
         self.state_period_s = 1 / description.recording.state_rate_hz
         self.needle = NeedleState(description.state_path, do=self.do_aside)
-        self._limits_found = self.needle.state.current_limits
         self._identities: dict[str, Identity] = {}
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
@@ -157,7 +157,7 @@ class Rig:
             },
             "camera": None if self._camera is None else self._camera.describe(),
             "snapshot": self.snapshot(),
-            "state": {**asdict(self.state), "current_limits": self._limits_found},
+            "state": asdict(self.state),
         }
 
     def snapshot(self) -> dict[str, object]:
@@ -208,7 +208,7 @@ class Rig:
 
     def check_move(self, axis_name: str, position: float, speed: float) -> None:
         """Refuse a move that an axis may not make. Raises `LimitError`."""
-        check_axis_move(self.description, axis_name, position, speed)
+        self.description.check_move(axis_name, position, speed)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move of an axis [mm or rad, per s] and return at once.

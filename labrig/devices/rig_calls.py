@@ -59,19 +59,18 @@ class Photograph:
 
 
 class RigCalls(Protocol):
-    """What a session asks of a rig."""
+    """What a session asks of a rig.
 
-    @property
-    def description(self) -> RigDescription:
-        """The rig file."""
+    A rig without devices derives from this and says what it answers; where it says nothing, nothing is done, for
+    nothing waits, moves or is lost in it.
+    """
 
-    @property
-    def clock(self) -> Clock:
-        """Rig time."""
-
-    @property
-    def needle(self) -> NeedleState:
-        """Where the needle is, its roll zero, and which axes have their reference, across runs."""
+    description: RigDescription
+    """The rig file."""
+    clock: Clock
+    """Rig time."""
+    needle: NeedleState
+    """Where the needle is, its roll zero, and which axes have their reference, across runs."""
 
     def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis, all at one instant. Raises `DriveError`, `BusError`, `SafetyStopError`."""
@@ -81,6 +80,7 @@ class RigCalls(Protocol):
 
     def check_move(self, axis_name: str, position: float, speed: float) -> None:
         """Refuse a move that an axis may not make, before anything is sent. Raises `LimitError`."""
+        self.description.check_move(axis_name, position, speed)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move [mm or rad, per s] and return at once.
@@ -104,56 +104,35 @@ class RigCalls(Protocol):
 
     def do_aside(self, call: Callable[[], _T]) -> _T:
         """Do what may block; the axes are supervised. Raises as `wait`, and what `call` raises."""
+        return call()
 
     def reference_axes(self) -> None:
         """Set the present positions of all axes to zero. Raises `SafetyStopError`, `DriveError`, `BusError`."""
 
-    def assume_positions(self, positions: Mapping[str, float]) -> None:
+    def assume_positions(self, positions: Mapping[str, float]) -> None:  # noqa: ARG002 - none is lost
         """Assume positions that a person has confirmed [mm or rad]. Raises `DriveError`, `BusError`."""
+        return
 
     def stop(self) -> None:
         """Stop every axis and verify that each stands still. Raises `SafetyStopError`."""
+        return
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return the truth of the present insertion, one dict; nothing if it is unknown."""
-
-    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
-        """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
-
-    def enable(self) -> None:
-        """Switch power on; each axis holds its position. Raises `DriveError`, `BusError`."""
-
-    def end(self) -> None:
-        """Stop every axis for good. Raises `SafetyStopError`."""
-
-    def snapshot(self) -> Mapping[str, object]:
-        """Return the present state of the devices, ready for JSON."""
-
-
-class RigWithoutDevices:
-    """What a rig answers that has no devices, and nothing that may block."""
-
-    def do_aside(self, call: Callable[[], _T]) -> _T:
-        """Do it."""
-        return call()
-
-    def assume_positions(self, positions: Mapping[str, float]) -> None:
-        """Do nothing: no position is lost."""
-
-    def truth(self) -> tuple[dict[str, object], ...]:
-        """Return nothing."""
         return ()
 
     def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
-        """Return none."""
+        """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return []
 
     def enable(self) -> None:
-        """Do nothing."""
+        """Switch power on; each axis holds its position. Raises `DriveError`, `BusError`."""
+        return
 
     def end(self) -> None:
-        """Do nothing."""
+        """Stop every axis for good. Raises `SafetyStopError`."""
+        return
 
     def snapshot(self) -> Mapping[str, object]:
-        """Return nothing."""
+        """Return the present state of the devices, ready for JSON."""
         return {}

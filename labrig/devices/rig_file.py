@@ -43,8 +43,7 @@ class AxesDescription(Model):
         return (("insertion", self.insertion), ("rotation", self.rotation), ("linear", self.linear))
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield node ids and names of inputs that two axes share, and units that do not fit the axis."""
-        owners: dict[int, str] = {}
+        """Yield names of inputs that two axes share, and units that do not fit the axis."""
         wired: dict[str, str] = {}
         for name, axis in self.items():
             for channel in axis.inputs:
@@ -55,13 +54,6 @@ class AxesDescription(Model):
                         f"input {channel} is also one of axis {other}",
                         "give every input a name of its own",
                     )
-            other = owners.setdefault(axis.node_id, name)
-            if other != name:
-                yield Conflict(
-                    f"{name}.node_id",
-                    f"node_id {axis.node_id} is also that of axis {other}",
-                    "give every drive a node id of its own, by its DIP switches",
-                )
             expected = "rad" if name == "rotation" else "mm"
             if axis.unit != expected:
                 yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
@@ -142,13 +134,14 @@ class RigDescription(Model):
                 yield Conflict(key, f"{key} is {chosen}, which does not go with kind {self.kind}")
         if self.faults and not simulated:
             yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
-        computer = self.can.heartbeat.computer_node_id
+        owners = {self.can.heartbeat.computer_node_id: "that under which the computer beats"}
         for name, axis in self.axes.items():
-            if computer == axis.node_id:
+            other = owners.setdefault(axis.node_id, f"that of axis {name}")
+            if other != f"that of axis {name}":
                 yield Conflict(
                     f"axes.{name}.node_id",
-                    f"node_id {computer} is that under which the computer beats",
-                    "change it, or can.heartbeat.computer_node_id",
+                    f"node_id {axis.node_id} is also {other}",
+                    "give every drive a node id of its own, by its switches",
                 )
         if not simulated and self.state_file is None:
             yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")
@@ -229,31 +222,37 @@ class RigDescription(Model):
         """Where the rig keeps its state across runs, or None."""
         return None if self.state_file is None else self._folder / self.state_file
 
+    def calibration_file(self, kind: str) -> Path | None:
+        """Return the file of the calibration: intrinsics, plane, template or mask; None where none is named."""
+        named = getattr(self.calibration, kind)
+        return None if named is None else self._folder / named
+
     def calibration_paths(self) -> dict[str, Path]:
-        """Return the calibration files that the rig file names, by the name that they have in a record."""
-        named = {"intrinsics.json": self.calibration.intrinsics, "plane.json": self.calibration.plane}
-        return {name: self._folder / file for name, file in named.items() if file is not None}
-
-    def template_paths(self) -> dict[str, Path]:
-        """Return picture and sidecar of the tip's template, by the name that they have in a record."""
-        if self.calibration.template is None:
-            return {}
-        picture = self._folder / self.calibration.template
-        return {"template.png": picture, "template.json": picture.with_suffix(".json")}
-
-    def mask_paths(self) -> dict[str, Path]:
-        """Return the mask by the name that it has in a record; empty where the rig file names none."""
-        if self.calibration.mask is None:
-            return {}
-        path = self._folder / self.calibration.mask
-        return {f"mask{path.suffix}": path}
+        """Return the files of lens and plane that the rig file names, by the name that they have in a record."""
+        paths = {f"{kind}.json": self.calibration_file(kind) for kind in ("intrinsics", "plane")}
+        return {name: path for name, path in paths.items() if path is not None}
 
     def calibration_files(self) -> dict[str, Path]:
-        """Return the files named that exist, those of the axes too: a rig that is being calibrated has few yet."""
-        named = self.calibration_paths() | self.template_paths() | self.mask_paths()
+        """Return the files named that exist, those of the axes too, by the name that they have in a record."""
+        named = self.calibration_paths()
+        if template := self.calibration_file("template"):
+            named |= {"template.png": template, "template.json": template.with_suffix(".json")}
+        if mask := self.calibration_file("mask"):
+            named[f"mask{mask.suffix}"] = mask
         for name, axis in self.axes.items():
             named |= {kept_name(name, key, path): path for key, path in axis.files.items()}
         return {name: path for name, path in named.items() if path.is_file()}
+
+    def check_move(self, axis_name: str, position: float, speed: float) -> None:
+        """Refuse a move that an axis of this rig may not make [mm or rad, per s]; nothing is opened.
+
+        Raises
+        ------
+        LimitError
+            Names axis, value and limit. A speed is also refused when integer rpm of the motor miss it by more
+            than the tolerance; that part is left out while gear, lead or encoder are unknown.
+        """
+        dict(self.axes.items())[axis_name].check_move(axis_name, position, speed)
 
 
 def kept_name(axis: str, key: str, path: Path) -> str:
@@ -310,24 +309,3 @@ def require_complete(rig: RigDescription, axes: Collection[str] = AXES) -> None:
         told = "; ".join(f"{problem.where}: {problem.message}" for problem in problems)
         more = f"; labrig devices check {rig.option} says what to do about each" if len(problems) > 1 else ""
         raise InputError(f"rig {rig.name} cannot be opened: {told}", f"{problems[0].hint}{more}")
-
-
-def check_axis_move(rig: RigDescription, axis_name: str, position: float, speed: float) -> None:
-    """Refuse a move that an axis of this rig may not make; nothing is opened.
-
-    Parameters
-    ----------
-    axis_name : str
-        insertion, rotation or linear.
-    position : float
-        Where to [mm or rad].
-    speed : float
-        How fast [mm/s or rad/s].
-
-    Raises
-    ------
-    LimitError
-        Names axis, value and limit. A speed is also refused when integer rpm of the motor miss it by more
-        than the tolerance; that part is left out while gear, lead or encoder are unknown.
-    """
-    dict(rig.axes.items())[axis_name].check_move(axis_name, position, speed)

@@ -20,15 +20,6 @@ _LOOK_S = 0.02
 _T = TypeVar("_T")
 
 
-Do = Callable[[Callable[[], None]], None]
-"""Does something that may block, and returns when it is done."""
-
-
-def do_at_once(call: Callable[[], None]) -> None:
-    """Do it in the thread that calls: nobody supervises."""
-    call()
-
-
 class StillBusyError(Exception):
     """A call has not ended within its limit; it goes on, and later calls of its worker wait for it."""
 

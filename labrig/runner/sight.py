@@ -147,19 +147,19 @@ class Sight:
 
 def load_tip_template(rig: RigDescription, plane: PlaneMap) -> TipTemplate:
     """Return the template of the tip from a rig's calibration files. Raises `InputError` when it names none."""
-    files = rig.template_paths()
-    if not files:
+    template = rig.calibration_file("template")
+    if template is None:
         raise InputError(
             "the rig file names no template of the tip",
             "labrig calibrate template makes one; see calibration:",
         )
-    return load_template(files["template.png"]).relative_to(plane.insertion)
+    return load_template(template).relative_to(plane.insertion)
 
 
 def load_rig_mask(rig: RigDescription) -> Mask | None:
     """Return the mask of a rig; None if its file names none. Raises `InputError` when it cannot be read."""
-    masks = [load_mask(path) for path in rig.mask_paths().values()]
-    return masks[0] if masks else None
+    mask = rig.calibration_file("mask")
+    return None if mask is None else load_mask(mask)
 
 
 def load_plane_map(rig: RigDescription) -> PlaneMap:
@@ -170,11 +170,10 @@ def load_plane_map(rig: RigDescription) -> PlaneMap:
     InputError
         When the rig has none, or it cannot be read.
     """
-    paths = rig.calibration_paths()
-    if "plane.json" not in paths:
+    plane, lens = rig.calibration_file("plane"), rig.calibration_file("intrinsics")
+    if plane is None:
         raise InputError("the rig file names no plane", "labrig run protocols/calibration.yaml finds it")
-    lens = paths.get("intrinsics.json")
-    return load_plane(paths["plane.json"], None if lens is None else load_intrinsics(lens))
+    return load_plane(plane, None if lens is None else load_intrinsics(lens))
 
 
 def require_light(image: Picture) -> None:

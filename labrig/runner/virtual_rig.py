@@ -19,8 +19,8 @@ from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
-from labrig.devices.rig_calls import Photograph, RigWithoutDevices
-from labrig.devices.rig_file import RigDescription, check_axis_move
+from labrig.devices.rig_calls import Photograph, RigCalls
+from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.operator import SimulatedOperator
 from labrig.devices.trapezoid import Limits, Profile, make_brake_profile, make_move_profile, make_rest_profile
 from labrig.errors import LimitError
@@ -136,7 +136,7 @@ class VirtualPhotograph(Photograph):
         return self.image
 
 
-class VirtualRig(RigWithoutDevices):
+class VirtualRig(RigCalls):
     """See the module; each call is that of `RigCalls`.
 
     Parameters
@@ -204,7 +204,7 @@ class VirtualRig(RigWithoutDevices):
     def check_move(self, axis_name: str, position: float, speed: float) -> None:
         """Note a move that an axis may not make, and let it be made, so that all of them are told."""
         try:
-            check_axis_move(self.description, axis_name, position, speed)
+            super().check_move(axis_name, position, speed)
         except LimitError as error:
             self.refused.append((axis_name, position, speed, error))
 

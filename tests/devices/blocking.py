@@ -1,27 +1,23 @@
 """What blocks for a time of the injected clock: a camera that hangs, a disk that is busy."""
 
+import math
 import random
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from concurrent.futures import wait as wait_in_real_time
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from threading import Event, Lock
 from typing import Any, TypeVar
 
-import cv2
-import numpy as np
-
-from labrig.devices.camera import Picture, PictureSource
+from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
+from labrig.devices.simulated.camera import SimulatedSource
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.devices.uvc.camera import UvcSource
 from labrig.devices.worker import WorkerThread
 from labrig.simulation.world import World
-from tests.devices.captures import FakeControls
 from tests.devices.rigs import OpenedRig, Person, Signal, simulated_rig
 
 _T = TypeVar("_T")
@@ -96,7 +92,7 @@ class BusyDisk(WorkerThread):
         self.busy_s = 0.0
         self._blockade = blockade
 
-    def do(self, call: Callable[[], _T], meanwhile: Callable[[], None], limit_s: float = np.inf) -> _T:
+    def do(self, call: Callable[[], _T], meanwhile: Callable[[], None], limit_s: float = math.inf) -> _T:
         """Do it, once the disk is ready."""
 
         def wait_and_call() -> _T:
@@ -107,41 +103,24 @@ class BusyDisk(WorkerThread):
         return super().do(wait_and_call, meanwhile, limit_s)
 
 
-@dataclass
-class WorldCapture:
-    """A device of OpenCV's that shows the simulated world, and can hang."""
+class HangingSource(SimulatedSource):
+    """A camera that shows the simulated world, and can hang."""
 
-    world: World
-    blockade: Blockade
-    hangs_s: float = 0.0
-    _properties: dict[int, float] = field(default_factory=dict)
+    hangs_s = 0.0
 
-    def grab(self) -> bool:
-        """Take a picture; a device that hangs takes none until then."""
+    def __init__(self, world: World, clock: SimulatedClock, blockade: Blockade) -> None:
+        super().__init__(world, clock)
+        self._blockade = blockade
+
+    def read(self) -> Exposure:
+        """Give a picture, after it has hung."""
         if self.hangs_s:
-            self.blockade.hold(self.hangs_s)
-            return False
-        return True
-
-    def retrieve(self) -> tuple[bool, Picture]:
-        """Return the picture."""
-        return True, self.world.picture()
-
-    def get(self, propId: int) -> float:
-        """Return what was set; there are no stamps."""
-        return 0.0 if propId == cv2.CAP_PROP_POS_MSEC else self._properties.get(propId, 0.0)
-
-    def set(self, propId: int, value: float) -> bool:
-        """Take every setting."""
-        self._properties[propId] = value
-        return True
-
-    def release(self) -> None:
-        """Nothing is held."""
+            self._blockade.hold(self.hangs_s)
+        return super().read()
 
 
 class ThreadedHardware(SimulatedHardware):
-    """Simulated drives and world, with the workers of a bench and a UVC camera."""
+    """Simulated drives and world, with the workers of a bench and a camera that can hang."""
 
     def __init__(self, rig: RigDescription, late_s: float) -> None:
         assert rig.world is not None
@@ -149,19 +128,12 @@ class ThreadedHardware(SimulatedHardware):
         self.blockade = Blockade(self.clock)
         self.camera_worker = WorkerThread("camera", self.clock, self.blockade.wait)
         self.disk = self.disk_worker = BusyDisk(self.blockade, self.clock)
-        self.capture = WorldCapture(self.world, self.blockade)
+        self.camera = HangingSource(self.world, self.clock, self.blockade)
         self.clock = LateClock(self.clock, late_s) if late_s else self.clock
 
     def open_source(self) -> PictureSource:
-        """Open the camera through the driver of USB cameras."""
-        return UvcSource(
-            self.capture,
-            FakeControls(),
-            self.clock,
-            exposure_s=0.008,
-            rate_hz=30.0,
-            monotonic_s=self.clock.now_s,
-        )
+        """Open the camera."""
+        return self.camera
 
     def close(self) -> None:
         """Take the drives off the bus, and end the workers."""

@@ -2,13 +2,13 @@
 
 from collections import deque
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 
 import cv2
 import numpy as np
 
 from labrig.devices.camera import Picture
-from labrig.devices.uvc.camera import UvcCameraDescription
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.uvc.camera import UvcCameraDescription, UvcSource
 
 SIZE_PX = (64, 48)
 
@@ -29,34 +29,8 @@ def uvc_section() -> UvcCameraDescription:
     )
 
 
-@dataclass
-class Computer:
-    """The computer's monotonic time [s]."""
-
-    now_s: float = 1000.0
-
-    def __call__(self) -> float:
-        """Return it."""
-        return self.now_s
-
-
-class ComputerClock:
-    """Rig time that began when the computer's stood at 1000 s."""
-
-    def __init__(self, computer: Computer) -> None:
-        self._computer = computer
-
-    def now_s(self) -> float:
-        """Return it."""
-        return self._computer.now_s - 1000.0
-
-    def sleep(self, duration_s: float) -> None:
-        """Let it pass."""
-        self._computer.now_s += duration_s
-
-    def utc(self) -> datetime:
-        """Return a date."""
-        return datetime(2026, 1, 1, tzinfo=UTC)
+BEGAN_S = 1000.0
+"""What the computer's monotonic clock says when rig time begins [s]."""
 
 
 @dataclass
@@ -71,21 +45,34 @@ class FakeCapture:
         Whether it stamps its pictures at all.
     """
 
-    computer: Computer
+    clock: SimulatedClock = field(default_factory=SimulatedClock)
     rate_hz: float = 24.0
     queue_length: int = 4
     stamp_offset_s: float = 0.0
     stamps: bool = True
-    dead: bool = False
-    released: int = 0
     _queue: deque[tuple[float, int]] = field(default_factory=deque)
     _taken: tuple[float, int] = (0.0, -1)
-    _next_s: float = 1000.0
+    _next_s: float = BEGAN_S
     _made: int = 0
     _properties: dict[int, float] = field(default_factory=dict)
 
+    def monotonic_s(self) -> float:
+        """Return the computer's monotonic time [s]."""
+        return BEGAN_S + self.clock.now_s()
+
+    def open(self, exposure_s: float = 0.005, lacks: str = "") -> UvcSource:
+        """Open it as OpenCV does, with controls that lack at most one."""
+        return UvcSource(
+            self,
+            FakeControls(lacks=lacks),
+            self.clock,
+            exposure_s=exposure_s,
+            rate_hz=self.rate_hz,
+            monotonic_s=self.monotonic_s,
+        )
+
     def _fill(self) -> None:
-        while self._next_s <= self.computer.now_s:
+        while self._next_s <= self.monotonic_s():
             if len(self._queue) < self.queue_length:
                 self._queue.append((self._next_s, self._made))
             self._made += 1
@@ -93,11 +80,9 @@ class FakeCapture:
 
     def grab(self) -> bool:
         """Take the oldest picture, and wait for it where there is none yet."""
-        if self.dead:
-            return False
         self._fill()
         if not self._queue:
-            self.computer.now_s = self._next_s
+            self.clock.sleep(self._next_s - self.monotonic_s() + 1e-6)
             self._fill()
         self._taken = self._queue.popleft()
         return True
@@ -123,8 +108,7 @@ class FakeCapture:
         return True
 
     def release(self) -> None:
-        """Count."""
-        self.released += 1
+        """Nothing is held."""
 
 
 @dataclass

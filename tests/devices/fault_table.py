@@ -44,17 +44,14 @@ class Phase(Enum):
 class Stop(Enum):
     """By when the struck axis stands still, counted from the strike in the drive's own time [s]."""
 
-    BY_ANYBODY = 0.4
-    """The computer or the drive can act."""
-
-    BY_THE_DRIVE = HEARTBEAT_S + SPEED_MM_S / QUICK_STOP_MM_S2
-    """Only the drive can: heartbeat time and deceleration."""
-
-    AFTER_SILENCE = HEARTBEAT_S + 0.5
-    """The computer can act, but a missed heartbeat is known only after the heartbeat time."""
-
-    NO_DEADLINE = 60.0
-    """The fault stops nothing by itself: the axis goes on until something asks, or to where it was sent."""
+    BY_ANYBODY = 0.4  # the computer or the drive can act
+    BY_THE_DRIVE = (
+        HEARTBEAT_S + SPEED_MM_S / QUICK_STOP_MM_S2
+    )  # only the drive can: heartbeat time and deceleration
+    AFTER_SILENCE = (
+        HEARTBEAT_S + 0.5
+    )  # the computer can, but a missed heartbeat is known only after that time
+    NO_DEADLINE = 60.0  # the axis goes on until something asks, or to where it was sent
 
 
 class Lost(Enum):
@@ -67,36 +64,16 @@ class Lost(Enum):
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """What must come of a fault.
+    """What must come of a fault."""
 
-    Parameters
-    ----------
-    ends : str
-        Exit status of the run.
-    error : type of LabrigError or None
-        What names the fault.
-    words : str
-        Stand in the reason that the record states.
-    stop : Stop
-        By when the axis stands still.
-    lost : Lost
-        References that the next run does not believe.
-    counted : bool
-        Whether the fault shows in the counts of repeated questions and stray answers.
-    found_in_tissue : bool
-        Whether the needle has gone into tissue by the time it is found out.
-    fault : tuple of str and int or None
-        The name and code that the error and the record's last event carry.
-    """
-
-    ends: str
-    error: type[LabrigError] | None
-    words: str
-    stop: Stop
-    lost: Lost
-    counted: bool = False
-    found_in_tissue: bool = False
-    fault: tuple[str, int] | None = None
+    ends: str  # exit status of the run
+    error: type[LabrigError] | None  # what names the fault
+    words: str  # stand in the reason that the record states
+    stop: Stop  # by when the axis stands still
+    lost: Lost  # references that the next run does not believe
+    counted: bool = False  # whether it shows in the counts of repeated questions and stray answers
+    found_in_tissue: bool = False  # whether the needle is in tissue by the time it is found out
+    fault: tuple[str, int] | None = None  # name and code that the error and the record's last event carry
 
 
 SURVIVED = FaultOutcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE, counted=True)

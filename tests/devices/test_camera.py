@@ -10,11 +10,11 @@ from labrig.devices.camera import CONTROL_NAMES, Camera, CameraContext, Exposure
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
-from labrig.devices.uvc.camera import UvcCameraDescription, UvcSource
+from labrig.devices.uvc.camera import UvcCameraDescription
 from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL
 from labrig.errors import CameraError
 from labrig.simulation.world import World
-from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls
+from tests.devices.captures import FakeCapture
 from tests.devices.rigs import BENCH, large_rig
 
 CAMERA = large_rig().camera
@@ -147,18 +147,9 @@ _ALL_CONTROLS = (*_SMALL, "camera.focus=3")
 
 def _open_lacking(name: str, *overrides: str) -> Camera:
     """Return an opened USB camera that has every control but one."""
-    computer, section = Computer(), load_rig(BENCH, overrides).camera
+    section, capture = load_rig(BENCH, overrides).camera, FakeCapture(rate_hz=30.0)
     assert isinstance(section, UvcCameraDescription)
-    clock, capture = ComputerClock(computer), FakeCapture(computer, rate_hz=30.0)
-    source = UvcSource(
-        capture,
-        FakeControls(lacks=name),
-        clock,
-        exposure_s=section.longest_exposure_s,
-        rate_hz=section.rate_hz,
-        monotonic_s=computer,
-    )
-    return Camera(source, section, clock)
+    return Camera(capture.open(section.longest_exposure_s, lacks=name), section, capture.clock)
 
 
 def test_request_codes_are_those_of_the_kernel() -> None:

@@ -8,12 +8,14 @@ import pytest
 
 from labrig.devices.check import check_bus, check_rig
 from labrig.devices.check_result import CheckStatus
+from labrig.devices.dead_man import try_dead_man
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.drives.states import DriveState, decode_state
+from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.errors import DriveError, SecondMasterError
@@ -114,6 +116,31 @@ def test_a_rig_with_a_drive_that_may_move_on_opens_on_confirmation(*, yes: bool)
         assert opened.drives["insertion"].is_powered() is yes
 
 
+@pytest.mark.parametrize(
+    ("yes", "stops", "status", "told"),
+    [
+        (True, True, CheckStatus.PASS, "it stopped by itself, 0.5"),
+        (True, False, CheckStatus.FAIL, "it moved on"),
+        (False, True, CheckStatus.WARN, "not tried"),
+    ],
+)
+def test_an_axis_has_to_stop_by_itself(*, yes: bool, stops: bool, status: CheckStatus, told: str) -> None:
+    """Whatever its settings say; it is asked about before it moves, and the way that it still went is told."""
+    with opened_rig(opening=Opening(("insertion",), camera=False)) as opened:
+        opened.rig.operator = person = Person(yes)
+        if not stops:
+            vars(opened.drives["insertion"])["lose_master"] = lambda _t_s: None
+        opened.rig.connect()
+        result = try_dead_man(opened.rig, "insertion")
+        assert result.status is status
+        assert told in result.value
+        assert "is going to move forwards by up to 2 mm, without a needle" in person.asked[0].text
+        moved = opened.drives["insertion"].shaft_counts
+        opened.hardware.clock.sleep(1.0)
+        assert opened.drives["insertion"].shaft_counts == moved
+        assert bool(moved) is yes
+
+
 # The bus
 
 
@@ -122,9 +149,6 @@ def test_a_rig_with_a_drive_that_may_move_on_opens_on_confirmation(*, yes: bool)
     [
         (BEAT, "it sends the heartbeat of node 127, as labrig does"),
         (READ_STATUS, "it reads object 0x6041:00 of axis insertion"),
-        (RETARGET, "it writes object 0x607A:00 of axis insertion"),
-        ((0x000, b"\x81\0"), "NMT command 0x81 to node 0"),
-        ((0x401, b"\x3f\0\0\0\0\0"), "CAN frame 401#3F0000000000 to axis insertion"),
         ((0x601, b"\x60"), "CAN frame 601#60 to axis insertion"),
     ],
 )

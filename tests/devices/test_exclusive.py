@@ -8,19 +8,19 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
 
 import pytest
 
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_rig
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.exclusive import acquire_rig, find_owner, name_bus
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.stop import StopTarget, read_stop_target, stop_rig
 from labrig.errors import FileFormatError, LockedError, OutputExistsError
-from labrig.record.lock import FileLock, LockOwner, read_lock_owner
+from labrig.record.lock import LockOwner
 from tests.devices.rigs import BENCH, SIMULATED, Person, Signal, rig_text, simulated_rig
 
 
@@ -50,37 +50,6 @@ def test_only_one_labrig_uses_a_rig_at_a_time(tmp_path: Path) -> None:
     assert find_owner(rig.state_path) is None
     with _open(rig):
         pass
-
-
-def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
-    """A process that was killed with the rig open does not keep others out."""
-    code = (
-        "import os,sys;from pathlib import Path;from labrig.record.lock import FileLock\n"
-        f"FileLock(Path({str(tmp_path / 'state.json.lock')!r})).acquire('labrig run dead.yaml');os._exit(9)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
-    with _open(_make_rig(tmp_path)):
-        pass
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a probe takes the lock")
-def test_looking_for_the_owner_refuses_nobody(tmp_path: Path) -> None:
-    """While others look all the time, a free lock is taken each time it is tried."""
-    path, ended = tmp_path / "lock", False
-
-    def look() -> None:
-        while not ended:
-            read_lock_owner(path)
-
-    looking = Thread(target=look)
-    looking.start()
-    try:
-        for _ in range(2000):
-            with FileLock(path).acquire("labrig run"):
-                pass
-    finally:
-        ended = True
-        looking.join()
 
 
 def test_a_bus_is_known_by_its_channel(tmp_path: Path) -> None:
@@ -113,7 +82,7 @@ with acquire_rig(rig, "labrig run other.yaml"):
 
 
 @contextmanager
-def _held(file: Path, folder: Path, *overrides: str, code: str = _HOLD) -> Iterator[subprocess.Popen[str]]:
+def _held(file: Path, folder: Path, *overrides: str, code: str = _HOLD) -> Iterator[None]:
     """Let another process hold a rig until the block ends."""
     with subprocess.Popen(
         [sys.executable, "-c", code, str(file), str(folder), *overrides],
@@ -123,7 +92,7 @@ def _held(file: Path, folder: Path, *overrides: str, code: str = _HOLD) -> Itera
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
-        yield other
+        yield
         assert other.stdin is not None
         other.stdin.close()
         other.wait()
@@ -144,65 +113,13 @@ def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
             pass
 
 
-_MOVE = """
-import os, sys
-from pathlib import Path
-from labrig.cli.signals import note_signals
-from labrig.devices.rig import open_rig
-from labrig.devices.rig_file import load_rig
-from labrig.errors import InterruptedRunError
-from tests.devices.rigs import Person, SIMULATED
-rig = load_rig(SIMULATED, sys.argv[3:]).placed_in(Path(sys.argv[2]))
-with note_signals() as signals, open_rig(
-    rig, seed=1, person=Person(), interrupted=signals, doing="labrig run b.yaml"
-) as opened:
-    opened.needle.mark_out()
-    opened.reference_axes()
-    opened.insertion.start_move(100.0, 1.0)
-    print("held", flush=True)
-    try:
-        while True:
-            opened.wait(0.1)
-    except InterruptedRunError as error:
-        before = opened.insertion.drive.position()
-        opened.clock.sleep(0.5)
-        assert opened.insertion.drive.position() == before < 100.0
-        print(error.message, flush=True)
-"""
-
-
-def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path) -> None:
-    """The labrig that moves it gets SIGTERM, stops every axis, ends, and lets go of the rig."""
-    with _held(Path(), tmp_path, "clock=real", "state_file=state.json", code=_MOVE) as moving:
-        owner = LockOwner("labrig run b.yaml", moving.pid, os.uname().nodename)
-        assert stop_rig(_target(tmp_path))[0] == f"asked {owner} to end, and it has let go of the rig"
-        assert moving.stdout is not None
-        assert moving.stdout.read() == "interrupted by SIGTERM\n"
-    assert moving.returncode == 0
-
-
-class _Quick:
-    """A clock of which a second passes at each reading."""
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
-
-    def now_s(self) -> float:
-        """Return the time [s]."""
-        self._now_s += 1.0
-        return self._now_s
-
-    def sleep(self, duration_s: float) -> None:
-        """Return at once."""
-
-
 def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
     """One that hangs keeps the rig; the report says so, and what cannot be asked is not waited for."""
     code = _HOLD.replace("import os, sys", "import os, signal, sys\nsignal.signal(15, signal.SIG_IGN)")
     code = code.replace("if os.getuid() == 0:", "if False:")
     target = _target(tmp_path)
     with _held(BENCH.with_name("rig-simulated.yaml"), tmp_path, "state_file=state.json", code=code):
-        assert "and it has not let go of the rig" in stop_rig(target, _Quick())[0]  # type: ignore[arg-type]
+        assert "and it has not let go of the rig" in stop_rig(target, SimulatedClock())[0]
     with acquire_rig(_make_rig(tmp_path), "labrig run here.yaml"):
         assert "cannot be asked to end from here" in stop_rig(target)[0]
 

@@ -1,16 +1,22 @@
-"""Current limits, stalls and inputs on an opened rig."""
+"""Current limits, stalls and inputs: on an opened rig, and what a stall is."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from labrig.devices.axis import Axis
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.opening import Opening
+from labrig.devices.position_supervision import InMotion
 from labrig.devices.rig import Rig
+from labrig.devices.stall import StallWatch
+from labrig.devices.trapezoid import make_rest_profile
 from labrig.errors import DriveError, ForceGuardError
 from tests.devices import epos2_places as od
-from tests.devices.rigs import OpenedRig, Person, opened_rig, ready_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, Person, epos2_axis, one_drive, opened_rig, ready_rig, simulated_rig
 
 LIMIT = "axes.linear.max_current_ma=800"
 DOOR = "axes.linear.inputs={door: {source: general-A, expected: true}}"
@@ -102,18 +108,6 @@ def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_wit
         assert bool(opened.rig.axis("linear").drive.faults()) is (speed > 5)
 
 
-def test_an_open_door_keeps_a_rig_from_opening() -> None:
-    """No power is switched on; a withdrawal opens it nevertheless."""
-    with opened_rig(simulated_rig(DOOR)) as opened:
-        opened.drives["linear"].set_input("general-A", 0.0)
-        with pytest.raises(ForceGuardError, match="input door is off, expected on"):
-            opened.rig.connect()
-        assert not opened.drives["linear"].is_powered()
-        rig = open_again(opened, Opening(camera=False, hold_inputs=False))
-        rig.connect()
-        assert rig.read_states()["linear"].inputs == {"door": False}
-
-
 def test_an_input_that_the_drive_hides_is_refused() -> None:
     """An EPOS2 masks general-D to general-F as it comes: they would read off whatever is wired to them."""
     hidden = simulated_rig("axes.linear.inputs={door: {source: general-D, expected: false}}")
@@ -139,3 +133,56 @@ def test_a_gel_that_resists_shows_in_current_and_force() -> None:
         assert state.position == pytest.approx(62.0, abs=3.0)
         assert state.current_ma == pytest.approx(1000 * torque_mnm / 25, abs=1.0)
         assert state.inputs["needle_force"] == pytest.approx(force_n, abs=0.01)
+
+
+# The judgement alone
+
+
+@contextmanager
+def watched(speed: float = 1.0) -> Iterator[StallWatch]:
+    """Yield the watch on an axis in motion that may lag by 2 mm, with a limit of 500 mA."""
+    with one_drive() as bench:
+        axis = Axis("linear", epos2_axis(max_following_error=2.0), bench.driver, bench.clock)
+        axis.expected = InMotion(make_rest_profile(0.0, 0.0), 0.0, speed=speed)
+        yield StallWatch(axis, 500)
+
+
+def judge(*readings: tuple[float, float, float]) -> str:
+    """Return the message after readings (t_s, lag, current_ma); empty without an error."""
+    with watched() as watch:
+        try:
+            for reading in readings:
+                watch.judge(*reading)
+        except ForceGuardError as error:
+            assert reading is readings[-1]
+            return error.message
+    return ""
+
+
+def test_a_stall_is_told_with_current_time_and_lag() -> None:
+    """480 of 500 mA since the first reading, and 1.2 mm of the 2 mm at which the drive would fail."""
+    assert judge((1.0, 0.9, 480.0), (1.3, 1.2, 480.0)) == (
+        "the linear axis is stalled: 480 mA for 0.30 s, 1.2 mm behind"
+    )
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [
+        [(1.0, 1.2, 480.0)],
+        [(1.0, 0.9, 480.0), (1.1, 1.2, 300.0)],
+        [(1.0, 0.4, -480.0), (1.1, 0.9, -480.0)],
+        [(1.0, 1.2, 480.0), (1.1, 1.2, 100.0), (1.2, 1.2, 480.0)],
+    ],
+    ids=["one reading", "current falls", "small lag", "current falls in between"],
+)
+def test_less_is_no_stall(readings: list[tuple[float, float, float]]) -> None:
+    """One reading, a motor with current to spare, and an axis that follows are no stall."""
+    assert judge(*readings) == ""
+
+
+def test_a_fast_axis_is_looked_at_more_often() -> None:
+    """Four times until the drive fails by its following error, but at most a hundred times a second."""
+    for speed, period_s in ((2.0, 0.25), (100.0, 0.01)):
+        with watched(speed) as watch:
+            assert watch.period_s == pytest.approx(period_s)

@@ -1,37 +1,65 @@
 """What a rig does, and says, once drives do not answer or are in fault."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import can
 import pytest
 
+from labrig.devices.drives.errors import ERRORS
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.errors import DriveFaultError, DriveSilentError, LimitError, SafetyStopError, SecondMasterError
+from labrig.errors import (
+    DriveFaultError,
+    DriveSilentError,
+    MachineError,
+    SafetyStopError,
+    SecondMasterError,
+)
 from tests.devices.beats import listening
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, ready_rig, simulated_rig
 from tests.devices.wire_faults import FOR_GOOD, delay_next, ignore_next
 
+SAID_WITHIN_S = 1.0
+"""Longest time from the loss of the drives until the person at the rig is told [s]."""
+
 SILENT = "faults=[{fault: silent, axis: linear, once: moving}]"
 
 
+@dataclass
+class Moving(OpenedRig):
+    """A rig whose insertion axis moves, with the alerts that it gave and their times [s]."""
+
+    alerts: list[tuple[float, str]] = field(default_factory=list)
+
+
 @contextmanager
-def _moving() -> Iterator[OpenedRig]:
+def _moving() -> Iterator[Moving]:
     with ready_rig() as opened:
-        opened.rig.axis("insertion").start_move(100.0, 5.0)
-        opened.rig.wait(0.5)
-        yield opened
+        rig, moving = opened.rig, Moving(opened.rig, opened.hardware, opened.signal, opened.person)
+        rig._alert = lambda text: moving.alerts.append((rig.clock.now_s(), text))
+        rig.needle.mark_in_tissue("run-1")
+        rig.axis("insertion").start_move(100.0, 5.0)
+        for _ in range(20):
+            rig.wait(0.05)
+            rig.read_states()
+        yield moving
+
+
+def _go_on(rig: Rig) -> None:
+    while True:
+        rig.wait(rig.state_period_s)
+        rig.read_states()
 
 
 def _move_on(rig: Rig) -> None:
     rig.reference_axes()
     rig.axis("linear").start_move(50.0, 5.0)
-    while True:
-        rig.wait(0.1)
-        rig.read_states()
+    _go_on(rig)
 
 
 def test_nothing_beats_after_a_loss() -> None:
@@ -79,7 +107,7 @@ def test_an_error_says_too_that_the_rig_did_not_close() -> None:
 
 
 @pytest.mark.parametrize("codes", [(0x8130, 0x8130, 0x8130), (0x8130, 0x4210, 0x8130)])
-def test_one_cause_is_one_question(codes: tuple[int, ...]) -> None:
+def test_one_cause_is_one_question_or_refusal(codes: tuple[int, ...]) -> None:
     """Three drives that lost the computer's heartbeat are reset by one answer; another error is asked for itself."""
     with opened_rig(opening=Opening(reset_faults=True)) as opened:
         for drive, code in zip(opened.drives.values(), codes, strict=True):
@@ -89,11 +117,7 @@ def test_one_cause_is_one_question(codes: tuple[int, ...]) -> None:
         questions = [request for request in person.asked if isinstance(request, ConfirmFaultReset)]
         assert len(questions) == len(person.asked) == len(set(codes))
         assert all(f"axis {name}" in " ".join(q.fault for q in questions) for name in opened.drives)
-
-
-def test_one_cause_is_one_refusal() -> None:
-    """The hint of a run that may reset nothing is one command for all axes."""
-    with opened_rig() as opened:
+    with opened_rig() as opened:  # a run may reset nothing; the hint is one command for all axes
         for drive in opened.drives.values():
             drive.fail(0x8130)
         with pytest.raises(DriveFaultError, match=r"insertion.*rotation.*linear") as refused:
@@ -117,13 +141,76 @@ def test_another_master_ends_an_exchange_with_drives() -> None:
         assert not any(drive.is_moving for drive in opened.drives.values())
 
 
-@pytest.mark.parametrize(("target", "goes"), [(0.0, True), (-1.5, True), (-1.6, False)])
-def test_a_move_that_cannot_end_from_below_is_refused(target: float, goes: bool) -> None:
-    """Backlash is taken up within the limits or not at all: nothing is clipped."""
-    with ready_rig("axes.insertion.backlash=0.5") as opened:
-        if goes:
-            assert opened.rig.start_move("insertion", target, 5.0).position == pytest.approx(target)
-            return
-        with pytest.raises(LimitError, match="passes its target by the backlash"):
-            opened.rig.start_move("insertion", target, 5.0)
-        assert not opened.drives["insertion"].is_moving
+# What is said of the needle
+
+
+@pytest.mark.parametrize("act", [_go_on, lambda rig: rig.wait(10.0)], ids=["reading states", "waiting"])
+@pytest.mark.parametrize("fault", ["mute", "deafen"])
+def test_lost_drives_are_told_within_a_second(act: Callable[[Rig], None], fault: str) -> None:
+    """The alert comes before labrig tries to stop them; it names the emergency stop and the last positions."""
+    with _moving() as opened:
+        struck_s = opened.rig.clock.now_s()
+        for drive in opened.drives.values():
+            getattr(drive, fault)()
+        with pytest.raises(DriveSilentError):
+            act(opened.rig)
+        ((told_s, text),) = opened.alerts
+        assert told_s - struck_s <= SAID_WITHIN_S
+        assert re.match(
+            r"the drive.* not answer: press the emergency stop; what the needle is doing is not", text
+        )
+        assert re.search(r"last positions: insertion 4\.\d\d mm 0\.\d s ago", text)
+        located = opened.rig.locate_needle()
+        assert "press the emergency stop" in located.motion
+        assert located.axes[0].position == pytest.approx(5.0, abs=0.3)
+        assert located.axes[0].age_s is not None
+        assert located.axes[0].age_s > 0.5
+        assert re.search("does not answer|did not answer|no heartbeat", located.axes[0].why_old)
+
+
+def test_a_drive_that_restarted_is_where_it_was_last() -> None:
+    """Its counter starts anew at zero, which is not where the needle is."""
+    with _moving() as opened:
+        opened.drives["insertion"].restart()
+        with pytest.raises(MachineError):
+            _go_on(opened.rig)
+        located = opened.rig.locate_needle()
+        assert located.axes[0].position == pytest.approx(5.0, abs=0.3)
+        assert "lost power" in located.axes[0].why_old
+
+
+@pytest.mark.parametrize("standstill_s", [0.8, 300.0])
+def test_a_labrig_that_stood_still_says_so(standstill_s: float) -> None:
+    """Drives that stopped because labrig sent nothing are not blamed, and neither is the wiring; nobody is alarmed."""
+    with _moving() as opened:
+        opened.hardware.clock.sleep(standstill_s)
+        with pytest.raises(
+            DriveFaultError, match=rf"labrig itself stood still for {standstill_s:.1f} s"
+        ) as error:
+            _go_on(opened.rig)
+        assert "heartbeat of the computer lost" in error.value.message
+        assert "suspended computer" in error.value.hint
+        assert not re.search("wiring|power the drive", error.value.hint)
+        assert opened.alerts == []
+
+
+def test_an_unknown_needle_is_said_to_be_unknown() -> None:
+    """Nobody knows of a rig without a state file; it is neither in tissue nor out."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.needle.update(needle_in_tissue=None, note="this rig has no state file yet")
+        opened.rig.stop()
+        located = opened.rig.locate_needle()
+        assert located.motion == (
+            "every axis stands still; whether a needle is in tissue is not known (this rig has no state file yet)"
+        )
+        assert located.document()["in_tissue"] is None
+
+
+def test_no_remedy_costs_the_position_of_a_needle_in_tissue() -> None:
+    """Power is switched off and on only with no needle in tissue, and nothing is moved by hand."""
+    for (table, code), (text, remedy) in ERRORS.items():
+        assert text
+        assert remedy or table == "sdo-abort" or (table, code) == ("class", 0x9)
+        assert "by hand" not in remedy
+        assert "off and on" not in remedy or "with no needle in tissue" in remedy

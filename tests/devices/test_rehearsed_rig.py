@@ -51,19 +51,6 @@ def test_a_labrig_that_hangs_stops_the_drives(opened: OpenedRig) -> None:
     assert emergency.text == "0x8130"
 
 
-def test_a_fault_comes_while_nobody_commands_anything() -> None:
-    """Faults of the rig file are due in real time, also while labrig only waits."""
-    faults = "faults=[{fault: emergency, axis: linear, once: moving, code: 0x8611}]"
-    with ready_rig(*REHEARSED, faults) as opened:
-
-        def move_and_wait() -> None:
-            opened.rig.axis("linear").start_move(100.0, 5.0)
-            opened.rig.wait(10.0)
-
-        with pytest.raises(DriveError, match="0x8611"):
-            move_and_wait()
-
-
 def test_the_person_is_asked_and_the_world_does_what_their_hands_would(opened: OpenedRig) -> None:
     """A confirmed request is done."""
     rig = opened.rig

@@ -84,6 +84,25 @@ def test_a_move_beyond_a_limit_sends_nothing() -> None:
         assert _still(opened.hardware)
 
 
+def test_backlash_is_taken_up_from_below_or_the_move_is_refused() -> None:
+    """A downward move passes its target by the backlash and comes back; nothing is clipped at the lower limit."""
+    with ready_rig("axes.insertion.backlash=0.5") as opened:
+        lowest = []
+        for target in (10.0, 5.0, -1.5):
+            opened.rig.axis("insertion").start_move(target, 5.0)
+            reached = [opened.rig.read_states()["insertion"]]
+            while not reached[-1].target_reached:
+                opened.rig.wait(0.05)
+                reached.append(opened.rig.read_states()["insertion"])
+            assert reached[-1].position == target
+            lowest.append(min(state.position for state in reached))
+        assert lowest[1:] == pytest.approx([4.5, -2.0], abs=0.05)
+        _go(opened, "insertion", 0.0, 5.0)
+        with pytest.raises(LimitError, match="passes its target by the backlash"):
+            opened.rig.start_move("insertion", -1.6, 5.0)
+        assert not opened.drives["insertion"].is_moving
+
+
 def test_an_axis_without_reference_does_not_move() -> None:
     """Before zero is set, a position means nothing."""
     with opened_rig() as opened:

@@ -6,7 +6,6 @@ import pytest
 
 from labrig.devices.rig_file import (
     RigDescription,
-    check_axis_move,
     find_problems,
     load_rig,
     require_complete,
@@ -19,8 +18,6 @@ from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
 from labrig.simulation.description import DesignDescription
 from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, large_rig, rig_text
-
-BUS = {"interface": "socketcan", "channel": "can0"}
 
 
 def test_the_committed_schema_is_current() -> None:
@@ -109,18 +106,12 @@ def test_invalid_values_are_refused_with_their_line(tmp_path: Path, old: str, ne
 
 def test_moves_can_be_checked_without_a_rig() -> None:
     """`labrig check` refuses what the open rig would, and checks limits without a lead."""
-    check_axis_move(large_rig(), "insertion", 40.0, 1.0)
-    with pytest.raises(LimitError, match="axis linear"):
-        check_axis_move(large_rig(), "linear", 151.0, 1.0)
-    check_axis_move(load_rig(BENCH), "insertion", 40.0, 1.0)
-    with pytest.raises(LimitError, match="axis insertion"):
-        check_axis_move(load_rig(BENCH), "insertion", 61.0, 1.0)
-
-
-def test_a_speed_between_two_rpm_is_refused_with_both() -> None:
-    """The hint has the two possible speeds."""
+    for rig, far in ((large_rig(), 121.0), (load_rig(BENCH), 61.0)):
+        rig.check_move("insertion", 40.0, 1.0)
+        with pytest.raises(LimitError, match="axis insertion"):
+            rig.check_move("insertion", far, 1.0)
     with pytest.raises(LimitError) as refusal:
-        check_axis_move(large_rig(), "insertion", 1.0, 1.5 / 120)
+        large_rig().check_move("insertion", 1.0, 1.5 / 120)
     assert "0.008333 or 0.01667 mm/s" in refusal.value.hint
 
 

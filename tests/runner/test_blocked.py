@@ -120,7 +120,7 @@ def test_a_camera_that_hangs_stops_the_run_and_is_named(tmp_path: Path) -> None:
 
         def hang_on_the_way() -> None:
             needle_mm = hardware.drives["insertion"].shaft_counts / QUADCOUNTS_PER_MM
-            hardware.capture.hangs_s = 10.0 if needle_mm > 4.0 else 0.0
+            hardware.camera.hangs_s = 10.0 if needle_mm > 4.0 else 0.0
 
         hardware.clock.on_advance(hang_on_the_way)
         outcome = conduct_sweep(opened.rig, recorder, Told())

@@ -8,17 +8,9 @@ from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files import FilesCameraDescription
 from labrig.devices.simulated.camera import SimulatedCameraDescription
-from labrig.devices.uvc.camera import UvcSource
 from labrig.simulation.world import World
 from labrig.testing.cameras import CameraConformance, OpenedCamera
-from tests.devices.captures import (
-    SIZE_PX,
-    Computer,
-    ComputerClock,
-    FakeCapture,
-    FakeControls,
-    uvc_section,
-)
+from tests.devices.captures import SIZE_PX, FakeCapture, uvc_section
 from tests.devices.recorded import write_pictures
 from tests.devices.rigs import simulated_rig
 
@@ -42,13 +34,8 @@ class TestUvc(CameraConformance):
 
     def open_camera(self) -> OpenedCamera:
         """Open one behind a fake device."""
-        computer = Computer()
-        clock = ComputerClock(computer)
-        capture = FakeCapture(computer, stamps=self.stamps)
-        source = UvcSource(
-            capture, FakeControls(), clock, exposure_s=0.005, rate_hz=24.0, monotonic_s=computer
-        )
-        return OpenedCamera(source, uvc_section(), clock)
+        capture = FakeCapture(stamps=self.stamps)
+        return OpenedCamera(capture.open(), uvc_section(), capture.clock)
 
 
 class TestUvcWithoutStamps(TestUvc):

@@ -12,8 +12,8 @@ from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NEW, NeedleState, parse_rig_state
 from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorRequest
 from labrig.devices.replayed.tape import SessionPart, Tape
-from labrig.devices.rig_calls import Photograph, RigWithoutDevices
-from labrig.devices.rig_file import RigDescription, check_axis_move, kept_name, load_rig
+from labrig.devices.rig_calls import Photograph, RigCalls
+from labrig.devices.rig_file import RigDescription, kept_name, load_rig
 from labrig.devices.state_line import read_state_line
 from labrig.errors import InputError, RecordError
 from labrig.plugins import require_devices_installed
@@ -73,7 +73,7 @@ class TapeClock:
         return self.started
 
 
-class ReplayedRig(RigWithoutDevices):
+class ReplayedRig(RigCalls):
     """The rig of a recorded session; see `RigCalls`. What it answers stays the next line until it is recorded.
 
     Parameters
@@ -119,10 +119,6 @@ class ReplayedRig(RigWithoutDevices):
             lambda: _parse_photograph(self._run.read_frame(int(line["frame"])), line, self._tape)
         )
 
-    def check_move(self, axis_name: str, position: float, speed: float) -> None:
-        """Refuse a move that an axis may not make. Raises `LimitError`."""
-        check_axis_move(self.description, axis_name, position, speed)
-
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Return what was sent for the next recorded move, which has to be of this axis."""
         line = self._tape.expect(Move.kind, f"a move of {axis_name} to {position:.6g}")
@@ -154,9 +150,6 @@ class ReplayedRig(RigWithoutDevices):
     def reference_axes(self) -> None:
         """Note that the axes stand at zero."""
         self.needle.update(referenced=AXES, roll_zero=None)
-
-    def stop(self) -> None:
-        """Do nothing: the event is compared."""
 
     def _parse(self, read: Callable[[], _T]) -> _T:
         """Return what a line holds. Raises `RecordError` where it lacks a value."""

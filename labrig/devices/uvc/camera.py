@@ -8,7 +8,7 @@ exposure lies anywhere between the call and its return, 0.2 s at 24 pictures a s
 
 import time
 from collections.abc import Callable
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -31,46 +31,14 @@ _BEFORE_OPENING_S = 1.0
 """A picture may have been taken while the device was being opened."""
 
 
-class Capture(Protocol):
-    """What of `cv2.VideoCapture` is used."""
-
-    def grab(self) -> bool:
-        """Take the next picture; False where none comes."""
-
-    def retrieve(self) -> tuple[bool, Any]:
-        """Decode the picture that was taken."""
-
-    def get(self, propId: int) -> float:
-        """Return a property."""
-
-    def set(self, propId: int, value: float) -> bool:
-        """Ask for a property."""
-
-    def release(self) -> None:
-        """Close the device."""
-
-
-class Controls(Protocol):
-    """The controls of a camera, as `V4l2Controls` has them."""
-
-    def set(self, name: str, value: float) -> None:
-        """Make a setting. Raises `CameraError`."""
-
-    def get(self, name: str) -> float | None:
-        """Return a setting; None where the camera tells none."""
-
-    def close(self) -> None:
-        """Close the device."""
-
-
 class UvcSource:
     """Pictures of one device.
 
     Parameters
     ----------
-    capture : Capture
+    capture : cv2.VideoCapture
         The opened device.
-    controls : Controls
+    controls : V4l2Controls
         Its controls.
     clock : Clock
         Rig time.
@@ -84,8 +52,8 @@ class UvcSource:
 
     def __init__(
         self,
-        capture: Capture,
-        controls: Controls,
+        capture: Any,
+        controls: Any,
         clock: Clock,
         *,
         exposure_s: float,
@@ -113,8 +81,9 @@ class UvcSource:
     def get(self, name: str) -> Setting | None:
         """Return the value that the camera uses; None where it does not tell."""
         if name in CONTROLS:
-            return self._controls.get(name)
-        value = self._capture.get(_PROPERTIES[name])
+            told: float | None = self._controls.get(name)
+            return told
+        value: float = self._capture.get(_PROPERTIES[name])
         if name == "pixel_format":
             return int(value).to_bytes(4, "little", signed=False).decode("ascii", "replace")
         return value if value > 0 else None

@@ -13,6 +13,7 @@ from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.simulated.bus import InProcessBus
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.errors import (
     DriveFaultError,
     DriveSilentError,
@@ -22,7 +23,7 @@ from labrig.errors import (
 )
 from tests.devices.beats import listening
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, ready_rig, simulated_rig
-from tests.devices.wire_faults import FOR_GOOD, delay_next, ignore_next
+from tests.devices.wire_faults import FOR_GOOD, deafen, delay_next, ignore_next
 
 SAID_WITHIN_S = 1.0
 """Longest time from the loss of the drives until the person at the rig is told [s]."""
@@ -145,13 +146,15 @@ def test_another_master_ends_an_exchange_with_drives() -> None:
 
 
 @pytest.mark.parametrize("act", [_go_on, lambda rig: rig.wait(10.0)], ids=["reading states", "waiting"])
-@pytest.mark.parametrize("fault", ["mute", "deafen"])
-def test_lost_drives_are_told_within_a_second(act: Callable[[Rig], None], fault: str) -> None:
+@pytest.mark.parametrize("fault", [SimulatedCia402Drive.mute, deafen], ids=["silent", "deaf"])
+def test_lost_drives_are_told_within_a_second(
+    act: Callable[[Rig], None], fault: Callable[[SimulatedCia402Drive], None]
+) -> None:
     """The alert comes before labrig tries to stop them; it names the emergency stop and the last positions."""
     with _moving() as opened:
         struck_s = opened.rig.clock.now_s()
         for drive in opened.drives.values():
-            getattr(drive, fault)()
+            fault(drive)
         with pytest.raises(DriveSilentError):
             act(opened.rig)
         ((told_s, text),) = opened.alerts

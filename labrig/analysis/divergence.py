@@ -35,14 +35,11 @@ def find_frame(path: str, document: Mapping[str, Any]) -> int | None:
     found: int | None = None
     here: Any = document
     for part in path.split("."):
-        if isinstance(here, Mapping):
-            here = here.get(part)
-        elif isinstance(here, list) and part.isdecimal() and int(part) < len(here):
-            here = here[int(part)]
+        if isinstance(here, list):
+            here = dict(enumerate(here)).get(int(part))
         else:
-            return found
-        if isinstance(here, Mapping) and isinstance(here.get("frame"), int):
-            found = here["frame"]
+            here = here.get(part) if isinstance(here, Mapping) else None
+        found = here.get("frame", found) if isinstance(here, Mapping) else found
     return found
 
 

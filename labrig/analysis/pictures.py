@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from itertools import groupby
+from operator import call
 from pathlib import Path
 from typing import Any
 
@@ -75,31 +76,19 @@ def measure_pictures(
     jobs: list[Callable[[], Any]] = [*meanwhile, *(partial(measure, picture) for picture in pictures)]
     workers = min(workers, len(pictures))
     with ExitStack() as held:
-        answers: Iterator[Any] = map(_call, jobs)
+        answers: Iterator[Any] = map(call, jobs)
         if workers > 1:
             pool = held.enter_context(open_process_pool(workers, "measured pictures"))
-            answers = map_in_order(pool, _call, jobs)
+            answers = map_in_order(pool, call, jobs)
         others = [next(answers) for _ in meanwhile]
-        measured = _report(answers, len(pictures), progress)
+        measured: list[CurvatureMeasurement] = []
+        for one in answers:
+            measured.append(one)
+            if progress is not None:
+                progress(len(measured), len(pictures))
     # The pictures of a trial are a film, in which those before and after one judge it.
     films = groupby(zip(pictures, measured, strict=True), lambda pair: pair[0].line.trial)
     return [one for _, film in films for one in refuse_cut_short([one for _, one in film])], others
-
-
-def _call(job: Callable[[], Any]) -> Any:
-    return job()
-
-
-def _report(
-    measured: Iterable[CurvatureMeasurement], of: int, progress: Progress | None
-) -> list[CurvatureMeasurement]:
-    """Return what comes, and tell of each."""
-    done = []
-    for measurement in measured:
-        done.append(measurement)
-        if progress is not None:
-            progress(len(done), of)
-    return done
 
 
 def measure_picture(

@@ -157,8 +157,7 @@ def _check_points(points: ArrayLike) -> _FloatArray:
             f"{len(array)} points do not determine a circle", "at least 3 are needed"
         )
     if not np.isfinite(array).all():
-        bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise MeasurementRefusedError(f"point {bad} for the circle is {array[bad].tolist()}, not finite")
+        raise MeasurementRefusedError("a point for the circle is not finite")
     return array
 
 

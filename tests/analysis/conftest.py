@@ -1,7 +1,6 @@
 """A synthetic sweep, recorded and measured once for all tests that only read it."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 
@@ -46,9 +45,3 @@ def measure(run: Run, *overrides: str, workers: int = 1) -> MeasuredRun:
 def measured(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
     """Two insertions in each of two gels; the last picture shows no needle."""
     return measure(record_sweep(tmp_path_factory.mktemp("sweep"), SWEEP))
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A folder for runs of the test's own."""
-    return tmp_path

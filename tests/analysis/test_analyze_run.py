@@ -65,9 +65,9 @@ def test_every_picture_of_the_needle_is_measured_and_no_other(measured: Measured
     assert content.damage == ()
 
 
-def test_a_result_that_cannot_be_written_leaves_no_folder(folder: Path) -> None:
+def test_a_result_that_cannot_be_written_leaves_no_folder(tmp_path: Path) -> None:
     """On a full disk the analysis fails, its folder is removed, and the next result takes its number."""
-    run = record_sweep(folder, SyntheticSweep(without_needle=frozenset({3})))
+    run = record_sweep(tmp_path, SyntheticSweep(without_needle=frozenset({3})))
     for longest_bytes in (0, 5_000):
         with full_disk(longest_bytes), pytest.raises(DiskError, match=r"analysis/001/.*File too large"):
             measure(run)
@@ -83,9 +83,9 @@ def test_the_comparison_with_the_truth_is_kept_apart(measured: MeasuredRun) -> N
     assert errors_mm == pytest.approx([0.0] * len(errors_mm), abs=0.05)
 
 
-def test_damage_is_named_and_the_batch_goes_on(folder: Path) -> None:
+def test_damage_is_named_and_the_batch_goes_on(tmp_path: Path) -> None:
     """No picture, one that is missing, one that was exchanged, one with a flipped bit; and states cut at their end."""
-    run = record_sweep(folder)
+    run = record_sweep(tmp_path)
     files = [run.path / name for name in run.frame_table.loc[run.frame_table["role"] == "final", "file"]]
     flipped = run.path / run.frame_table.loc[run.frame_table["role"] == "advance", "file"].iloc[-1]
     files[0].write_bytes(b"no picture")
@@ -110,9 +110,9 @@ def test_damage_is_named_and_the_batch_goes_on(folder: Path) -> None:
     assert found.mean_radius_mm is not None
 
 
-def test_a_torn_last_line_of_a_killed_run_is_no_damage(folder: Path) -> None:
+def test_a_torn_last_line_of_a_killed_run_is_no_damage(tmp_path: Path) -> None:
     """The torn last line of a killed process does not count as damage."""
-    run = record_sweep(folder, SyntheticSweep(exit_status=None))
+    run = record_sweep(tmp_path, SyntheticSweep(exit_status=None))
     with (run.path / "states.jsonl").open("ab") as file:
         file.write(b'{"t_s":')
     again = open_run(run.path)
@@ -171,9 +171,9 @@ def test_progress_is_told_after_each_picture(measured: MeasuredRun) -> None:
     assert updates == [(number, 12) for number in range(1, 13)]
 
 
-def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: Path) -> None:
+def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path: Path) -> None:
     """Reanalysis numbers its result on, names its parent, and rewrites no raw byte; a copy beside them is no result."""
-    run = record_sweep(folder)
+    run = record_sweep(tmp_path)
     before = _raw_bytes(run.path)
     assert load_run_result(run) is None
     with pytest.raises(InputError, match="no result 004"):
@@ -196,9 +196,9 @@ def test_results_are_read_back_as_they_were_written(measured: MeasuredRun) -> No
     assert newest.path.name == max(path.name for path in (measured.run.path / "analysis").iterdir())
 
 
-def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
+def test_a_damaged_result_is_refused_with_its_path(tmp_path: Path) -> None:
     """A result that was changed is not read, nor half of one that was cut or comes from a newer labrig."""
-    run = record_sweep(folder)
+    run = record_sweep(tmp_path)
     result = measure(run).result
     file = result.path / "result.json"
     content = file.read_bytes()
@@ -244,9 +244,9 @@ def test_of_an_insertion_only_what_its_measurement_reads_can_be_overridden() -> 
             measure(run, override)
 
 
-def test_an_analysis_that_cannot_begin_leaves_nothing(folder: Path) -> None:
+def test_an_analysis_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
     """Without a plane map there is no scale, and no empty result is left behind."""
-    run = record_sweep(folder, SyntheticSweep(plane=False))
+    run = record_sweep(tmp_path, SyntheticSweep(plane=False))
     with pytest.raises(InputError, match=r"plane\.json"):
         measure(run)
     assert not (run.path / "analysis").exists()
@@ -284,10 +284,10 @@ def test_tables_name_units_and_hold_every_picture(measured: MeasuredRun) -> None
     assert all(name.endswith(("_mm", "_px")) for name in lengths)
 
 
-def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(folder: Path) -> None:
+def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(tmp_path: Path) -> None:
     """Cells that would begin a formula are marked as text."""
     sweep = SyntheticSweep(radii_mm={"=cmd()": (28.0,)}, gelatin_percent=(10.0,))
-    result = measure(record_sweep(folder, sweep)).result
+    result = measure(record_sweep(tmp_path, sweep)).result
     assert "'=cmd()" in (result.path / "specimens.csv").read_text()
 
 
@@ -319,17 +319,17 @@ def test_the_result_names_what_it_rests_on(measured: MeasuredRun) -> None:
     "sweep",
     [abort_sweep(SyntheticSweep()), SyntheticSweep(exit_status=None, without_final=frozenset({2, 3}))],
 )
-def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(folder: Path, sweep: SyntheticSweep) -> None:
+def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(tmp_path: Path, sweep: SyntheticSweep) -> None:
     """Aborted and killed runs give the insertions that they have, and say which left no final picture."""
-    run = record_sweep(folder, sweep)
+    run = record_sweep(tmp_path, sweep)
     content = measure(run).content
     assert sum(specimen.n for specimen in content.specimens) == 4 - len(sweep.without_final)
     assert sum(specimen.without_final_picture for specimen in content.specimens) == len(sweep.without_final)
 
 
-def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> None:
+def test_imported_pictures_have_measurements_and_no_specimens(tmp_path: Path) -> None:
     """Loose pictures are measured with the scale that was stated, and named by their own files."""
-    run = record_import(folder, (28.0, None))
+    run = record_import(tmp_path, (28.0, None))
     content = measure(run).content
     assert (content.specimens, content.mean_radius_mm) == ((), None)
     assert [(measurement.image, measurement.accepted) for measurement in content.measurements] == [
@@ -338,10 +338,10 @@ def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> N
     ]
 
 
-def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
+def test_a_run_without_pictures_has_an_empty_result(tmp_path: Path) -> None:
     """A run that stopped before its first picture has an empty result."""
     sweep = SyntheticSweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
-    run = record_sweep(folder, sweep)
+    run = record_sweep(tmp_path, sweep)
     result = measure(open_run(run.path), workers=2).result
     assert isinstance(result.content, CurvatureResult)
     assert result.content.measurements == ()

@@ -1,12 +1,18 @@
 """A simulated bench in the states that the tests start from."""
 
+import json
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from labrig.simulation.description import WorldDescription
+from labrig.simulation.gel import Ball
 from labrig.simulation.world import World
 
 QUIET = WorldDescription(noise_sd=0.0, bubbles_per_specimen=0)
+STILL_SHEATH = {"lateral_play_sd_mm": 0, "angle_play_sd_deg": 0}
+SMALL_LENS = {"width_px": 64, "height_px": 64, "cx_px": 32, "cy_px": 32, "origin_px": [32, 32]}
 
 
 def bench(
@@ -18,6 +24,24 @@ def bench(
     world.place_specimen("A", 13.0)
     world.shift_to_hole("A", hole, position_mm)
     return world
+
+
+def before_gel(seed: int = 1, balls: Sequence[Ball] | None = None, **changes: object) -> World:
+    """Return a quiet world with a needle before a gel, or before a phantom with these obstacles; the sheath is in."""
+    values = {"noise_sd": 0, "bubbles_per_specimen": 0, **changes}
+    world = World(WorldDescription.model_validate_json(json.dumps(values)), seed)
+    world.mount_needle("N1")
+    if balls is None:
+        world.place_specimen("block", 13.0)
+    else:
+        world.place_phantom("block", 13.0, balls)
+    world.advance(0.0, 0.0, 15.0)
+    return world
+
+
+def one_radius(radius_mm: float) -> list[dict[str, float]]:
+    """Return the gels of a world in which every needle has this radius."""
+    return [{"gelatin_percent": 13, "radius_mean_mm": radius_mm, "radius_sd_mm": 0}]
 
 
 def insert(world: World, depth_mm: float, *, roll_rad: float = 0.0, step_mm: float = 0.5) -> None:

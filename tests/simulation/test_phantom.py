@@ -1,116 +1,143 @@
-"""What disturbs a path, and blocks with obstacles cast in."""
+"""What a phantom adds to plain gel: obstacles, disturbances, layers, and a target that moves."""
 
 import itertools
-import json
 import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from labrig.simulation.description import DisturbancesDescription, WorldDescription
-from labrig.simulation.gel import Ball
-from labrig.simulation.track import EVEN, NODE_MM, Bending, Track, Unevenness, draw_unevenness
+from labrig.devices.rig_file import load_rig
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.protocol.load import load_protocol
+from labrig.simulation.gel import Ball, interpolate_radius_mm
 from labrig.simulation.world import World
+from tests.simulation.benches import SMALL_LENS, STILL_SHEATH, before_gel, centre_line_mm, one_radius
 
-BENDING = Bending(28.0, 3.0, 1.5)
-SEEDS = range(200)
-
-
-def disturbances(**changes: object) -> DisturbancesDescription:
-    """Return disturbances of one kind only."""
-    none = {"heading_deg_per_root_mm": 0.0, "curvature_fraction": 0.0}
-    return DisturbancesDescription.model_validate({**none, **changes})
+ROOT = Path(__file__).parents[2]
+BALLS = (Ball((0.0, 10.0, 34.0), 6.0), Ball((0.0, -12.0, 68.0), 6.0))
+TARGET_MM = (0.0, 4.0, 100.0)
+RADIUS_MM = 100.0
 
 
-def draw_path(description: DisturbancesDescription, seed: int) -> Unevenness:
-    """Return what is drawn for a path."""
-    return draw_unevenness(description, np.random.default_rng(seed))
-
-
-def phantom(seed: int = 3, *balls: Ball, **changes: object) -> World:
-    """Return a world with a needle before a phantom, and the sheath introduced."""
-    values = {"noise_sd": 0.0, "bubbles_per_specimen": 0, "disturbances": changes}
-    world = World(WorldDescription.model_validate_json(json.dumps(values)), seed)
-    world.mount_needle("N1")
-    world.place_phantom("block", 13.0, balls)
-    world.advance(0.0, 0.0, 15.0)
+def phantom(seed: int = 3, disturbances: dict[str, float] | None = None, **changes: object) -> World:
+    """Return a world with a phantom, of which only the named changes disturb the path."""
+    values: dict[str, object] = {
+        "gels": one_radius(RADIUS_MM),
+        "needle": {"hinge_closing_mm": 0.01, "backlash_mm": 0.01},
+        "sheath": STILL_SHEATH,
+        "lens": SMALL_LENS,
+        "disturbances": {"heading_deg_per_root_mm": 0, "curvature_fraction": 0, **(disturbances or {})},
+    }
+    world = before_gel(seed, BALLS, **values | changes)
+    world.aim_at(TARGET_MM)
     return world
 
 
-def test_the_heading_wanders_with_the_root_of_the_length() -> None:
-    """Over 200 paths the heading's spread is 0.3 degrees after 1 mm and 3 degrees after 100 mm."""
-    turns = np.array([draw_path(disturbances(heading_deg_per_root_mm=0.3), seed).turn_rad for seed in SEEDS])
-    for length_mm, expected_deg in ((1.0, 0.3), (100.0, 3.0)):
-        spread = np.degrees(turns[:, : round(length_mm / NODE_MM)].sum(axis=1)).std()
-        assert spread == pytest.approx(expected_deg, rel=0.2)
+def find_lean_deg(seed: int) -> float:
+    """Return the angle out of the plane at which a sheath with a play of a degree leads the needle."""
+    world = phantom(seed, sheath=STILL_SHEATH | {"lean_play_sd_deg": 1.0})
+    world.advance(20.0, 0.0, 15.0)
+    return math.degrees(math.asin(world.tip_mm()[0] / 20.0))
 
 
-def test_the_curvature_wanders_about_its_mean_and_forgets() -> None:
-    """Its share has the given spread, and a correlation of 1/e after the given length."""
-    description = disturbances(curvature_fraction=0.05, curvature_length_mm=10.0)
-    off = np.array([draw_path(description, seed).curvature_share for seed in SEEDS]) - 1.0
-    assert off.std() == pytest.approx(0.05, rel=0.1)
-    later = off[:, round(10.0 / NODE_MM) :]
-    correlation = np.mean(off[:, : later.shape[1]] * later) / off.var()
-    assert correlation == pytest.approx(math.exp(-1.0), abs=0.05)
+def find_slip(seed: int) -> float:
+    """Return by which share of the insertion, the same all the way, the tip lags behind."""
+    world, shares = phantom(seed, {"slip_sd_fraction": 0.02}), []
+    for depth_mm in (30.0, 60.0):
+        world.advance(depth_mm, 0.0, 15.0)
+        shares.append(1 - float(str(world.truth()["arc_length_mm"])) / depth_mm)
+    assert shares[0] == pytest.approx(shares[1])
+    assert shares[0] >= 0
+    return shares[0]
 
 
-def test_a_needle_does_not_steer_in_a_cavity() -> None:
-    """Once the hinges have given way the path is straight, and behind the cavity it bends again."""
-    share = np.ones_like(EVEN.curvature_share)
-    share[round(10.0 / NODE_MM) : round(18.0 / NODE_MM)] = 0.0
-    track = Track((0.0, 0.0), 0.0, BENDING, EVEN._replace(curvature_share=share.tolist()))
-    track.extend(30.0, 0.0)
-    headings = [track.node_at(arc).heading_rad for arc in (11.0, 18.0, 20.0, 25.0)]
-    assert headings[0] == pytest.approx(headings[1], abs=1e-12)
-    assert headings[2] - headings[3] == pytest.approx(5.0 / 28.0)
+def find_shift_mm(seed: int) -> float:
+    """Return what shifted obstacles add to the clearance."""
+    clearances = []
+    for shift_mm in (1.0, 0.0):
+        world = phantom(seed, obstacle_shift_sd_mm=shift_mm)
+        world.advance(60.0, 0.0, 15.0)
+        clearances.append(float(str(world.truth()["true_min_clearance_mm"])))
+    return clearances[0] - clearances[1]
 
 
-def test_a_bevel_on_its_way_round_leads_out_of_the_plane() -> None:
-    """A millimetre at a quarter turn leans the path by 1/r towards +x, as equation 5 says."""
-    track = Track((0.0, 0.0), 0.0, BENDING)
-    track.extend(20.0, math.pi / 2)
-    end = track.node_at(20.0)
-    assert end.lean_rad == pytest.approx((20.0 - 1.5) / 28.0, abs=1e-9)
-    assert end.x_mm > 0
-    assert end.heading_rad == pytest.approx(0.0, abs=1e-12)
+@pytest.mark.parametrize(
+    ("draw", "sd"),
+    [
+        (lambda seed: phantom(seed, sheath=STILL_SHEATH | {"x_play_sd_mm": 0.5}).tip_mm()[0], 0.5),
+        (find_lean_deg, 1.0),
+        (find_slip, 0.02),
+        (find_shift_mm, 1.0),
+    ],
+    ids=["place of the sheath", "lean of the sheath", "slip", "shift of the obstacles"],
+)
+def test_each_phantom_draws_with_the_described_spread(draw: Callable[[int], float], sd: float) -> None:
+    """Over thirty phantoms."""
+    assert np.sqrt(np.mean(np.square([draw(seed) for seed in range(30)]))) == pytest.approx(sd, rel=0.4)
+
+
+def test_layers_bend_the_needle_at_their_own_radius() -> None:
+    """Between two layers the path turns by length over the radius of each; plain gel beside has no layers."""
+    world = phantom(layers=[{"until_mm": 15, "radius_scale": 0.8}, {"until_mm": 25, "radius_scale": 1.2}])
+    world.advance(40.0, 0.0, 15.0)
+    line = centre_line_mm(world, 2001)
+    headings = np.arctan2(*np.diff(line, axis=0).T)
+    curvatures = -np.gradient(headings) / 0.02
+    for z_mm, scale in ((8.0, 0.8), (20.0, 1.2), (27.0, 1.0)):
+        index = int(np.argmin(np.abs(line[:, 1] - z_mm)))
+        assert 1 / curvatures[index] == pytest.approx(scale * RADIUS_MM, rel=0.01)
+
+
+def test_the_target_moves_with_the_tip_and_does_not_move_back() -> None:
+    """Half-way it has moved by half, at the end by all of it, and a withdrawn needle leaves it there."""
+    world = phantom(target_moves_mm=3.0)
+    moved = []
+    for depth_mm in (0.0, 50.0, 110.0, 0.0):
+        for step in range(20):
+            world.advance(depth_mm, math.pi * (step % 2), 15.0)
+        target = world.locate_target_mm()
+        assert target is not None
+        assert target[0] == 0.0
+        moved.append(math.dist(target, TARGET_MM))
+    assert moved == pytest.approx([0.0, 3.0 * 50.0 / math.hypot(*TARGET_MM), 3.0, 3.0])
+    truth: Any = world.truth()
+    tip_mm = (truth["tip_x_mm"], *truth["tip_mm"])
+    assert truth["target_mm"] == pytest.approx(target)
+    assert truth["true_target_error_mm"] == pytest.approx(math.dist(tip_mm, truth["target_mm"]))
 
 
 def test_plain_gel_is_even_and_a_phantom_is_not() -> None:
     """The sweep's radii stay what they are; only phantoms are disturbed unless the description says otherwise."""
     tips = []
-    for place, everywhere in itertools.product(("gel", "phantom"), (False, True)):
-        description = WorldDescription(disturbances=DisturbancesDescription(in_every_gel=everywhere))
-        world = World(description, 5)
-        world.mount_needle("N1")
-        if place == "gel":
-            world.place_specimen("A", 13.0)
-        else:
-            world.place_phantom("A", 13.0, ())
-        world.advance(0.0, 0.0, 15.0)
+    for balls, everywhere in itertools.product((None, ()), (False, True)):
+        world = before_gel(5, balls, disturbances={"in_every_gel": everywhere}, lens=SMALL_LENS)
         world.advance(40.0, 0.0, 15.0)
-        tips.append(world.truth()["tip_mm"])
+        tips.append(world.tip_mm())
     assert tips[0] != tips[1] == tips[2] == tips[3]
 
 
-def test_truth_of_a_phantom_tells_error_and_clearance() -> None:
-    """Error from tip to target in space; clearance from surface to surface over the whole path."""
-    ball = Ball((0.0, 6.0, 20.0), 4.0)
-    world = phantom(3, ball)
-    world.aim_at((0.0, -5.0, 20.0))
-    for depth_mm in range(1, 21):
+def test_truth_of_a_phantom_tells_the_clearance_over_the_whole_path() -> None:
+    """From surface to surface."""
+    world = phantom()
+    for depth_mm in range(1, 61):
         world.advance(float(depth_mm), 0.0, 15.0)
-    truth = world.truth()
+    truth: Any = world.truth()
     path = np.array(truth["path_mm"])
-    apart = np.linalg.norm(path - ball.centre_mm, axis=1).min() - 4.0 - 0.6
-    assert truth["true_min_clearance_mm"] == pytest.approx(apart, abs=0.01)
-    assert truth["true_target_error_mm"] == pytest.approx(math.dist(path[-1], (0.0, -5.0, 20.0)), abs=1e-3)
+    apart = [np.linalg.norm(path - ball.centre_mm, axis=1).min() - ball.radius_mm - 0.6 for ball in BALLS]
+    assert truth["true_min_clearance_mm"] == pytest.approx(min(apart), abs=0.01)
 
 
-def test_an_obstacle_is_seen_where_it_is_and_the_gel_shines_through() -> None:
-    """Its disc is darker than the gel about it, by less than half."""
-    plain, cast = phantom(3).picture(), phantom(3, Ball((0.0, 0.0, 40.0), 5.0)).picture()
-    changed = np.argwhere(np.abs(plain.astype(int) - cast) > 10)
-    middle = changed.mean(axis=0)
-    ratio = cast[tuple(middle.astype(int))] / plain[tuple(middle.astype(int))]
-    assert 0.5 < ratio < 0.9
+@pytest.mark.parametrize("name", ["reference", "hard"])
+def test_the_worlds_of_the_rig_files_are_not_what_the_protocol_assumes(name: str) -> None:
+    """Neither radius, backlash nor closing length of the needle is the policy's own."""
+    world = load_rig(ROOT / "calibration" / f"rig-{name}.yaml").world
+    protocol: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS)
+    assert world is not None
+    mean_mm, sd_mm = interpolate_radius_mm(world.gels, protocol.specimen.gelatin_percent)
+    assert sd_mm > 0
+    assert mean_mm != pytest.approx(protocol.planner.radius_mm, abs=0.1)
+    assert world.needle.backlash_mm != pytest.approx(protocol.policy.backlash_mm, rel=0.1)
+    assert world.needle.hinge_closing_mm != pytest.approx(protocol.policy.closing_mm, rel=0.1)

@@ -231,7 +231,9 @@ def _analyze_trial(events: _Events, retraced: _Retraced, source: _Source) -> Ins
         **truth.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
         true_path_mm=_thin_path(truth.path_in_plane_mm),
         missed_sightings=sum(not step.believed for step in steps),
-        mean_nis=_average(_known(step.nis for step in steps if step.believed)),
+        mean_nis=float(np.mean(nis))
+        if (nis := _known(step.nis for step in steps if step.believed))
+        else None,
         steps=tuple(steps),
         as_recorded=_agree(steps, events),
         marker_ids=start.marker_ids,
@@ -437,10 +439,6 @@ def _combine_reached(reached: Sequence[bool | None]) -> bool | None:
     if not reached or False in reached:
         return False
     return None if None in reached else True
-
-
-def _average(values: Sequence[float]) -> float | None:
-    return sum(values) / len(values) if values else None
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

@@ -18,7 +18,7 @@ from labrig.record.events import Event, parse_events
 from labrig.record.following import RecordLines
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
-from labrig.report.rerun_view import CAMERA, EVENTS, set_time
+from labrig.report.rerun_view import CAMERA, set_time
 from labrig.report.view import View
 
 _CURVES = (("/error", "Error (mm)"), ("/nis", "NIS of the sightings (2 expected)"))
@@ -31,9 +31,9 @@ _PLACES = tuple(rr.new_entity_path(name.split("/")) for name in _ADDED)
 _NIS_95 = 5.99
 
 
-def make_view(run: Run, result: AnalysisResult[InsertionResult]) -> View:
-    """Return the curves of the estimate and the drawings in the pictures, and how each insertion ended."""
-    return View(_CURVES, partial(_send, run, result.content), words=_WORDS, added=_PLACES)
+def make_view(run: Run, _result: AnalysisResult[InsertionResult]) -> View:
+    """Return the curves of the estimate and the drawings in the pictures."""
+    return View(_CURVES, partial(_send, run), words=_WORDS, added=_PLACES)
 
 
 def follow(run: Run) -> View:
@@ -42,17 +42,10 @@ def follow(run: Run) -> View:
     return View(_CURVES, follow=partial(_follow, run, scene), words=_WORDS, added=_PLACES)
 
 
-def _send(run: Run, content: InsertionResult, stream: rr.RecordingStream, _timeline: str) -> None:
+def _send(run: Run, stream: rr.RecordingStream, _timeline: str) -> None:
     scene = Scene(load_plane_map(run))
     for event in run.read_events(*KINDS):
         _draw(stream, scene, event)
-    for trial in content.insertions:
-        if trial.final_frame is not None:
-            set_time(stream, run.frame_lines[trial.final_frame].t_s)
-            error_mm = trial.target_error_mm
-            error = "not measured" if error_mm is None else f"{error_mm:.2f} mm from the target"
-            told = f"insertion {trial.trial + 1}: {trial.outcome}, {error}"
-            stream.log(EVENTS, rr.TextLog(told, level="INFO"))
 
 
 def _follow(run: Run, scene: Scene, stream: rr.RecordingStream, _timeline: str, lines: RecordLines) -> None:
@@ -105,6 +98,8 @@ def _find_deviation(point_mm: Point, plan_mm: FloatArray) -> float | None:
 
 
 _WORDS = {
+    "trial_stop": "insertion {{ trial + 1 }}: {{ outcome | default('stopped') }}{% if error_mm %}, "
+    "{{ '%.2f' % error_mm }} mm from the target{% endif %}",
     "flip": "bevel turns by {{ '%+.0f' % (to_rad - from_rad) | degrees }}° at {{ '%.1f' % depth_mm }} mm",
     "plan": "{% if found %}path planned at {{ '%.1f' % depth_mm }} mm ({{ because }}): {{ arcs | count }} "
     "{{ 'arc' if arcs | count == 1 else 'arcs' }}, {{ '%.0f' % length_mm }} mm{% else %}no path from "

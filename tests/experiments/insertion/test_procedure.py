@@ -184,13 +184,19 @@ def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived:
     assert all(noted[int(frame)] == depth for frame, depth in zip(frames["frame"], depths, strict=True))
 
 
-def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tuple[Outcome, Run]) -> None:
-    """Each flip is half a turn, without overshoot as long as no torsion was measured, within the axis' limits."""
+def test_turns_are_half_turns_about_the_certified_zero_and_plans_say_why(
+    arrived: tuple[Outcome, Run],
+) -> None:
+    """No turn overshoots unless torsion was measured; plans are for start, sheath, schedule, deviation or nearness."""
     _, run = arrived
     for flip in events(run, "flip"):
         assert abs(flip["to_rad"] - flip["from_rad"]) == pytest.approx(math.pi)
         assert "overshoot_rad" not in flip
         assert abs(flip["to_rad"]) < 13.0
+    plans = events(run, "plan")
+    assert [plan["because"] for plan in plans[:2]] == ["start", "origin"]
+    assert {plan["because"] for plan in plans[2:]} <= {"schedule", "deviation", "near"}
+    assert all(plan["found"] or plan["refusal"] for plan in plans)
 
 
 def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
@@ -222,15 +228,6 @@ def test_a_bevel_turned_back_and_forth_stays_within_a_turn(tmp_path: Path) -> No
     flips = events(run, "flip")
     assert flips
     assert all(abs(flip["to_rad"]) < 2 * math.pi for flip in flips)
-
-
-def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
-    """The first plan is for the start, the next for the sheath, later ones for schedule, deviation or nearness."""
-    _, run = arrived
-    plans = events(run, "plan")
-    assert [plan["because"] for plan in plans[:2]] == ["start", "origin"]
-    assert {plan["because"] for plan in plans[2:]} <= {"schedule", "deviation", "near"}
-    assert all(plan["found"] or plan["refusal"] for plan in plans)
 
 
 def test_axes_go_back_first_the_plan_is_shown_and_a_turn_waits_for_the_lag_of_the_bevel(

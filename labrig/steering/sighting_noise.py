@@ -76,11 +76,6 @@ class SeenInsertion:
         """The number of pictures in which the tip was found."""
         return sum(isinstance(part, TipSighting) and part.position_mm is not None for part in self.way)
 
-    @property
-    def turns(self) -> int:
-        """The number of turns."""
-        return sum(isinstance(part, float) for part in self.way)
-
     def leave_out_swings(self) -> Self:
         """Return it without the sightings in which the bend swings over inside the template."""
         way, at_mm, swung_mm = list[TipSighting | float](), 0.0, 0.0
@@ -158,7 +153,7 @@ def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringS
 
 def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> Measured | None:
     """Return the most likely backlash under these settings; None for fewer than two turns or the paper's filter."""
-    turns = sum(insertion.turns for insertion in insertions)
+    turns = sum(isinstance(part, float) for insertion in insertions for part in insertion.way)
     if turns < _LEAST_TURNS or settings.estimator.method == "paper":
         return None
 
@@ -182,17 +177,14 @@ def _find_minimum(
 
 def _find_cost(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> float:
     """Return minus the log-likelihood of all sightings."""
-    return -math.fsum(_find_log_likelihood(insertion, settings) for insertion in insertions)
-
-
-def _find_log_likelihood(insertion: SeenInsertion, settings: SteeringSettings) -> float:
-    belief = start_belief(insertion.start.tip.pose, settings.estimator)
-    state = replace(insertion.start, belief=belief)
-    total = 0.0
-    for part in insertion.way:
-        if isinstance(part, TipSighting):
-            state = take_in_sighting(state, part, settings)
-            total += 0.0 if part.position_mm is None else state.belief.log_evidence
-        else:
-            state = turn_bevel(state, part, settings)
-    return total
+    cost = 0.0
+    for insertion in insertions:
+        belief = start_belief(insertion.start.tip.pose, settings.estimator)
+        state = replace(insertion.start, belief=belief)
+        for part in insertion.way:
+            if isinstance(part, float):
+                state = turn_bevel(state, part, settings)
+            else:
+                state = take_in_sighting(state, part, settings)
+                cost -= 0.0 if part.position_mm is None else state.belief.log_evidence
+    return cost

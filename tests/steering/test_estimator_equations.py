@@ -5,9 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 from labrig.needle.kinematics import arc_pose, cross_matrix
-from labrig.steering.motion import rotation_from_vector, step_position_mm, step_position_slope
+from labrig.steering.motion import (
+    rotation_from_vector,
+    step_position_mm,
+    step_position_slope,
+    vector_from_rotation,
+)
 from labrig.steering.paper_filter import body_rates, euler_angles, position_jacobian, rotation_from_euler
 
 ANGLES = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(np.array)
@@ -74,3 +80,15 @@ def test_body_rates_turn_the_tip(angles: np.ndarray) -> None:
             rotation_from_euler(angles + STEP * axis) - rotation_from_euler(angles - STEP * axis)
         )
         np.testing.assert_allclose(change / (2.0 * STEP), cross_matrix(rate), atol=1e-7)
+
+
+@pytest.mark.processors
+def test_a_rotation_vector_is_scipys() -> None:
+    """Small and large turns, in the plane and in space, about any axis; the last digits are those of the C library."""
+    random = np.random.default_rng(0)
+    for size_rad in np.geomspace(1e-9, 3.1, 200):
+        axis = random.standard_normal(3)
+        for vector in (size_rad * axis / np.linalg.norm(axis), np.array((size_rad, 0.0, 0.0))):
+            rotation = rotation_from_vector(vector)
+            expected = Rotation.from_matrix(rotation).as_rotvec()
+            np.testing.assert_allclose(vector_from_rotation(rotation), expected, rtol=1e-14, atol=1e-22)

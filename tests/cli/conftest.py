@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from labrig.cli.main import run_command
+from tests.small_camera import CALIBRATED_SMALL_CAMERA, set_options
 
 ROOT = Path(__file__).parents[2]
 SWEEP = ROOT / "protocols" / "steerability.yaml"
@@ -68,6 +69,9 @@ SHORT_SWEEP = (
     *("--set", "insertions_per_specimen=2"),
     *("--set", "specimens=[{name: gel-10, gelatin_percent: 10}, {name: gel-19, gelatin_percent: 19}]"),
 )
+SMALL_RIG = ("--rig", str(RIG), *set_options(*CALIBRATED_SMALL_CAMERA))
+"""A simulated rig whose pictures take a tenth of the time."""
+SMALL_SWEEP = (*SMALL_RIG, *SHORT_SWEEP, "--set", "insertion.length_mm=22")
 
 
 @dataclass(frozen=True)
@@ -82,5 +86,5 @@ class SweepRun:
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> SweepRun:
     """Two insertions in each of two gels, run through the real command."""
     runs_dir = tmp_path_factory.mktemp("runs with spaces, é")
-    document = printed_json("run", SWEEP, "--rig", RIG, "--runs-dir", runs_dir, "--json", *SHORT_SWEEP)
+    document = printed_json("run", SWEEP, "--runs-dir", runs_dir, "--json", *SMALL_SWEEP)
     return SweepRun(Path(document["run"]), document)

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -104,15 +103,6 @@ def test_the_rig_s_last_map_tells_the_scale(calibrate: Calibrate, rig: Path, tmp
     assert (done.exit_code, document["accepted"], document["mm_per_px"]) == (1, False, None)
     assert "px apart" in document["reasons"][0]
     assert calibrate("--rig", rig, "--px-per-mm", 12).exit_code == 0
-
-
-def test_with_nothing_known_it_is_asked_for(calibrate: Calibrate) -> None:
-    """Without a terminal that is wrong input, which names the options."""
-    done = calibrate("--json")
-    assert done.exit_code == 2
-    error: Any = done.json()["error"]
-    assert "--px-per-mm" in error["hint"]
-    assert calibrate("--px-per-mm", 12, "--distance-mm", 70).exit_code == 2
 
 
 def test_two_marks_and_the_millimetres_between_them_tell_the_scale(folder: Path) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from tests.campaign.campaigns import PROTOCOLS, write_campaign
-from tests.cli.conftest import RIG, ROOT, Labrig
+from tests.cli.conftest import RIG, Labrig
 
 ARMS = {"vary": {"policy.replan_every_mm": [10, 40]}}
 FAST = {
@@ -104,23 +104,6 @@ def test_ctrl_c_ends_a_campaign_with_a_page_of_what_is_done(tmp_path: Path) -> N
     assert f"report  {out / 'report.html'}" in rest
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--workers", 2, "--cluster", "tcp://127.0.0.1:1"), "exclude each other"),
-        (("--set", f"rig={ROOT}/calibration/rig-bench.yaml"), "simulated rigs only"),
-    ],
-)
-def test_what_cannot_be_computed_is_refused(
-    labrig: Labrig, made: Path, options: tuple[object, ...], message: str
-) -> None:
-    """Before a folder is made."""
-    done = labrig("campaign", made / "campaign-tried.yaml", *options, "--out", made / "none")
-    assert done.exit_code == 2
-    assert message in done.err
-    assert not (made / "none").exists()
-
-
 def test_a_cluster_needs_its_extra(labrig: Labrig, made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without it the command ends with the page that says how to install it."""
     monkeypatch.setitem(sys.modules, "distributed", None)
@@ -153,10 +136,3 @@ def test_every_example_gives_a_table_and_a_page(labrig: Labrig, tmp_path: Path, 
     assert (document["done"], document["failed"], document["ended"]) == (document["tasks"], 0, "complete")
     assert len(pd.read_parquet(tmp_path / "out" / "table.parquet")) == document["tasks"] > 0
     assert Path(document["report"]).is_file()
-
-
-def test_a_campaign_needs_a_name(labrig: Labrig) -> None:
-    """Of an unknown name the nearest campaign is named."""
-    assert "Missing argument 'FILE'" in labrig("campaign").err
-    assert "there is no campaign campaign-x" in labrig("campaign", "campaign-x").err
-    assert "did you mean campaign-reach?" in labrig("campaign", "reach").err

@@ -250,30 +250,6 @@ def test_stop_says_that_it_went_over_the_bus(labrig: Labrig, at_bench: BenchAt) 
     assert sum("stands still" in line for line in document["done"]) == 3
 
 
-@pytest.mark.parametrize(
-    ("arguments", "exit_code", "words"),
-    [
-        (("jog", "--axis", "insert"), 2, "labrig devices jog --help"),
-        (
-            ("home", "--axis", "insertion", "--method", -4),
-            3,
-            "labrig devices home --axis insertion --method 35",
-        ),
-        (("home", "--method", 5), 2, "use one of"),
-        (("jog", "--axis", "linear", "--distance", 100), 2, "labrig devices home --axis linear"),
-        (("jog", "--axis", "linear", "--speed", 50), 2, "slower"),
-        (("withdraw",), 2, "nothing to withdraw"),
-    ],
-)
-def test_every_refusal_says_what_to_type(
-    labrig: Labrig, arguments: tuple[object, ...], exit_code: int, words: str
-) -> None:
-    """A wrong name, a wrong order, no reference, nothing in tissue: an error and its hint."""
-    done = labrig("devices", *arguments, "--rig", ROOT / "calibration" / "rig-simulated.yaml")
-    assert done.exit_code == exit_code
-    assert words in done.err.split("hint: ")[1]
-
-
 def test_a_missing_bus_is_named_with_the_command_for_it(labrig: Labrig, tmp_path: Path) -> None:
     """The first error at a new bench is the missing can0."""
     text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")

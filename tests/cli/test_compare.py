@@ -83,24 +83,3 @@ def test_a_run_without_result_is_left_out_and_told(labrig: Labrig, runs_dir: Pat
     named = labrig("compare", "a", "c", "--runs-dir", runs_dir, "--out", tmp_path / "y", "--json")
     assert (found.exit_code, named.exit_code) == (0, 2)
     assert ["has no result" in run["reason"] for run in found.json()["left_out"]] == [True]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "name the runs to compare, or a condition"),
-        (("a", "--where", "seed=7"), "name the runs to compare, or a condition, not both"),
-        (("a", "bb"), "there is no run bb"),
-        (("--where", "seed=8"), "no run in"),
-        (("a", "--by", "run"), "nothing to compare: there is only one group: a"),
-        (("a", "b", "--quantity", "reason"), "reason is no number in"),
-    ],
-)
-def test_what_cannot_be_compared_is_wrong_input(
-    labrig: Labrig, runs_dir: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    """Nothing is written."""
-    done = labrig("compare", *arguments, "--runs-dir", runs_dir, "--out", tmp_path / "out", "--json")
-    assert done.exit_code == 2
-    assert message in done.json()["error"]["message"]
-    assert not (tmp_path / "out").exists()

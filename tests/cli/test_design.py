@@ -1,30 +1,28 @@
-"""`labrig design`: from a radius to a cut."""
+"""`labrig run protocols/design.yaml`: from a radius to a cut, without a rig, and what other runs take from it."""
 
+import json
+import shutil
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from labrig.cli.finished_run import print_summary
-from labrig.experiments.hinge_design.protocol import DesignProtocol, MeasuredNeedle
-from labrig.experiments.hinge_design.study import study_design
 from labrig.experiments.hinge_design.summary import summarise
-from labrig.needle.rotation_search import DEFAULT_SEED
-from labrig.protocol.design_file import PAPER_TUBE, Tube
-from tests.cli.conftest import Labrig
+from labrig.protocol.design_file import PAPER_TUBE, Tube, load_design
+from labrig.record.reader import open_run
+from tests.cli.conftest import ROOT, SMALL_RIG, Labrig
+from tests.protocol.designs import sweep_with
+
+KEPT = ROOT / "tests" / "records" / "design"
+"""The paper's needle with a measured radius, on a coarse grid; `test_kept_records` computes it again."""
 
 
 @pytest.fixture(scope="module")
 def designed() -> dict[str, Any]:
-    """Return the document of the paper's needle with a measured radius, on a coarse grid."""
-    design = DesignProtocol(
-        experiment="design",
-        radius_mm=30.0,
-        clearance_mm=0.025,
-        measured=MeasuredNeedle(radius_mm=27.6),
-        grid_points=3,
-        seed=DEFAULT_SEED,
-    )
-    return study_design(design).model_dump(mode="json")
+    """Return the result of the kept design."""
+    document: dict[str, Any] = json.loads((KEPT / "analysis" / "001" / "result.json").read_text())
+    return document
 
 
 def test_the_answer_is_that_of_table_1_and_of_our_search(
@@ -39,11 +37,8 @@ def test_the_answer_is_that_of_table_1_and_of_our_search(
     assert search["fit"]["a"] == pytest.approx(1.10, abs=0.01)
     assert set(search["fit"]) == {"a", "b", "c", "rmse_deg"}
     assert (len(designed["cells"]), search["inside_grid"]) == (9, True)
-    assert (measured["beta_cut_deg"], measured["beta_rot_deg"]) == (
-        4.13,
-        pytest.approx(343.77 / 27.6, abs=0.01),
-    )
-    assert measured["clearance_mm"] == pytest.approx(0.0283, abs=0.002)
+    assert measured["beta_rot_deg"] == pytest.approx(343.77 / 27.6, abs=0.01)
+    assert (measured["beta_cut_deg"], measured["clearance_mm"]) == (4.13, pytest.approx(0.0283, abs=0.002))
     assert measured["search_clearance_mm"] > 0
     assert designed["tolerance"]["low_mm"] < 28 < 32 < designed["tolerance"]["high_mm"]
     print_summary(summarise(designed))
@@ -52,20 +47,68 @@ def test_the_answer_is_that_of_table_1_and_of_our_search(
         assert part in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "exit_code", "words"),
-    [
-        (["--clearance-mm", "30"], 2, "give a value from 0.001"),
-        (["--clearance-mm", "0"], 2, "laser clearance is 0 mm"),
-        (["--clearance-mm", "nan"], 2, "--clearance-mm is nan"),
-        (["--radius-mm", "0.03"], 2, "0.03 m is 30 mm"),
-        (["--radius-mm", "7"], 2, "cuts the socket's lips through"),
-        (["--radius-mm", "200"], 1, "no inclination gives"),
-    ],
-)
-def test_bad_input_is_refused_before_the_search(
-    arguments: list[str], exit_code: int, words: str, labrig: Labrig
+def test_record_design_file_and_page_hold_the_answer(
+    designed: dict[str, Any], labrig: Labrig, tmp_path: Path
 ) -> None:
-    """An impossible design is refused with the limit and a remedy."""
-    done = labrig("design", *arguments)
-    assert (done.exit_code, words in done.err) == (exit_code, True)
+    """A closed run without rig or moves; radius and worst cases; both answers and the limits of our contour."""
+    run = open_run(shutil.copytree(KEPT, tmp_path / "design"))
+    assert (run.damage, (run.path / "rig.yaml").exists(), len(run.pictures), run.devices) == (
+        (),
+        False,
+        0,
+        {},
+    )
+    assert list(run.events["kind"]) == ["run_start", "run_stop"]
+    design = load_design(run.path / "analysis" / "001" / "design.json")
+    assert (design.radius_mm, design.tube.outer_diameter_mm, design.basis) == (30.0, 1.2, "equation (3)")
+    assert design.beta_cut_deg == designed["beta_cut_deg"]
+    low_mm, high_mm = (designed["tolerance"][f"{end}_mm"] for end in ("low", "high"))
+    assert (design.radius_low_mm, design.radius_high_mm) == (low_mm, high_mm)
+    assert labrig("report", run.path).exit_code == 0
+    page = (run.path / "report.html").read_text(encoding="utf-8")
+    for part in ("Rotation of two adjacent hinges", "4.12", "4.13", "3.33", "27.60 to 32.86", "grid.csv", "design.json",
+                 "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
+        assert part in page
+    assert "simulated rig" not in page
+
+
+def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer_if_it_applies(
+    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For 45 mm at 0.025 mm with the reason; of another tube the answer is a no: code 1, a page, no design file."""
+    monkeypatch.setenv("LABRIG_RIG", str(tmp_path / "no-such-rig.yaml"))
+    protocol = (ROOT / "protocols" / "design.yaml", "--set", "grid_points=3", "--set", "radius_mm=45")
+    tube = "tube={outer_diameter_mm: 1.1, inner_diameter_mm: 0.6, link_length_mm: 3}"
+    for name, more in (("paper", ()), ("other", ("--set", tube, "--set", "measured=null"))):
+        done = labrig("run", *protocol, *more, "--runs-dir", tmp_path, "--run-name", name, "--json")
+        document, applies = done.json(), name == "paper"
+        result, page = document["result"], Path(document["report"]).read_text(encoding="utf-8")
+        file = tmp_path / name / "analysis" / "001" / "design.json"
+        assert (done.exit_code, document["exit_status"], file.exists()) == (1 - applies, "success", applies)
+        assert (result["search"]["beta_cut_deg"], result["search"]["tolerance"]) == (None, None)
+        if applies:
+            assert result["beta_cut_deg"] == pytest.approx(0.62, abs=0.01)
+            assert load_design(file).radius_mm == 45.0
+            assert "on our contour no inclination gives 7.639 degrees" in result["search"]["reason"]
+            assert page.count("on our contour no inclination gives") >= 2
+        else:
+            assert (result["accepted"], "nothing to cut" in page) == (False, True)
+
+
+def test_a_sweep_takes_the_design_of_a_run(labrig: Labrig, tmp_path: Path) -> None:
+    """Its needle comes from design.json, and the world draws a radius within the tolerance."""
+    file = shutil.copytree(KEPT, tmp_path / "runs" / "design") / "analysis" / "001" / "design.json"
+    sweep = sweep_with(tmp_path / "protocols", "  design_file: ../runs/design/analysis/001/design.json\n")
+    settings = (
+        "insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]", "insertion.length_mm=22",
+        "rig.world.gels=[{gelatin_percent: 10, radius_mean_mm: 28.34, radius_sd_mm: 0}]",
+    )  # fmt: skip
+    words = [word for setting in settings for word in ("--set", setting)]
+    done = labrig("run", sweep, *SMALL_RIG, *words, "--runs-dir", tmp_path / "swept", "--json")
+    assert done.exit_code == 0
+    run, design = open_run(done.json()["run"]), load_design(file)
+    (drawn_mm,) = run.truth["radius_mm"]
+    assert design.radius_low_mm < drawn_mm * 30 / 28.34 < design.radius_high_mm
+    assert drawn_mm != 28.34
+    assert run.protocol["needle"]["design_radius_mm"] == 30.0
+    assert "within tolerance" in Path(done.json()["report"]).read_text(encoding="utf-8")

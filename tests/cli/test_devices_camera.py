@@ -83,12 +83,6 @@ def test_a_blurred_picture_is_no_good(labrig: Labrig, make_rig: MakeRig) -> None
     assert "change camera.focus in the rig file" in done.out
 
 
-def test_a_picture_is_saved_as_png_alone(labrig: Labrig) -> None:
-    """Another name is refused before the camera is opened."""
-    done = labrig("devices", "camera", "--rig", RIG, "--save", "frame.jpg")
-    assert (done.exit_code, "is no PNG file" in done.err) == (2, True)
-
-
 def test_the_page_shows_the_pictures_until_interrupted(make_rig: MakeRig) -> None:
     """A browser gets scores and picture by the address that was printed; Ctrl+C ends with 130."""
     rig = make_rig(_draw_paper(), pictures=1000)

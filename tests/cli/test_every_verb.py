@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import shlex
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,12 +17,16 @@ from tests.cli.example_runs import EXAMPLES, SHORTENED, make_example, of_protoco
 from tests.record.runs import flip_bit
 from tests.runner.sessions import EXAMPLES as PROTOCOL_NAMES
 
-FORMATS = {
-    "csv": "frames.csv",
-    "parquet": "frames.parquet",
-    "matlab": "run.mat",
-    "record": "manifest.json",
+VERBS = {
+    "report RUN": "RUN/report.html",
+    "view RUN --json": "RUN/view.rrd",
+    "export RUN --format csv --format parquet --format matlab --out OUT/tables": "OUT/tables/frames.parquet",
+    "export RUN --format record --out OUT/copy": "OUT/copy/manifest.json",
+    "runs check OUT/copy": "OUT/tables/run.mat",
+    "runs annotate RUN --tag kept --note 'look again' --verdict good --by Ada": "RUN/notes.json",
+    "runs show RUN": "OUT/tables/frames.csv",
 }
+"""What succeeds with any run, and a file that is there then."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def killed(made: Made, tmp_path: Path) -> Path:
     """Return the same run as a power cut in the middle of it leaves it."""
     lines = "frames.jsonl" if made.name == "import" else "events.jsonl"
     times_s = [float(t_s) for t_s in re.findall(r'"t_s":\s*([-+.e\d]+)', (made.run / lines).read_text())]
-    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs").mkdir(exist_ok=True)
     return cut_short(made.run, tmp_path / "runs" / "killed", (times_s[0] + times_s[-1]) / 2)
 
 
@@ -71,6 +76,14 @@ def is_sound(labrig: Labrig) -> Sound:
     return check
 
 
+def use_every_verb(run: Path, out: Path, labrig: Labrig) -> None:
+    """Have each verb use a run, and look for its file."""
+    for words, file in VERBS.items():
+        line = words.replace("RUN", shlex.quote(str(run))).replace("OUT", shlex.quote(str(out)))
+        assert labrig(*shlex.split(line)).exit_code == 0, words
+        assert Path(file.replace("RUN", str(run)).replace("OUT", str(out))).stat().st_size > 0, words
+
+
 def test_every_example_protocol_is_run_here() -> None:
     """A new protocol file must pass every command too."""
     assert sorted(SHORTENED) == PROTOCOL_NAMES
@@ -83,53 +96,57 @@ def test_check_finds_no_problem(name: str, labrig: Labrig) -> None:
     assert (done.exit_code, done.json()["ok"], done.json()["problems"]) == (0, True, [])
 
 
-def test_a_run_is_sound(made: Made, is_sound: Sound) -> None:
-    """A successful run is reported sound."""
-    assert made.document.get("exit_status", "success") == "success"
-    is_sound(made.run, "success")
-
-
 def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
     """To the last bit; imported pictures were made by no procedure, and the command says so."""
+    assert made.document.get("exit_status", "success") == "success"
     done = labrig("replay", made.run, "--json")
     if made.name == "import":
         assert (done.exit_code, done.json()["error"]["hint"]) == (2, "there is nothing to replay")
     else:
-        replay = done.json()
-        assert (done.exit_code, replay["verdict"]) == (0, "identical")
+        assert (done.exit_code, done.json()["verdict"]) == (0, "identical")
 
 
-# A design takes long to compute again; its numbers are those of the record kept in test_kept_records.
-@pytest.mark.parametrize("made", [name for name in EXAMPLES if name != "design"], indirect=True)
-def test_a_run_is_measured_again_with_the_same_numbers(made: Made, run: Path, labrig: Labrig) -> None:
-    """The new result equals the first one, and the record stays sound."""
-    for parent in range(2) if made.name == "import" else (1,):
-        done = labrig("reanalyze", run, "--json")
-        (row,) = done.json()
-        assert (done.exit_code, row["ok"], row["reason"]) == (0, True, None)
-        assert (row["parent"] or 0, row["first_difference"]) == (parent, None)
-    assert labrig("runs", "check", run).exit_code == 0
+def test_every_verb_takes_a_finished_run(
+    made: Made, run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
+) -> None:
+    """It stays sound, and its checksum is the one that was printed when it ended; what is said of it is found."""
+    use_every_verb(run, tmp_path / "out", labrig)
+    assert made.document["checksum"] == hashlib.sha256((run / "SHA256SUMS").read_bytes()).hexdigest()
+    (row,) = labrig("runs", "--runs-dir", run.parent, "--where", "tag=kept", "--json").json()
+    assert (Path(row["run"]), row["tags"], row["notes"], row["verdict"]) == (run, ["kept"], 1, "good")
+    is_sound(run, "success")
+    is_sound(tmp_path / "out" / "copy", "success")
 
 
-def test_a_run_is_shown(run: Path, labrig: Labrig) -> None:
-    """The page and the view are written."""
-    (run / "report.html").unlink(missing_ok=True)
-    (row,) = labrig("report", run, "--json").json()
-    assert (row["ok"], row["reason"], Path(row["report"])) == (True, None, run / "report.html")
-    done = labrig("view", run, "--json")
-    assert (done.exit_code, done.json()["ok"], done.json()["reason"]) == (0, True, None)
-    assert (run / "view.rrd").stat().st_size > 0
+def test_every_verb_takes_a_killed_run(made: Made, killed: Path, tmp_path: Path, labrig: Labrig) -> None:
+    """It can be checked, replayed, measured, shown, exported and annotated."""
+    if made.name != "design":  # takes long to compute
+        assert labrig("replay", killed).exit_code == (2 if made.name == "import" else 0)
+        measured = labrig("reanalyze", killed)
+        too_few = made.name == "roll-zero"
+        assert (measured.exit_code, "four of each are the least" in measured.err) == (2 * too_few, too_few)
+    use_every_verb(killed, tmp_path / "out", labrig)
+    assert labrig("runs", "check", killed).exit_code == 0
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_a_run_is_exported(form: str, made: Made, tmp_path: Path, labrig: Labrig, is_sound: Sound) -> None:
-    """Each format is complete; a copy of the record is sound."""
-    out = tmp_path / "out"
-    done = labrig("export", made.run, "--format", form, "--out", out, "--json")
-    assert (done.exit_code, done.json()["ok"]) == (0, True)
-    assert FORMATS[form] in done.json()["files"]
-    if form == "record":
-        is_sound(out, "success")
+def test_a_run_goes_on_or_says_why_not(
+    made: Made, run: Path, killed: Path, labrig: Labrig, is_sound: Sound
+) -> None:
+    """A killed sweep or insertion is completed, others stay as they are; a finished run is only measured again."""
+    done = labrig("resume", killed, "--json")
+    if made.name in {"steerability", "insertion"}:
+        assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+        is_sound(killed, "success")
+    else:
+        assert (done.exit_code, "nothing of it can be kept" in done.json()["error"]["message"]) == (2, True)
+        assert labrig("runs", "check", killed).exit_code == 0
+    if made.name == "design":
+        return
+    results = len(list(run.glob("analysis/*")))
+    done = labrig("resume", run, "--json")
+    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+    assert len(list(run.glob("analysis/*"))) == results + 1
+    is_sound(run, "success")
 
 
 def test_changed_pictures_are_named_and_not_used(
@@ -148,84 +165,18 @@ def test_changed_pictures_are_named_and_not_used(
         assert (done.exit_code, named) == (4, True), words
 
 
-def test_annotations_appear_in_the_list(run: Path, labrig: Labrig, is_sound: Sound) -> None:
-    """Tag, note and verdict are in the list of runs, and the record stays sound."""
-    said = ("--tag", "kept", "--note", "look again", "--verdict", "good", "--by", "Ada")
-    assert labrig("runs", "annotate", run, *said).exit_code == 0
-    (row,) = labrig("runs", "--runs-dir", run.parent, "--where", "tag=kept", "--json").json()
-    assert (Path(row["run"]), row["tags"], row["notes"], row["verdict"]) == (run, ["kept"], 1, "good")
-    is_sound(run, "success")
-
-
-def test_the_checksum_of_a_run_stays(run: Path, labrig: Labrig, made: Made) -> None:
-    """It is printed when the run ends, for a notebook, and is the SHA-256 of SHA256SUMS ever after."""
-    labrig("runs", "annotate", run, "--note", "later")
-    printed = hashlib.sha256((run / "SHA256SUMS").read_bytes()).hexdigest()
-    assert made.document["checksum"] == printed
-
-
 def test_what_a_run_found_is_adopted_or_refused(
-    made: Made, run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
+    made: Made, run: Path, tmp_path: Path, labrig: Labrig
 ) -> None:
     """A calibration goes to the rig's files; it replaces one with --force alone; other runs have none."""
     rig = tmp_path / "rig.yaml"
     rig.write_text(RIG.read_text(encoding="utf-8"), encoding="utf-8")
     adopted = labrig("calibrate", "adopt", run, "--rig", rig)
-    if made.name == "calibration":
-        plane = tmp_path / "simulated-plane.json"
-        assert (adopted.exit_code, plane.exists()) == (0, True)
-        again = labrig("calibrate", "adopt", run, "--rig", rig)
-        assert (again.exit_code, "replace the old one with --force" in again.err) == (2, True)
-        forced = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
-        assert (forced.exit_code, "mm wide" in forced.out) == (0, True)
-    else:
+    if made.name != "calibration":
         assert (adopted.exit_code, "holds no calibration" in adopted.err) == (4, True)
-    is_sound(run, "success")
-
-
-def test_a_finished_run_that_is_resumed_is_only_measured_again(
-    run: Path, labrig: Labrig, is_sound: Sound
-) -> None:
-    """Nothing moves; there is one more result, and the record stays sound."""
-    results = len(list((run / "analysis").iterdir())) if (run / "analysis").exists() else 0
-    done = labrig("resume", run, "--json")
-    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
-    assert len(list((run / "analysis").iterdir())) == results + 1
-    is_sound(run, "success")
-
-
-def test_a_killed_run_is_read_by_every_command(
-    made: Made, killed: Path, tmp_path: Path, labrig: Labrig
-) -> None:
-    """It can be checked, replayed, measured, shown, exported and annotated."""
-    assert labrig("replay", killed).exit_code == (2 if made.name == "import" else 0)
-    measured = labrig("reanalyze", killed)
-    if made.name == "roll-zero":
-        assert (measured.exit_code, "four of each are the least" in measured.err) == (2, True)
-    else:
-        assert measured.exit_code == 0
-    for words in (
-        ("report", killed),
-        ("view", killed, "--json"),
-        ("export", killed, "--format", "csv", "--format", "matlab", "--out", tmp_path / "out"),
-        ("export", killed, "--format", "record", "--out", tmp_path / "copy"),
-        ("runs", "check", tmp_path / "copy"),
-        ("runs", "annotate", killed, "--tag", "killed", "--note", "cut short", "--verdict", "doubtful"),
-        ("runs", "show", killed),
-        ("runs", "check", killed),
-    ):
-        assert labrig(*words).exit_code == 0, words
-
-
-def test_a_killed_run_goes_on_or_says_why_not(
-    made: Made, killed: Path, labrig: Labrig, is_sound: Sound
-) -> None:
-    """A sweep and an insertion are completed; other runs cannot be continued and stay unchanged."""
-    done = labrig("resume", killed, "--json")
-    if made.name in {"steerability", "insertion"}:
-        assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
-        is_sound(killed, "success")
-    else:
-        assert done.exit_code == 2
-        assert "nothing of it can be kept" in done.json()["error"]["message"]
-        assert labrig("runs", "check", killed).exit_code == 0
+        return
+    assert (adopted.exit_code, (tmp_path / "simulated-plane.json").exists()) == (0, True)
+    again = labrig("calibrate", "adopt", run, "--rig", rig)
+    assert (again.exit_code, "replace the old one with --force" in again.err) == (2, True)
+    forced = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
+    assert (forced.exit_code, "mm wide" in forced.out) == (0, True)

@@ -24,21 +24,6 @@ def test_all_formats_are_written_at_once(labrig: Labrig, tmp_path: Path) -> None
     assert labrig("export", FIRST, "--format", "csv", "--out", tmp_path / "out", "--force").exit_code == 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "exit_code"),
-    [
-        (["--out", "x"], 2),
-        (["--format", "record", "--format", "csv", "--out", "x"], 2),
-        (["--format", "x"], 2),
-    ],
-)
-def test_what_makes_no_sense_is_refused(
-    arguments: list[str], exit_code: int, labrig: Labrig, tmp_path: Path
-) -> None:
-    """An export without a format, in an unknown one, or of a record together with tables, exits with 2."""
-    assert labrig("export", FIRST, *arguments).exit_code == exit_code
-
-
 @pytest.mark.parametrize("form", ["csv", "record"])
 @pytest.mark.parametrize("out", ["", "/", "/tables", "/../run"])
 def test_a_run_is_not_exported_into_itself(form: str, out: str, labrig: Labrig, tmp_path: Path) -> None:

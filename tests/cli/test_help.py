@@ -93,26 +93,6 @@ def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: tu
     assert json.loads(_python(code)) == []
 
 
-@pytest.mark.parametrize(
-    ("words", "named", "hint"),
-    [
-        ("plan --figur x", "No such option: --figur", "see: labrig plan --help"),
-        ("runs chek", "No such command 'chek'", "see: labrig runs --help"),
-        ("rusn", "No such command 'rusn'", "see: labrig --help"),
-        ("measure curvature x.png --px-per-mm nan", "--px-per-mm is nan", "give a finite number"),
-        ("measure curvature x.png --origin-px inf 1", "--origin-px is inf", "give a finite number"),
-    ],
-)  # fmt: skip
-def test_a_mistyped_line_is_named_as_it_was_typed(
-    words: str, named: str, hint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It exits with 2, and the hint is a command that works."""
-    assert run_command([*words.split(), "--json"]) == 2
-    error = json.loads(capsys.readouterr().out)["error"]
-    assert named in error["message"]
-    assert error["hint"] == hint
-
-
 def test_json_is_of_one_command_alone(capsys: pytest.CaptureFixture[str]) -> None:
     """What the same process prints afterwards is text again."""
     assert run_command(["rusn", "--json"]) == 2

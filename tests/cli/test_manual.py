@@ -18,9 +18,3 @@ def test_all_pages_are_listed(labrig: Labrig) -> None:
 def test_a_page_is_named_or_known_by_words_of_its_title(asked: list[str], labrig: Labrig) -> None:
     """Where the site was not built its source is named."""
     assert Path(labrig("manual", *asked).out.strip()) == find_pages()["run-format"]
-
-
-def test_what_is_no_page_is_refused_with_those_that_are_near(labrig: Labrig) -> None:
-    """A misspelt name, and a word that several titles share."""
-    refused = labrig("manual", "run-formt")
-    assert (refused.exit_code, "run-format" in refused.err) == (2, True)

@@ -103,8 +103,3 @@ def test_a_bad_scenario_is_refused(labrig: Labrig, tmp_path: Path, change: dict[
     assert done.exit_code == 2
     assert done.json()["error"]["message"]
     assert "Traceback" not in done.err
-
-
-def test_a_figure_of_another_kind_is_refused(labrig: Labrig, tmp_path: Path) -> None:
-    """A figure that is neither SVG nor PNG exits with 2 before anything is planned."""
-    assert labrig("plan", _file(tmp_path), "--figure", tmp_path / "plan.docx").exit_code == 2

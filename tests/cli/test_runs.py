@@ -29,14 +29,6 @@ def test_runs_are_filtered(labrig: Labrig, shelf: Path) -> None:
     assert [line.split()[-1] for line in sorted(rows)] == ["-", "pilot"]
 
 
-@pytest.mark.parametrize("condition", ["gelatin_percent", "gelatine_percent=13", "exit_status=success and"])
-def test_a_condition_that_makes_no_sense_exits_with_2(condition: str, labrig: Labrig, shelf: Path) -> None:
-    """An invalid condition exits with 2 and names the character."""
-    done = labrig("runs", "--runs-dir", shelf, "--where", condition, "--json")
-    assert done.exit_code == 2
-    assert "character" in done.json()["error"]["message"]
-
-
 def test_nothing_that_fits_is_no_error(labrig: Labrig, shelf: Path) -> None:
     """A condition that matches no run gives an empty list."""
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=11")

@@ -9,14 +9,14 @@ import pytest
 
 from labrig.devices.clocks import SystemClock
 from labrig.record.reader import open_run
-from tests.cli.conftest import RIG, Labrig
+from tests.cli.conftest import SMALL_RIG, Labrig
 from tests.cli.cut_runs import cut_short
 from tests.protocol.specimens import CAST_ON, sweep_in, write_specimen
 
 SHORT = (
-    *("--rig", RIG, "--set", "insertions_per_specimen=1", "--set", "insertion.length_mm=22"),
-    *("--set", "insertion.speed_mm_s=5", "--set", "insertion.frame_every_mm=20"),
-)
+    *SMALL_RIG, "--set", "insertions_per_specimen=1", "--set", "insertion.length_mm=22",
+    "--set", "insertion.speed_mm_s=5", "--set", "insertion.frame_every_mm=20",
+)  # fmt: skip
 
 
 @pytest.fixture

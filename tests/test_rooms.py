@@ -23,9 +23,7 @@ ANALYSES = [
     *(f"labrig.experiments.{path.parent.name}.analysis" for path in ROOT.glob("experiments/*/analysis.py")),
 ]
 RECORDS = ROOT.parent / "tests" / "records"
-INSIDE = {
-    "The bus stays inside devices": {"devices"},
-}
+INSIDE = {"The bus stays inside devices": {"devices"}}
 """Contract -> the rooms that are not on its list."""
 DOCUMENTED = {
     "analysis": {"load_runs"},

@@ -34,12 +34,5 @@ def print_table() -> None:
                 "flat" if flat else "not flat",
             ]
         )
-    heads = (
-        "sheet",
-        "points",
-        "left out: plane",
-        "unevenness mm",
-        "verdict",
-        "wanted",
-    )
+    heads = ("sheet", "points", "left out: plane", "unevenness mm", "verdict", "wanted")
     print_rows(heads, rows)

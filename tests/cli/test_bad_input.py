@@ -32,13 +32,7 @@ def test_a_run_is_found_by_the_name_that_the_list_shows(
     (tmp_path / "data" / "runs").symlink_to(sweep.run.parent, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
     near = f"{sweep.run.name}x"
-    for command in (
-        ("reanalyze",),
-        ("report",),
-        ("runs", "check"),
-        ("replay",),
-        ("runs", "show"),
-    ):
+    for command in (("reanalyze",), ("report",), ("runs", "check"), ("replay",), ("runs", "show")):
         done = labrig(*command, near)
         assert (done.exit_code, f"did you mean {sweep.run.name}?" in done.err) == (2, True), command
     assert labrig("export", sweep.run.name, "--format", "csv", "--out", tmp_path / "tables").exit_code == 0
@@ -112,8 +106,7 @@ def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "words"),
-    [(MemoryError(), 3, "too little memory"), (KeyboardInterrupt(), 130, "")],
+    ("error", "code", "words"), [(MemoryError(), 3, "too little memory"), (KeyboardInterrupt(), 130, "")]
 )
 def test_what_a_library_raises_is_told_in_words(
     error: BaseException, code: int, words: str, capsys: pytest.CaptureFixture[str]

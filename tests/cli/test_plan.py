@@ -10,10 +10,7 @@ from tests.cli.conftest import Labrig
 SCENARIO = {
     "needle": {"radius_mm": 27.6, "diameter_mm": 1.2},
     "target": {"position_mm": [0, 5, 100], "tolerance_mm": 2},
-    "obstacles": [
-        {"position_mm": [0, -2, 35], "radius_mm": 8},
-        {"position_mm": [0, 6, 68], "radius_mm": 8},
-    ],
+    "obstacles": [{"position_mm": [0, -2, 35], "radius_mm": 8}, {"position_mm": [0, 6, 68], "radius_mm": 8}],
     "planar": True,
     "clearance_mm": 0.6,
     "max_arcs": 6,

@@ -149,10 +149,7 @@ def repeat_insertions() -> Iterator[Case]:
     """Compute virtual insertions: past the obstacles of the example, and shorter ones in a world of hard gel."""
     short = {"target.position_mm": [0, 6, 60], "obstacles": []}
     with tempfile.TemporaryDirectory() as folder:
-        for rig, repetitions, settings in (
-            ("rig-reference", 6, {}),
-            ("rig-hard", 6, short),
-        ):
+        for rig, repetitions, settings in (("rig-reference", 6, {}), ("rig-hard", 6, short)):
             file = write_campaign(Path(folder), repetitions=repetitions, depth="world", set=settings)
             loaded = load(file, RIGS / f"{rig}.yaml")
             for task in loaded.list_tasks():
@@ -195,11 +192,7 @@ REPLAYED = "replay [share of tolerance]"
 _WHOLE = 100.0
 """Makes a whole tolerance one hundredth of a sigma, which is what numbers may differ by here."""
 
-PROBES: tuple[Callable[[], Iterator[Case]], ...] = (
-    measure_kept_records,
-    replay_records,
-    repeat_insertions,
-)
+PROBES: tuple[Callable[[], Iterator[Case]], ...] = (measure_kept_records, replay_records, repeat_insertions)
 
 
 def write_cases(path: Path, probes: Iterable[Callable[[], Iterator[Case]]]) -> None:

@@ -39,11 +39,7 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     run = open_run(recorder.path)
     assert run.hashes["protocol.yaml"] == hashlib.sha256(PROTOCOL_YAML.encode()).hexdigest()
     assert run.calibration_files == ("intrinsics.json", "plane.json")
-    assert manifest["recording"] == {
-        "fsync_period_s": 1.0,
-        "least_free_bytes": 0,
-        "picture_store": "png",
-    }
+    assert manifest["recording"] == {"fsync_period_s": 1.0, "least_free_bytes": 0, "picture_store": "png"}
     assert run.devices == {"camera": {"gain": 1.0}}
 
 

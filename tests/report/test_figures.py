@@ -7,13 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from labrig.report.figures import (
-    Design,
-    GelSeries,
-    draw_lens,
-    draw_steerability_figure,
-    write_figure,
-)
+from labrig.report.figures import Design, GelSeries, draw_lens, draw_steerability_figure, write_figure
 from labrig.report.palette import mark
 
 DESIGN = Design(30.0, 40.0, -1)

@@ -4,7 +4,6 @@
 # make test-slow   the other tests: kills, full disks, clusters, the wheel, the manual, a foreign CANopen client
 # make test-random   the tests of properties with other examples, of the seed that is printed; the same again: SEED=N
 # make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
-# make test-processors MANY=--many   compare hundreds of drawn plans, pictures and insertions, and whole campaigns
 # make coverage   all tests with branch coverage
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
@@ -46,7 +45,7 @@ check-rooms: $(READY)
 	$(BIN)/pytest -n 3 --dist loadfile -m "not slow" $(addprefix tests/,$(ROOMS))
 
 test-processors: $(READY)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors $(MANY)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m tests.processors
 
 coverage: COVERAGE := --cov --cov-append --cov-report=term
 coverage: test test-slow

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 from tests.benchmarks import (
     can_load,
-    catalogue,
     circles,
     closed_loop,
     coverage,
@@ -54,8 +53,8 @@ GROUPS: dict[str, dict[str, Callable[[], None]]] = {
         "closed-loop": closed_loop.print_table,
     },
     "speed": {
-        "start-up": start_up.print_table,
-        "catalogue": catalogue.print_table,
+        "start-up": start_up.print_start_up,
+        "catalogue": start_up.print_catalogue,
         "can-load": can_load.print_table,
         "recording": recording.print_table,
         "sweep": sweep.print_table,

@@ -31,18 +31,15 @@ from labrig.runner.virtual_rig import EventList, VirtualRig
 from labrig.runner.virtual_sight import WorldSight
 from labrig.simulation.lens import see_points
 from labrig.simulation.world import Glance
-from labrig.steering.parameters import PAPER_POLICY
-from labrig.steering.parameters import Turning as PlannedTurning
+from labrig.steering.parameters import PAPER_POLICY, Turning
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
-from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering
-from labrig.steering.torsion import BaseTurn, RolledStretch, TorsionalLag
+from labrig.steering.torsion import TorsionalLag
 from tests.benchmarks.seen_shaft import RIG, load_plane
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
-Turning = Literal["compensated", "same_way", "back_and_forth"]
 
 TARGET_SD_MM = 0.2  # of a tracked target
 
@@ -95,15 +92,6 @@ class _DrawnSight(WorldSight):
         return see_points(points_mm, self.drawn.world.description.lens)
 
 
-class _SameWayBevel(Bevel):
-    """A bevel that is always turned in the same direction, which is compared with those of the product."""
-
-    def choose(self, roll_rad: float, state: SteeringState, rolled: Sequence[RolledStretch]) -> BaseTurn:
-        """Return the turn of the base."""
-        del state, rolled
-        return BaseTurn(1, self.base_rad + abs(roll_rad), 0.0)
-
-
 class _DrawnInsertion(Insertion):
     """An insertion whose target is tracked where it moves: its place is told with noise, as that of the tip."""
 
@@ -134,46 +122,33 @@ def make_settings(problem: PlanProblem, policy: Policy) -> SteeringSettings:
     return replace(chosen, estimator=estimator, policy=PAPER_POLICY, method="paper")
 
 
-def insert(drawn: DrawnWorld, policy: Policy, turning: Turning | None = None) -> InsertionEnd:
-    """Carry out an insertion; unless told, the paper's policy turns back and forth, and the default compensates."""
+def insert(drawn: DrawnWorld, policy: Policy) -> InsertionEnd:
+    """Carry out an insertion; the paper's policy turns back and forth, and the default compensates."""
     settings = make_settings(drawn.problem, policy)
-    return steer(drawn, settings, turning or ("back_and_forth" if policy == "paper" else "compensated"))
-
-
-def steer(drawn: DrawnWorld, settings: SteeringSettings, turning: Turning) -> InsertionEnd:
-    """Carry out an insertion with these settings."""
-    record, world = EventList(), drawn.world
+    record = EventList()
     session = _open_session(drawn, record)
-    made = _make_insertion(drawn, settings, turning, session)
+    made = _make_insertion(drawn, settings, "back_and_forth" if policy == "paper" else "compensated", session)
     made.bevel.centre()
     session.move("linear", drawn.linear_mm, 10.0)
     made.path.append(session.read_positions())
     state, command = run_loop(made, *start_steering(settings))
     ending = made.finish(state, command)
     stop = next(event for event in record.events if isinstance(event, InsertionStop))
-    truth = world.truth()
+    truth: Any = drawn.world.truth()
+    x_mm, y_mm, z_mm = (np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()
     bounds = made.bounds
     assert stop.interval_mm is not None
     assert bounds is not None
     return InsertionEnd(
         stop=str(command.stop),
-        off_mm=_find_off(truth),
-        clearance_mm=_find_clearance(truth),
+        off_mm=(x_mm, y_mm, z_mm),
+        clearance_mm=float(truth["true_min_clearance_mm"]),
         replans=state.replans,
         turns=len(made.bevel.turns),
         outcome=ending.outcome,
         interval_mm=stop.interval_mm,
         left_plane=bounds.depth is not None and bounds.depth.contradicts,
     )
-
-
-def _find_off(truth: Any) -> tuple[float, float, float]:
-    x, y, z = (np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()
-    return x, y, z
-
-
-def _find_clearance(truth: Any) -> float:
-    return float(truth["true_min_clearance_mm"])
 
 
 def _open_session(drawn: DrawnWorld, record: EventList) -> Session:
@@ -190,7 +165,6 @@ def _make_insertion(
     drawn: DrawnWorld, settings: SteeringSettings, turning: Turning, session: Session
 ) -> _DrawnInsertion:
     """Return the insertion before it begins."""
-    planned: PlannedTurning = "back_and_forth" if turning == "back_and_forth" else "compensated"
     sight = _DrawnSight(drawn.world, load_plane(), drawn.noise, None)
     sight.drawn = drawn
     session.dialogue.starts_itself = True
@@ -203,8 +177,7 @@ def _make_insertion(
     made = _DrawnInsertion(_tell(drawn), session, sight, roll_zero, trial)
     made.drawn, made.settings = drawn, settings
     made.aim = Aim(settings.problem.target_mm, settings.problem.obstacles)
-    kind = _SameWayBevel if turning == "same_way" else Bevel
-    made.bevel = kind(session, 0, roll_zero, planned, settings.problem.radius_mm)
+    made.bevel = Bevel(session, 0, roll_zero, turning, settings.problem.radius_mm)
     return made
 
 

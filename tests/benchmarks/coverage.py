@@ -88,15 +88,7 @@ def print_table() -> None:
         for band, (low, high) in enumerate(BANDS_MM):
             outcomes += pool.map(partial(measure_render, band), range(RENDERS), chunksize=10)
             print(f"coverage: {RENDERS} pictures of {low:g} to {high:g} mm", file=sys.stderr)
-    same = (
-        "light",
-        "pictures",
-        "accepted",
-        "in the interval",
-        "error, rms mm",
-        "stated, rms mm",
-        "stated / error",
-    )
+    same = ("light", "pictures", "accepted", "in the interval", "error, rms mm", "stated, rms mm", "ratio")
     parts = ("fit, median mm", "lighting, median mm", "shift, rms mm")
     print_rows(("radius", *same, *parts), _list_rows(outcomes, _summarise))
     print_rows(("tip, by radius", *same), _list_rows(outcomes, _summarise_tips))
@@ -117,11 +109,7 @@ def _list_rows(
 
 
 def _summarise_tips(outcomes: list[Outcome]) -> list[object]:
-    found = [
-        (outcome.tip_error_mm, outcome.tip_sigma_mm)
-        for outcome in outcomes
-        if outcome.tip_error_mm is not None
-    ]
+    found = [(each.tip_error_mm, each.tip_sigma_mm) for each in outcomes if each.tip_error_mm is not None]
     if not found:
         return [len(outcomes), 0, *("-" for _ in range(4))]
     errors, sigmas = np.array(found).T
@@ -134,20 +122,12 @@ def _summarise(outcomes: list[Outcome]) -> list[object]:
     accepted = [outcome for outcome in outcomes if outcome.error_mm is not None]
     if not accepted:
         return [len(outcomes), 0, *("-" for _ in range(7))]
-    values = np.array(
-        [
-            (found.error_mm, found.sigma_mm, found.fit_mm, found.lighting_mm, found.shift_mm)
-            for found in accepted
-        ]
-    )
+    parts = ("error_mm", "sigma_mm", "fit_mm", "lighting_mm", "shift_mm")
+    values = np.array([[getattr(found, part) for part in parts] for found in accepted])
     error, sigma, _, _, shift = np.sqrt(np.mean(values**2, axis=0))
     _, _, fit, lighting, _ = np.median(values, axis=0)
     held = np.mean([outcome.held for outcome in accepted])
     return [
-        len(outcomes),
-        len(accepted),
-        f"{held:.1%}",
-        *(f"{value:.4f}" for value in (error, sigma)),
-        f"{sigma / error:.2f}",
+        len(outcomes), len(accepted), f"{held:.1%}", f"{error:.4f}", f"{sigma:.4f}", f"{sigma / error:.2f}",
         *(f"{value:.4f}" for value in (fit, lighting, shift)),
-    ]
+    ]  # fmt: skip

@@ -1,6 +1,8 @@
 """SIGKILL at random moments of a run: does the record open, is anything lost, is it repaired, can it resume?
 
-The kills are spread over a sweep, an insertion, a search for the roll zero and a calibration. The first two go on.
+The kills are spread over a sweep, an insertion, a search for the roll zero and a calibration. The first two go on. The
+number of kills is LABRIG_BENCHMARK_KILLS, 200 unless set. A process makes one run of each, with imports and backdrop,
+and forks the others, which are killed; each returned call of the recorder is acknowledged in a file beside the run.
 """
 
 import os
@@ -13,33 +15,41 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
-from functools import cached_property
 from pathlib import Path
 from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.rig import open_rig
 from labrig.errors import InputError
-from labrig.experiments.registry import find_run_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment, find_run_experiment
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import reopen_run
-from labrig.runner.conduct import conduct_remainder
+from labrig.record.writer import Recorder, opening_files, reopen_run
+from labrig.runner.conduct import conduct, conduct_remainder
 from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past
 from labrig.runner.session import Session
-from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, SHORT, UNKILLED, never, rig, short_protocol
 from tests.benchmarks.table import print_rows
-from tests.devices.rigs import Person
+from tests.cli.example_runs import SHORTENED
+from tests.devices.rigs import Person, simulated_rig
 
-MOMENTS = 200
+KILLS = int(os.environ.get("LABRIG_BENCHMARK_KILLS", "200"))
+RUN, ACKNOWLEDGED, UNKILLED = "run", "acknowledged", "unkilled"
+NAMES = ("steerability", "insertion", "roll-zero", "calibration")
+_PROTOCOLS = Path(__file__).parents[2] / "protocols"
+_TWICE = ("insertions_per_specimen=2", "insertion.length_mm=26", "insertion.frame_every_mm=26")
 _BATCH = 10
 _STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
-_SWEEP, _INSERTION = "steerability", "insertion"
 _STREAMS = ("states", "events", "frames")
 
 
@@ -54,8 +64,8 @@ class Survived:
     nothing_lost: bool
     lines_unchanged: bool
     repaired: bool
-    resumed: bool | None
-    results_equal: bool | None
+    resumed: bool | None = None
+    results_equal: bool | None = None
 
     @property
     def unhurt(self) -> bool:
@@ -63,96 +73,117 @@ class Survived:
         return False not in {getattr(self, each.name) for each in fields(self)}
 
 
-class RunSource:
-    """A process that forks runs of a short protocol to be killed.
+class _AcknowledgingRecorder(Recorder):
+    """A recorder that writes into a file which calls have returned."""
 
-    Attributes
-    ----------
-    name : str
-        The protocol.
-    run_s : float
-        Duration of a whole run.
-    reference : Run
-        A run that was not killed.
-    """
+    def acknowledge(self, stream: str) -> None:
+        """Acknowledge a recorded line."""
+        descriptor = os.open(self.path.parent / ACKNOWLEDGED, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        os.write(descriptor, f"{stream}\n".encode())
+        os.close(descriptor)
 
-    def __init__(self, name: str, process: subprocess.Popen[str], folder: Path) -> None:
-        self.name = name
-        self._process = process
-        self._folder = folder
-        self._numbers = iter(range(1_000_000))
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ended\n"
-        self.reference = open_run(folder / UNKILLED / RUN)
-        started = perf_counter()
-        self.kill_after(None)
-        self.run_s = perf_counter() - started
+    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
+        """Record and acknowledge."""
+        number = super().frame(image, t_s, **fields)
+        self.acknowledge("frames")
+        return number
 
-    @cached_property
-    def radii(self) -> dict[int, float]:
-        """The results of the sweep that was not killed: trial to radius [mm]."""
-        return measure_radii(self.reference)
+    def state(self, t_s: float, **fields: object) -> None:
+        """Record and acknowledge."""
+        super().state(t_s, **fields)
+        self.acknowledge("states")
 
-    def kill_after(self, after_s: float | None) -> Path | None:
-        """Return the folder of a run killed after a time; None if it had not begun or had already ended."""
-        folder = self._folder / str(next(self._numbers))
-        folder.mkdir()
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write(f"{folder}\n")
-        process.stdin.flush()
-        child = int(process.stdout.readline())
-        ended = bool(select.select([process.stdout], [], [], after_s)[0])
-        if not ended:
-            os.kill(child, signal.SIGKILL)
-        assert process.stdout.readline() == "ended\n"
-        return None if ended or not (folder / RUN / "manifest.json").exists() else folder
+    def event(self, kind: str, t_s: float, **fields: object) -> None:
+        """Record and acknowledge."""
+        super().event(kind, t_s, **fields)
+        self.acknowledge("events")
 
 
-@contextmanager
-def fork_runs(name: str, folder: Path) -> Iterator[RunSource]:
-    """Start the process that forks runs."""
-    (folder / UNKILLED).mkdir()
-    command = [sys.executable, "-m", "tests.benchmarks.crashing", name, str(folder / UNKILLED)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        yield RunSource(name, process, folder)
-        process.kill()
+def _load(name: str) -> ExperimentProtocol:
+    """Return a protocol that takes seconds at most."""
+    settings = SHORTENED[name] + (_TWICE if name == "steerability" else ())
+    return load_protocol(_PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, settings)
+
+
+def _run_once(name: str, folder: Path) -> None:
+    """Run a short protocol from opening the rig to closing it."""
+    protocol, rig = _load(name), simulated_rig()
+    with open_rig(rig, seed=protocol.seed, person=Person(), interrupted=lambda: None) as opened:
+        manifest = {
+            "experiment": protocol.experiment, "started": opened.clock.utc(), "trials_planned": 2,
+            "seed": protocol.seed, "devices": opened.describe(),
+        }  # fmt: skip
+        files = opening_files(dump_yaml(protocol), dump_yaml(rig), rig.calibration_files())
+        recorder = _AcknowledgingRecorder.create(folder, RUN, manifest, files)
+        session = Session(opened, recorder, lambda _done, _doing: None)
+        conduct(find_experiment(protocol.experiment), protocol, session)
+
+
+def fork_runs(name: str, unkilled: Path) -> None:
+    """Make a run, then fork one for each folder on standard input; print its process id, and its end."""
+    _run_once(name, unkilled)
+    print("ended", flush=True)
+    for line in sys.stdin:
+        child = os.fork()
+        if child == 0:
+            _run_once(name, Path(line.rstrip("\n")))
+            os._exit(0)
+        print(child, flush=True)
+        os.waitpid(child, 0)
+        print("ended", flush=True)
 
 
 def kill_runs(name: str, count: int, seed: int, folder: Path) -> Iterator[Survived]:
     """Kill runs of a protocol at `count` random moments, and yield the state of each."""
-    source = random.Random(seed)
-    with fork_runs(name, folder) as source_of_runs:
-        found = 0
+    draws, unkilled = random.Random(seed), folder / UNKILLED
+    unkilled.mkdir()
+    code = f"from tests.benchmarks.crash import fork_runs, Path; fork_runs({name!r}, Path({str(unkilled)!r}))"
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as forking:
+        assert forking.stdout is not None
+        assert forking.stdout.readline() == "ended\n"
+        reference = open_run(unkilled / RUN)
+        radii = _measure_radii(reference) if name == "steerability" else {}
+        started = perf_counter()
+        _kill_after(forking, folder / "timed", None)
+        run_s, number, found = perf_counter() - started, 0, 0
         while found < count:
-            killed = source_of_runs.kill_after(source.uniform(0.0, source_of_runs.run_s))
-            if killed is not None:
+            number += 1
+            if _kill_after(forking, folder / str(number), draws.uniform(0.0, run_s)):
                 found += 1
-                yield examine_killed(killed, source_of_runs)
-                shutil.rmtree(killed)
+                yield _examine(folder / str(number), name, reference, radii)
+        forking.kill()
 
 
-def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
-    """Open a killed run, compare it with an unkilled one, repair a copy of it, and resume it if it is a sweep."""
-    path = folder / RUN
-    acknowledged = (
-        Counter((folder / ACKNOWLEDGED).read_text().split())
-        if (folder / ACKNOWLEDGED).exists()
-        else Counter()
-    )
+def _kill_after(forking: subprocess.Popen[str], folder: Path, after_s: float | None) -> bool:
+    """Make a run, and kill it after a time; return whether it had begun and not yet ended."""
+    folder.mkdir()
+    assert forking.stdin is not None
+    assert forking.stdout is not None
+    print(folder, file=forking.stdin, flush=True)
+    child = int(forking.stdout.readline())
+    ended = bool(select.select([forking.stdout], [], [], after_s)[0])
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+    assert forking.stdout.readline() == "ended\n"
+    return not ended and (folder / RUN / "manifest.json").exists()
+
+
+def _examine(folder: Path, name: str, reference: Run, radii: Mapping[int, float]) -> Survived:
+    """Open a killed run, compare it with an unkilled one, repair a copy of it, and resume it if it can go on."""
+    path, acknowledged = folder / RUN, Counter[str]()
+    if (folder / ACKNOWLEDGED).exists():
+        acknowledged.update((folder / ACKNOWLEDGED).read_text().split())
     run = open_run(path)
     opened = not run.damage and not check_run(path).damage
     lines = {stream: run.lines(stream) for stream in _STREAMS}
     nothing_lost = all(len(lines[stream]) >= acknowledged[stream] for stream in _STREAMS)
-    theirs = {stream: unkilled.reference.lines(stream) for stream in _STREAMS}
-    unchanged = all(lines[stream] == theirs[stream][: len(lines[stream])] for stream in _STREAMS)
+    unchanged = all(lines[stream] == reference.lines(stream)[: len(lines[stream])] for stream in _STREAMS)
     repaired = _is_repaired(Path(shutil.copytree(path, folder / "repaired")), lines)
-    if unkilled.name == _SWEEP:
-        return Survived(opened, nothing_lost, unchanged, repaired, *_is_resumed(path, unkilled))
-    if unkilled.name == _INSERTION:
-        return Survived(opened, nothing_lost, unchanged, repaired, _goes_on(path), None)
-    return Survived(opened, nothing_lost, unchanged, repaired, None, None)
+    if name == "steerability":
+        return Survived(opened, nothing_lost, unchanged, repaired, *_is_resumed(path, name, radii))
+    goes_on = _goes_on(path, name) if name == "insertion" else None
+    return Survived(opened, nothing_lost, unchanged, repaired, goes_on)
 
 
 def _is_repaired(path: Path, lines: Mapping[str, list[dict[str, object]]]) -> bool:
@@ -164,21 +195,21 @@ def _is_repaired(path: Path, lines: Mapping[str, list[dict[str, object]]]) -> bo
     return same and not verdict.damage and not run.damage and verdict.exit_status != "incomplete"
 
 
-def _is_resumed(path: Path, unkilled: RunSource) -> tuple[bool, bool]:
-    """Resume a killed run; return whether it came to its end, sound, and has the results of the unkilled one."""
-    _resume(path, unkilled.name)
+def _is_resumed(path: Path, name: str, planned: Mapping[int, float]) -> tuple[bool, bool]:
+    """Resume a killed sweep; return whether it came to its end, sound, and has the radii of the unkilled one."""
+    _resume(path, name)
     again = open_run(path)
-    planned, radii = unkilled.radii, measure_radii(again)
+    radii = _measure_radii(again)
     finished = [int(trial) for trial in again.trials["trial"][again.trials["exit_status"] == "success"]]
     resumed = again.manifest["exit_status"] == "success" and len(finished) == len(planned)
     same = all(radii[trial] == planned[trial] for trial in finished if trial in planned)
     return resumed and not check_run(path).damage, same and set(finished) <= set(radii)
 
 
-def _goes_on(path: Path) -> bool:
+def _goes_on(path: Path, name: str) -> bool:
     """Resume a killed insertion; return whether it came to an end, sound, or said why it cannot go on."""
     try:
-        _resume(path, _INSERTION)
+        _resume(path, name)
     except InputError as refusal:
         return bool(refusal.message and refusal.hint)
     return open_run(path).manifest["exit_status"] != "incomplete" and not check_run(path).damage
@@ -186,23 +217,20 @@ def _goes_on(path: Path) -> bool:
 
 def _resume(path: Path, name: str) -> None:
     """Resume a killed run as `labrig resume` does; close it if nothing else is left."""
-    protocol, run = short_protocol(name), open_run(path)
+    protocol, run = _load(name), open_run(path)
     if run.manifest["exit_status"] == "success":
         return
-    experiment = find_run_experiment(run)
-    past = read_past(run)
-    if not plan_run(experiment, protocol, rig(), past).trials:
-        recorder = reopen_run(path, "benchmark")
-        recorder.close("success", "", _STARTED)
+    experiment, past = find_run_experiment(run), read_past(run)
+    if not plan_run(experiment, protocol, simulated_rig(), past).trials:
+        reopen_run(path, "benchmark").close("success", "", _STARTED)
         return
-    with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
+    with open_rig(simulated_rig(), seed=protocol.seed, person=Person(), interrupted=lambda: None) as opened:
         recorder = reopen_run(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
-        session = Session(opened, recorder, lambda _done, _doing: None)
-        conduct_remainder(experiment, protocol, past, session)
+        conduct_remainder(experiment, protocol, past, Session(opened, recorder, lambda _done, _doing: None))
 
 
-def measure_radii(run: Run) -> dict[int, float]:
+def _measure_radii(run: Run) -> dict[int, float]:
     """Measure a run and return the radius of each trial's final picture."""
     result = analyze_run(run, find_run_experiment(run), created=_STARTED, provenance={}, workers=1)
     return {
@@ -212,31 +240,19 @@ def measure_radii(run: Run) -> dict[int, float]:
     }
 
 
-def print_table(count: int = MOMENTS) -> None:
-    """Print in how many killed runs of each experiment each condition holds; progress goes to standard error."""
-    found: dict[str, list[Survived]] = {name: [] for name in SHORT}
-    started = perf_counter()
-    each = count // len(SHORT)
+def print_table() -> None:
+    """Print in how many killed runs of each experiment each condition holds."""
+    each = KILLS // len(NAMES)
+    tasks = [(name, min(_BATCH, each - done), done) for name in NAMES for done in range(0, each, _BATCH)]
+    found: dict[str, list[Survived]] = {name: [] for name in NAMES}
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        batches = {
-            pool.submit(_kill_batch, name, min(_BATCH, each - done), done): name
-            for name in SHORT
-            for done in range(0, each, _BATCH)
-        }
-        for batch in as_completed(batches):
-            found[batches[batch]] += batch.result()
-            killed = [survived for runs in found.values() for survived in runs]
-            sound = sum(survived.unhurt for survived in killed)
-            print(
-                f"{len(killed)} of {each * len(SHORT)} killed, {sound} unhurt, {perf_counter() - started:.0f} s",
-                file=sys.stderr,
-                flush=True,
-            )
+        for (name, *_), survived in zip(tasks, pool.map(_kill_batch, *zip(*tasks, strict=True)), strict=True):
+            found[name] += survived
     rows = [
         [field.name.replace("_", " "), *(_count(runs, field.name) for runs in found.values()), each]
         for field in fields(Survived)
     ]
-    print_rows((f"{each} kills at random moments of each", *found, "limit"), rows)
+    print_rows((f"{each} kills at random moments of each", *NAMES, "limit"), rows)
 
 
 def _count(runs: list[Survived], condition: str) -> int | str:
@@ -248,7 +264,3 @@ def _kill_batch(name: str, count: int, seed: int) -> list[Survived]:
     """Kill some runs in a folder and a process of their own."""
     with tempfile.TemporaryDirectory() as folder:
         return list(kill_runs(name, count, seed, Path(folder)))
-
-
-if __name__ == "__main__":
-    print_table(int(sys.argv[1]) if len(sys.argv) > 1 else MOMENTS)

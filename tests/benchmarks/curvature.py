@@ -7,8 +7,6 @@ pictures are drawn from a seed of their own, so the numbers are the same for any
 
 import multiprocessing
 import os
-import subprocess
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -65,20 +63,12 @@ def print_table() -> None:
 
 
 def _measure_all() -> list[CurvatureMeasurement]:
-    """Return the measurements of all pictures, on all cores; progress goes to standard error."""
+    """Return the measurements of all pictures, on all cores."""
     firsts = range(0, PICTURES, PICTURES_A_CALIBRATION)
     bench = RenderedBench(RenderedLens())
     cv2.setNumThreads(1)  # a process per core; OpenCV's threads do not survive the fork either
-    started = time.perf_counter()
-    measured: list[CurvatureMeasurement] = []
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("fork")) as pool:
-        for batch in pool.map(partial(_measure_batch, bench), firsts):
-            measured += batch
-            took_s = time.perf_counter() - started
-            left_s = took_s * (PICTURES / len(measured) - 1.0)
-            times = f"{took_s:.0f} s elapsed, about {left_s:.0f} s left"
-            print(f"curvature: {len(measured)} of {PICTURES} pictures, {times}", file=sys.stderr)
-    return measured
+        return [one for batch in pool.map(partial(_measure_batch, bench), firsts) for one in batch]
 
 
 def _measure_batch(bench: RenderedBench, first: int) -> list[CurvatureMeasurement]:
@@ -99,30 +89,16 @@ def _measure(
 def _calibrate_lens(lens: RenderedLens, random: np.random.Generator) -> Intrinsics:
     """Return the camera as calibrated from corners with noise."""
     board = board_points_mm(9, 6, 6.0)
-    poses = [
-        (0, 0, 0, 0),
-        (35, 0, -14, 6),
-        (-35, 0, 14, -6),
-        (0, 35, -14, -6),
-        (0, -35, 14, 6),
-        (25, 25, 14, -6),
-    ]
-    poses += [
-        (-25, 25, -14, 6),
-        (30, -30, 0, 0),
-        (-30, -30, 8, 5),
-        (20, 0, -8, -5),
-        (0, 20, 20, 8),
-        (0, -20, -20, -8),
-    ]
+    poses = (
+        (0, 0, 0, 0), (35, 0, -14, 6), (-35, 0, 14, -6), (0, 35, -14, -6), (0, -35, 14, 6), (25, 25, 14, -6),
+        (-25, 25, -14, 6), (30, -30, 0, 0), (-30, -30, 8, 5), (20, 0, -8, -5), (0, 20, 20, 8), (0, -20, -20, -8),
+    )  # fmt: skip
     boards, views = [], []
     for tilt, turn, y, z in poses:
         first = cv2.Rodrigues(np.deg2rad(np.array([tilt, turn, 5.0])))[0]
         flat = np.column_stack((board - board.mean(axis=0), np.zeros(len(board))))
         corners = flat @ first.T + (y, z, 0.95 * lens.distance_mm)
-        px = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0].reshape(
-            -1, 2
-        )
+        px = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0][:, 0]
         px = px + random.normal(0.0, CORNER_NOISE_PX, px.shape)
         seen = ((px > 0.0) & (px < (lens.width - 1, lens.height - 1))).all(axis=1)
         boards.append(board[seen])
@@ -152,20 +128,10 @@ def _measure_efficiency() -> float:
 
 
 def _measure_time_ms() -> float:
-    """Return the median time to measure a 1920x1080 picture, in a fresh process."""
-    command = [sys.executable, "-c", "from tests.benchmarks import curvature; print(curvature.time_ms())"]
-    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-
-
-def time_ms() -> float:
     """Return the median time to measure a 1920x1080 picture."""
-    lens = RenderedLens(
-        width=1920, height=1080, focal_px=2700.0, centre_px=(965.0, 532.0), origin_px=(480.0, 300.0)
-    )
-    bench = RenderedBench(lens)
-    picture = bench.picture(RenderedNeedle(RADIUS_MM), replace(RenderedGel(), bubbles=10), 1)
-    plane = lens.plane_map()
-    times = []
+    lens = RenderedLens(1920, 1080, focal_px=2700.0, centre_px=(965.0, 532.0), origin_px=(480.0, 300.0))
+    picture = RenderedBench(lens).picture(RenderedNeedle(RADIUS_MM), replace(RenderedGel(), bubbles=10), 1)
+    plane, times = lens.plane_map(), []
     for _ in range(SPEED_REPEATS):
         started = time.perf_counter()
         measure_curvature(picture, plane, CurvatureSettings())

@@ -103,17 +103,7 @@ def print_table() -> None:
 
 def print_outcomes(outcomes: list[Outcome], bands: Bands) -> None:
     """Print the tables of a list of outcomes."""
-    heads = (
-        "sheets",
-        RIGHT,
-        REFUSED,
-        WRONG,
-        "accepted",
-        "median error",
-        "largest error",
-        "median s",
-        "worst s",
-    )
+    heads = ("sheets", RIGHT, REFUSED, WRONG, "accepted", "median error", "largest", "median s", "worst s")
     rows = [
         [f"{low:g}-{high:g} px/mm", *_summarise([found for found in outcomes if found.band == band])]
         for band, (low, high) in enumerate(bands)

@@ -33,7 +33,7 @@ def print_table(seeds: Sequence[int] = SEEDS) -> None:
         "reason",
         "true error mm",
         "measured mm",
-        "true clearance mm",
+        "clearance mm",
         "turns",
         "wall s",
     )

@@ -23,15 +23,8 @@ LEFT = {"fx": (532.83, 0.44), "fy": (532.95, 0.46), "cx": (342.49, 0.46), "cy": 
 # warp, and of a flat board.
 MRCAL = (533.2582, 533.38, 342.0852, 234.2647, -0.2814055, 0.03508815, 0.001045154, -0.0001140617, 0.1388458)
 MRCAL_FLAT = (
-    533.0765,
-    533.1386,
-    342.1873,
-    234.0728,
-    -0.2848129,
-    0.05821334,
-    0.001075405,
-    -9.245688e-5,
-    0.09161326,
+    *(533.0765, 533.1386, 342.1873, 234.0728),
+    *(-0.2848129, 0.05821334, 0.001075405, -9.245688e-5, 0.09161326),
 )
 # Zhang's own model has a skew and two radial coefficients; his views through labrig's model give his focal lengths.
 ZHANG = {"fx": 832.5, "fy": 832.53}
@@ -51,38 +44,28 @@ def print_table() -> None:
     pictures = [(path.name, read_picture(path)) for path in sorted((DATA / "opencv_chess").glob("left*.jpg"))]
     found = calibrate_from_pictures(pictures, 9, 6, 25.0)
     rows = [
-        [
-            f"left set {name}, px",
-            f"{getattr(found, name):.2f}",
-            known,
-            f"{(getattr(found, name) - known) / sigma:+.2f} sigma",
-            "2",
-        ]
+        _row(f"left set {name}, px", getattr(found, name), known, sigma, "2", 2)
         for name, (known, sigma) in LEFT.items()
     ]
     for what, mrcal, limit in (("mrcal's", MRCAL, "0.02"), ("mrcal's of a flat board", MRCAL_FLAT, "0.3")):
         rows += [
-            [
-                f"left set {name} beside {what}",
-                f"{value:.5f}",
-                f"{known:.5f}",
-                f"{(value - known) / (found.sigma[name] or np.nan):+.2f} sigma",
-                limit,
-            ]
+            _row(f"left set {name} beside {what}", value, known, found.sigma[name] or np.nan, limit, 5)
             for name, value, known in zip(PARAMETERS, found.parameters(), mrcal, strict=True)
         ]
-    rows += [
-        [f"Zhang's {name}", f"{value:.6f}", ZHANG[name], f"{(value - ZHANG[name]) / sigma:+.2f} sigma", "2"]
-        for name, value, sigma in _zhang()
-    ]
+    rows += [_row(f"Zhang's {name}", value, ZHANG[name], sigma, "2", 6) for name, value, sigma in _zhang()]
     copies = calibrate_from_pictures([pictures[0]] * 5, 9, 6, 25.0)
-    rows.append(
-        ["one photograph five times", "accepted" if copies.accepted else "refused", "refused", "", "refused"]
-    )
+    verdict = "accepted" if copies.accepted else "refused"
+    rows.append(["one photograph five times", verdict, "refused", "", "refused"])
     for name, folder in (("left", DATA / "opencv_chess"), ("right", RIGHT)):
         rows += _check_sigma(name, folder)
     print_rows(("figure", "measured", "known", "off", "limit"), rows)
     print(f"left set: corners of views left out are predicted to {found.holdout_rms_px:.3f} px")
+
+
+def _row(what: str, value: float, known: float, sigma: float, limit: str, digits: int) -> list[object]:
+    """Return a parameter beside a known one."""
+    off = f"{(value - known) / sigma:+.2f} sigma"
+    return [what, f"{value:.{digits}f}", f"{known:.{digits}f}", off, limit]
 
 
 def _check_sigma(name: str, folder: Path) -> list[list[object]]:
@@ -98,12 +81,8 @@ def _check_sigma(name: str, folder: Path) -> list[list[object]]:
 
     count = len(views)
     whole = calibrate(range(count))
-    without = np.array(
-        [
-            calibrate([other for other in range(count) if other != index]).parameters()
-            for index in range(count)
-        ]
-    )
+    others = ([other for other in range(count) if other != index] for index in range(count))
+    without = np.array([calibrate(some).parameters() for some in others])
     spread = without - without.mean(axis=0)
     jackknife = (count - 1) / count * spread.T @ spread
     random, apart = np.random.default_rng(0), []
@@ -112,33 +91,18 @@ def _check_sigma(name: str, folder: Path) -> list[list[object]]:
         apart.append(calibrate(order[::2]).fx - calibrate(order[1::2]).fx)
     sigma = whole.sigma["fx"] or np.nan
     by_jackknife = measure_effect(replace(whole, covariance=tuple(map(tuple, jackknife.tolist()))))
+    beside = {"jackknife": np.sqrt(jackknife[0, 0]), "halves": 0.5 * np.sqrt(np.mean(np.square(apart)))}
     rows: list[list[object]] = [
         [f"{name} set", "accepted" if whole.accepted else "refused", "accepted", "", "accepted"],
-        [
-            f"{name} set, sigma of fx, px; jackknife",
-            f"{sigma:.2f}",
-            f"{np.sqrt(jackknife[0, 0]):.2f}",
-            "",
-            "1.5 times",
-        ],
-        [
-            f"{name} set, sigma of fx, px; halves",
-            f"{sigma:.2f}",
-            f"{0.5 * np.sqrt(np.mean(np.square(apart))):.2f}",
-            "",
-            "1.5 times",
-        ],
+        *(
+            [f"{name} set, sigma of fx, px; {way}", f"{sigma:.2f}", f"{other:.2f}", "", "1.5 times"]
+            for way, other in beside.items()
+        ),
     ]
     if whole.effect is not None and by_jackknife is not None:
-        rows += [
-            [
-                f"{name} set, effect on a {part}, %; jackknife",
-                *(f"{100.0 * getattr(effect, part):.3f}" for effect in (whole.effect, by_jackknife)),
-                "",
-                "1.5 times",
-            ]
-            for part in ("length", "radius", "distance")
-        ]
+        for part in ("length", "radius", "distance"):
+            shares = (f"{100.0 * getattr(effect, part):.3f}" for effect in (whole.effect, by_jackknife))
+            rows.append([f"{name} set, effect on a {part}, %; jackknife", *shares, "", "1.5 times"])
     return rows
 
 

@@ -28,9 +28,10 @@ TUNNELS, SPARE_MM = 120, (0.05, 0.15, 0.4)
 
 def print_table() -> None:
     """Print solved problems, misses against the oracle, and times for each set of problems."""
-    rows = [
-        _row(count, [draw_planar_problem(rng, count) for _ in range(size)]) for count, size, rng in _sets()
-    ]
+    rows = []
+    for count, size in SETS:
+        rng = np.random.default_rng(count)
+        rows.append(_row(count, [draw_planar_problem(rng, count) for _ in range(size)]))
     rows.append(_row(3, draw_spatial_problems(40, seed=3)))
     heads = ("problems", "solved", "oracle", "oracle alone", "bad", "median ms", "95 % ms", "worst ms")
     print_rows(heads, rows)
@@ -61,14 +62,20 @@ def print_tight() -> None:
 
 
 def _tight_row(name: str, problems: list[PlanProblem]) -> list[object]:
+    solved, bad, times = _solve(problems)
+    quick = sum(plan_path(problem, effort="quick").found for problem in problems)
+    return [name, len(problems), quick, sum(solved), bad, f"{np.median(times):.1f}", f"{max(times):.0f}"]
+
+
+def _solve(problems: list[PlanProblem]) -> tuple[list[bool], int, list[float]]:
+    """Return which problems are solved, how many of the plans have a fault, and the times [ms]."""
     solved, times = [], []
     for problem in problems:
         started = time.perf_counter()
         solved.append(plan_path(problem).found)
         times.append(1000 * (time.perf_counter() - started))
-    quick = sum(plan_path(problem, effort="quick").found for problem in problems)
     bad = sum(bool(find_faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
-    return [name, len(problems), quick, sum(solved), bad, f"{np.median(times):.1f}", f"{max(times):.0f}"]
+    return solved, bad, times
 
 
 def _save_by_improving(problem: PlanProblem) -> float:
@@ -81,17 +88,8 @@ def _save_by_improving(problem: PlanProblem) -> float:
     return 1 - last.cost / first.cost
 
 
-def _sets() -> list[tuple[int, int, np.random.Generator]]:
-    return [(count, size, np.random.default_rng(count)) for count, size in SETS]
-
-
 def _row(count: int, problems: list[PlanProblem]) -> list[object]:
-    solved, times = [], []
-    for problem in problems:
-        started = time.perf_counter()
-        solved.append(plan_path(problem).found)
-        times.append(1000 * (time.perf_counter() - started))
-    bad = sum(bool(find_faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
+    solved, bad, times = _solve(problems)
     planar = problems[0].planar
     known = [oracle(problem) for problem in problems] if planar else [True] * len(problems)
     alone = sum(theirs and not ours for theirs, ours in zip(known, solved, strict=True))

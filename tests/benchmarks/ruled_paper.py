@@ -24,15 +24,9 @@ def print_table() -> None:
             read_picture(PHOTOGRAPHS / name), None, PITCH_MM, (600.0, 250.0), "right", px_per_mm=PX_PER_MM
         )
         verdict = "not flat" if any("not flat" in reason for reason in plane.reasons) else "flat"
+        wanted = "flat" if flat else "not flat"
         rows.append(
-            [
-                name,
-                plane.points,
-                f"{plane.holdout_rms_mm:.3f}",
-                f"{plane.flatness_mm:.2f}",
-                verdict,
-                "flat" if flat else "not flat",
-            ]
+            [name, plane.points, f"{plane.holdout_rms_mm:.3f}", f"{plane.flatness_mm:.2f}", verdict, wanted]
         )
     heads = ("sheet", "points", "left out: plane", "unevenness mm", "verdict", "wanted")
     print_rows(heads, rows)

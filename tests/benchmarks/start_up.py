@@ -1,65 +1,77 @@
-"""The start-up time of commands beside a bare Python in the same run."""
+"""The time of commands from start to exit, beside a bare Python in the same run; and of lists of 5,000 runs."""
 
 import os
+import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 
 from labrig.lab import RUNS_DIR_VARIABLE
-from tests.benchmarks.catalogue import RUNS, SEARCH, children_s, make_runs
+from labrig.record.catalogue import list_runs
 from tests.benchmarks.table import print_rows
+from tests.record.runs import STARTED
 
-REPEATS = 20
+REPEATS, RUNS = 20, 5000
+KEPT = Path(__file__).parents[1] / "records" / "insertion"
+SEARCH = "diameter_mm=1.2 and exit_status=success and seed<100"
 BARE = "python -c pass"
-COMMANDS: tuple[tuple[str, tuple[str, ...], int | None], ...] = (
-    ("--help", ("--help",), 300),
-    ("run --help", ("run", "--help"), None),
-    ("manual", ("manual",), None),
-    ("runs of an empty folder", ("runs", "--runs-dir", "none"), None),
-    (f"runs, {RUNS} of them", ("runs",), 300),
-    (f"runs --where, {RUNS} of them", ("runs", "--where", SEARCH), 300),
-    ("check", ("check", "protocols/steerability.yaml"), None),
-)
+Commands = Mapping[str, tuple[tuple[str, ...], int | None]]
 """The name of each command line, its words, and its limit [ms]."""
+START_UP: Commands = {
+    "--help": (("--help",), 300),
+    "run --help": (("run", "--help"), None),
+    "manual": (("manual",), None),
+    "check": (("check", "protocols/steerability.yaml"), None),
+}
+LISTS: Commands = {
+    "runs of an empty folder": (("runs", "--runs-dir", "none"), None),
+    f"runs, {RUNS} of them": (("runs",), 1000),
+    f"runs --where, {RUNS} of them": (("runs", "--where", SEARCH), None),
+}
 
 
-def print_table() -> None:
-    """Print the time of twenty runs of each command, in turns, from start to exit.
+def print_start_up() -> None:
+    """Print the time of commands that read no runs."""
+    _print_times(START_UP, {})
+
+
+def print_catalogue() -> None:
+    """Print the time to list and search 5,000 runs, with files cached: the commands, and the calls alone."""
+    with tempfile.TemporaryDirectory() as folder:
+        _make_runs(Path(folder))
+        _print_times(LISTS, {RUNS_DIR_VARIABLE: folder})
+        for name, condition in (("list", None), ("search", SEARCH)):
+            started = time.perf_counter()
+            list_runs(Path(folder), condition)
+            print(f"the {name} alone: {1000 * (time.perf_counter() - started):.0f} ms")
+
+
+def _print_times(commands: Commands, variables: Mapping[str, str]) -> None:
+    """Print the median time of each command, in turns, from start to exit.
 
     The processor time is the least of them: it hardly depends on what else the computer does.
     """
     labrig = str(Path(sys.executable).with_name("labrig"))
-    commands = [(BARE, [sys.executable, "-c", "pass"], None)] + [
-        (f"labrig {name}", [labrig, *words], limit_ms) for name, words, limit_ms in COMMANDS
-    ]
-    with tempfile.TemporaryDirectory() as folder:
-        make_runs(Path(folder), RUNS)
-        # Compiled modules are kept, as they are in an installed labrig.
-        environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-        environment[RUNS_DIR_VARIABLE] = folder
-        for _, command, _ in commands:  # makes what is kept: compiled modules, and the index of the runs
-            _time_ms(command, environment)
-        rounds = [[_time_ms(command, environment) for _, command, _ in commands] for _ in range(REPEATS)]
-    taken = list(zip(*rounds, strict=True))
+    lines = [[sys.executable, "-c", "pass"], *([labrig, *words] for words, _ in commands.values())]
+    # Compiled modules are kept, as they are in an installed labrig.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    rounds = [[_time_ms(line, environment | variables) for line in lines] for _ in range(1 + REPEATS)]
+    taken = list(zip(*rounds[1:], strict=True))  # the first makes what is kept
     walls = [statistics.median(wall for wall, _ in times) for times in taken]
     least = [min(processor for _, processor in times) for times in taken]
-    rows = [
+    limits = {BARE: None, **{f"labrig {name}": limit_ms for name, (_, limit_ms) in commands.items()}}
+    print_rows(
+        ("command", "median ms", "times bare", "least processor ms", "times bare", "limit ms"),
         [
-            name,
-            f"{wall:.0f}",
-            f"{wall / walls[0]:.1f}",
-            f"{processor:.0f}",
-            f"{processor / least[0]:.1f}",
-            "-" if limit_ms is None else str(limit_ms),
-        ]
-        for (name, _, limit_ms), wall, processor in zip(commands, walls, least, strict=True)
-    ]
-    heads = ("command", "median ms", "times bare", "least processor ms", "times bare", "limit ms")
-    print_rows(heads, rows)
+            [name, f"{wall:.0f}", f"{wall / walls[0]:.1f}", f"{cpu:.0f}", f"{cpu / least[0]:.1f}", limit_ms or "-"]
+            for (name, limit_ms), wall, cpu in zip(limits.items(), walls, least, strict=True)
+        ],
+    )  # fmt: skip
 
 
 def _time_ms(command: list[str], environment: Mapping[str, str]) -> tuple[float, float]:
@@ -67,3 +79,21 @@ def _time_ms(command: list[str], environment: Mapping[str, str]) -> tuple[float,
     before_s, started = children_s(), time.perf_counter()
     subprocess.run(command, check=True, capture_output=True, env=environment)
     return 1000 * (time.perf_counter() - started), 1000 * (children_s() - before_s)
+
+
+def children_s() -> float:
+    """Return the processor time [s] of the processes that were started and have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _make_runs(runs_dir: Path) -> None:
+    """Make runs with the manifest of a kept insertion, started an hour apart."""
+    manifest, protocol = ((KEPT / name).read_text() for name in ("manifest.json", "protocol.yaml"))
+    started = next(line for line in manifest.splitlines() if line.startswith('"started"'))
+    for number in range(RUNS):
+        run = runs_dir / f"run-{number:05d}"
+        run.mkdir()
+        later = (STARTED + timedelta(hours=number)).isoformat(timespec="seconds")
+        (run / "manifest.json").write_text(manifest.replace(started, f'"started":"{later}",'))
+        (run / "protocol.yaml").write_text(protocol)

@@ -8,7 +8,6 @@ import hashlib
 import json
 import math
 import os
-import resource
 import statistics
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from tests.benchmarks.start_up import children_s
 from tests.benchmarks.table import FinishedCommand, measure, print_rows
 
 ROOT = Path(__file__).parents[2]
@@ -62,29 +62,19 @@ def _print_cost_against(baseline: Path) -> None:
 
 def _measure_cpu_s(root: Path, python: Path) -> float:
     """Return the processor time of a sweep of 24 insertions by the labrig of a checkout [s]."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before_s = children_s()
     with tempfile.TemporaryDirectory() as runs_dir:
         command = [str(python), "-m", "labrig", "run", "protocols/steerability.yaml", "--runs-dir", runs_dir]
         subprocess.run(
             [*command, "--set", "insertions_per_specimen=6"], cwd=root, capture_output=True, check=True
         )
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return children_s() - before_s
 
 
 def _sweep(runs_dir: Path) -> tuple[FinishedCommand, dict[str, Any]]:
     protocol, rig = ROOT / "protocols" / "steerability.yaml", ROOT / "calibration" / "rig-simulated.yaml"
-    command = [
-        sys.executable,
-        "-m",
-        "labrig",
-        "run",
-        str(protocol),
-        "--rig",
-        str(rig),
-        "--runs-dir",
-        str(runs_dir),
-    ]
+    files = [str(protocol), "--rig", str(rig), "--runs-dir", str(runs_dir)]
+    command = [sys.executable, "-m", "labrig", "run", *files]
     measured = measure([*command, "--json"])
     return measured, json.loads(measured.out)
 
@@ -136,16 +126,8 @@ def _means(document: dict[str, Any]) -> list[list[str]]:
     for specimen in document["result"]["specimens"]:
         truth = sum(drawn[specimen["name"]]) / len(drawn[specimen["name"]])
         mean = specimen["mean_radius_mm"]
-        rows.append(
-            [
-                specimen["name"],
-                str(specimen["n"]),
-                f"{mean:.3f}",
-                f"{truth:.3f}",
-                f"{mean - truth:+.4f}",
-                "0.05",
-            ]
-        )
+        found = (f"{mean:.3f}", f"{truth:.3f}", f"{mean - truth:+.4f}")
+        rows.append([specimen["name"], str(specimen["n"]), *found, "0.05"])
     return rows
 
 

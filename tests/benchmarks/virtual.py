@@ -1,14 +1,12 @@
-"""Virtual insertions a second: by one process and by two, for three policies, and where the time goes.
+"""Virtual insertions a second: by one process and by two, for three policies.
 
 The insertions are those of protocols/insertion.yaml on the simulated rig, of about 105 mm. `every 20 mm` replans as the
 paper does, with labrig's planner and filter; `paper` has the paper's planner and filter too. A second process gives at
 most what the computer has: a busy or hyper-threaded core is no whole one. LABRIG_BENCHMARK_WORLDS sets how many
-insertions each figure is from, 20 unless set.
+insertions each figure is from, 20 unless set. Where the time goes: `python -m cProfile -s tottime -m labrig campaign`.
 """
 
-import cProfile
 import os
-import pstats
 import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -21,32 +19,19 @@ from tests.benchmarks.virtual_runs import POLICIES, read_policy, read_simulated_
 
 INSERTIONS = int(os.environ.get("LABRIG_BENCHMARK_WORLDS", "20"))
 SEEDS = range(300_000, 300_000 + INSERTIONS)
-WANTED = {"default": 10.0, "every 20 mm": 40.0}
+WANTED = {"default": "10", "every 20 mm": "40"}
 """Insertions a second that are wanted of two processes."""
-_SHOWN = 25
 
 
 def print_table() -> None:
-    """Print the rates, and the profile of each policy."""
-    rows = [_measure(policy) for policy in POLICIES]
+    """Print the rates of each policy."""
+    rows = []
+    for policy in POLICIES:
+        (one_s, cpu_s), (two_s, _) = (_time(policy, workers) for workers in (1, 2))
+        rates = (f"{INSERTIONS / one_s:.1f}", f"{INSERTIONS / two_s:.1f}", f"{one_s / two_s:.2f}")
+        rows.append([policy, *rates, WANTED.get(policy, "-"), f"{cpu_s / INSERTIONS:.3f}"])
     heads = ("policy", "1 process, 1/s", "2 processes, 1/s", "ratio", "wanted of 2", "processor s each")
     print_rows(heads, rows)
-    for policy in WANTED:
-        print(f"\n{policy}: where the time goes")
-        _print_profile(policy)
-
-
-def _measure(policy: str) -> list[object]:
-    (one_s, cpu_s), (two_s, _) = (_time(policy, workers) for workers in (1, 2))
-    wanted = WANTED.get(policy)
-    return [
-        policy,
-        f"{INSERTIONS / one_s:.1f}",
-        f"{INSERTIONS / two_s:.1f}",
-        f"{one_s / two_s:.2f}",
-        "-" if wanted is None else f"{wanted:g}",
-        f"{cpu_s / INSERTIONS:.3f}",
-    ]
 
 
 def _time(policy: str, workers: int) -> tuple[float, float]:
@@ -63,13 +48,3 @@ def _insert(policy: str, seed: int) -> float:
     began_s = time.process_time()
     simulate(find_experiment("insertion"), read_policy(policy), read_simulated_rig(), seed)
     return time.process_time() - began_s
-
-
-def _print_profile(policy: str) -> None:
-    _insert(policy, SEEDS.start - 1)
-    profile = cProfile.Profile()
-    profile.enable()
-    for seed in SEEDS:
-        _insert(policy, seed)
-    profile.disable()
-    pstats.Stats(profile).sort_stats("tottime").print_stats(_SHOWN)

@@ -100,14 +100,8 @@ def _compare(
     low_mm, high_mm = bound(rig_mm, world_mm)
     of_rig, of_world = float(describe(rig_mm)), float(describe(world_mm))
     equivalent = low_mm > -WITHIN_MM and high_mm < WITHIN_MM
-    return [
-        name,
-        f"{of_rig:.4f}",
-        f"{of_world:.4f}",
-        f"{of_world - of_rig:+.4f}",
-        f"{low_mm:+.4f} to {high_mm:+.4f}",
-        "yes" if equivalent else "NO",
-    ]
+    figures = (f"{of_rig:.4f}", f"{of_world:.4f}", f"{of_world - of_rig:+.4f}")
+    return [name, *figures, f"{low_mm:+.4f} to {high_mm:+.4f}", "yes" if equivalent else "NO"]
 
 
 def _bound_mean(rig_mm: FloatArray, world_mm: FloatArray) -> tuple[float, float]:

@@ -98,6 +98,8 @@ def test_check_finds_no_problem(name: str, labrig: Labrig) -> None:
 
 def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
     """To the last bit; imported pictures were made by no procedure, and the command says so."""
+    if made.name == "design":
+        pytest.skip("it is a kept record, which another processor may have made")
     assert made.document.get("exit_status", "success") == "success"
     done = labrig("replay", made.run, "--json")
     if made.name == "import":

@@ -2,7 +2,6 @@
 
 The exit code is 1 if a test fails, a number differs by more than `_MOST_SHARE` of its sigma, more cases than
 `_MOST_OTHERWISE` of all are decided otherwise, or an example protocol does not replay identically where it was made.
-With `--many`, hundreds of drawn cases are compared in two environments (`tests.processors.many`), without the tests.
 """
 
 import json
@@ -69,18 +68,13 @@ class Comparison:
 
 def main() -> int:
     """Run everything, print it, and return the exit code."""
-    many = sys.argv[1:] == ["--many"]
     environments = list_environments()
-    if many:
-        environments = (environments[0], environments[-1])
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(CORES) as pool:
         folder = Path(name)
-        if not many:
-            examples = folder / "examples"
-            _require(_run(environments[0], "tests.processors.examples", str(examples)), "recording examples")
-            os.environ[EXAMPLES] = str(examples)
-        module = "tests.processors.many" if many else "tests.processors.probes"
-        made = list(pool.map(lambda each: _make(each, folder, module), environments))
+        examples = folder / "examples"
+        _require(_run(environments[0], "tests.processors.examples", str(examples)), "recording examples")
+        os.environ[EXAMPLES] = str(examples)
+        made = list(pool.map(lambda each: _make(each, folder), environments))
     default, *others = made
     for environment, here in zip(environments, made, strict=True):
         _print_environment(environment, here, default)
@@ -93,13 +87,16 @@ def main() -> int:
     return 0 if passed and all(each.is_equivalent for each in compared.values()) else 1
 
 
-def _make(environment: Environment, folder: Path, module: str) -> Made:
+def _make(environment: Environment, folder: Path) -> Made:
     began_s = time.perf_counter()
     out = folder / f"{environment.name}.json"
-    _require(_run(environment, module, str(out)), f"probes in the environment {environment.name}")
+    _require(
+        _run(environment, "tests.processors.probes", str(out)),
+        f"probes in the environment {environment.name}",
+    )
     found = json.loads(out.read_text(encoding="utf-8"))
     cases = {case["name"]: case for case in found["cases"]}
-    failures, ends = ([], "") if module.endswith("many") else _test(environment)
+    failures, ends = _test(environment)
     if environment.name == DEFAULT:
         failures += _find_not_identical(cases)
     return Made(found["processor"], cases, failures, ends, time.perf_counter() - began_s)

@@ -158,7 +158,7 @@ for number in count():
 """
 
 
-@pytest.mark.parametrize("wanted", [3, 40, 200])
+@pytest.mark.parametrize("wanted", [3, 40])
 def test_a_killed_process_loses_nothing_acknowledged(tmp_path: Path, wanted: int) -> None:
     """SIGKILL in earnest, and the lock is free afterwards."""
     with subprocess.Popen(

@@ -121,19 +121,6 @@ def test_a_line_that_is_no_json_is_named(tmp_path: Path) -> None:
         _ = open_run(run).trials
 
 
-def test_a_changed_file_is_refused_where_it_is_used(tmp_path: Path) -> None:
-    """Protocol, calibration and pictures; the other pictures can be read."""
-    path = closed_run(tmp_path)
-    for name in ("protocol.yaml", "calibration/plane.json", "frames/000001.png"):
-        flip_bit(path / name)
-    run = open_run(path)
-    for use in (lambda: run.protocol, lambda: run.calibration_path("plane.json"), lambda: run.pictures[1]):
-        with pytest.raises(RecordError):
-            use()
-    np.testing.assert_array_equal(run.pictures[2], picture(2))
-    assert not run.calibration_path("mask.png").exists()
-
-
 def test_results_are_numbered_and_never_overwritten(tmp_path: Path) -> None:
     """Each analysis gets a folder of its own, even after gaps; the newest finished one is the result."""
     path = closed_run(tmp_path)

@@ -25,7 +25,7 @@ def edit_moves(sweep: SweepRun, tmp_path: Path) -> Path:
     """Return the sweep as an open run in which moves state another position than was sent."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "edited"))
     edit_events(
-        run, lambda line: line | {"asked_position": 41.0} if line.get("asked_position") == 40.0 else line
+        run, lambda line: line | {"asked_position": 23.0} if line.get("asked_position") == 22.0 else line
     )
     open_again(run)
     return run
@@ -39,12 +39,12 @@ def test_a_difference_exits_with_1_and_both_values(sweep: SweepRun, labrig: Labr
     document = done.json()
     assert (document["verdict"], document["identical"]) == ("different", False)
     assert document["first_difference"] | {"t_s": None} == {
-        "path": "move.insertion_mm", "recorded": 41.0, "now": 40.0, "size": 1.0, "tolerance": 0.0025,
+        "path": "move.insertion_mm", "recorded": 23.0, "now": 22.0, "size": 1.0, "tolerance": 0.0025,
         "t_s": None, "frame": 1, "trial": 0, "went_on": True,
     }  # fmt: skip
     done = labrig("replay", run)
     assert done.exit_code == 1
-    assert "in the record: 41.0" in done.out
+    assert "in the record: 23.0" in done.out
     assert "they differ by 1; 0.0025 is allowed" in done.out
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Labrig, SweepRun, sweep_command
+from tests.cli.conftest import RIG, SMALL_RIG, SMALL_SWEEP, SWEEP, Labrig, SweepRun, sweep_command
 
 
 def _lines(path: Path) -> list[dict[str, object]]:
@@ -28,7 +28,7 @@ def test_a_sweep_succeeds_and_states_a_radius_for_each_gel(sweep: SweepRun) -> N
 
 def test_the_same_seed_gives_the_same_bytes(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
     """The same protocol, rig and seed give the same frames, states and events, byte for byte."""
-    again = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *SHORT_SWEEP)
+    again = labrig("run", SWEEP, "--runs-dir", tmp_path, "--json", *SMALL_SWEEP)
     run = Path(again.json()["run"])
     for name in ("states.jsonl", "events.jsonl", "frames.jsonl", "truth.jsonl", "can.log"):
         assert (run / name).read_bytes() == (sweep.run / name).read_bytes(), name
@@ -40,8 +40,8 @@ def test_the_same_seed_gives_the_same_bytes(sweep: SweepRun, labrig: Labrig, tmp
 def test_another_seed_gives_other_radii(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
     """--seed changes the draws of the simulated world, and is recorded."""
     short = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
-    settings = (*SHORT_SWEEP, *(word for setting in short for word in ("--set", setting)))
-    done = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", "--seed", 7, *settings)
+    settings = (*SMALL_SWEEP, *(word for setting in short for word in ("--set", setting)))
+    done = labrig("run", SWEEP, "--runs-dir", tmp_path, "--json", "--seed", 7, *settings)
     run = Path(done.json()["run"])
     assert _lines(run / "truth.jsonl")[0]["radius_mm"] != _lines(sweep.run / "truth.jsonl")[0]["radius_mm"]
     assert json.loads((run / "manifest.json").read_text())["seed"] == 7
@@ -51,7 +51,7 @@ def test_another_seed_gives_other_radii(sweep: SweepRun, labrig: Labrig, tmp_pat
 def test_a_signal_stops_the_run_and_closes_its_record(name: str, tmp_path: Path) -> None:
     """INT, TERM and HUP stop the axes of a background run, close its record as aborted, and exit with 130."""
     number = getattr(signal, f"SIG{name}")
-    command = sweep_command(RIG, tmp_path)
+    command = [*sweep_command(RIG, tmp_path), *SMALL_RIG]
     started = subprocess.Popen(
         ["sh", "-c", 'trap "" INT HUP; exec "$@"', "sh", *command],
         stderr=subprocess.PIPE,

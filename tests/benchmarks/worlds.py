@@ -91,37 +91,30 @@ def read_world(name: str) -> WorldDescription:
     return world
 
 
-def draw_world(described: WorldDescription, seed: int, spreads: Spreads = SPREADS) -> DrawnWorld:
+def draw_world(described: WorldDescription, seed: int) -> DrawnWorld:
     """Return the world of a seed, drawn about what the policy assumes."""
     random = np.random.default_rng([seed, 5])
     assumed = read_protocol()
     problem = draw_planar_problem(np.random.default_rng([2, seed]), 2)
-    description = _draw_description(described, random, spreads)
+    description = _draw_description(described, random)
     world = World(description, seed)
     world.mount_needle("N1")
     world.place_phantom(
         "phantom", GELATIN_PERCENT, [Ball(o.position_mm, o.radius_mm) for o in problem.obstacles]
     )
     world.aim_at(problem.target_mm)
-    sighting_sd_mm = _draw_about(assumed.estimator.observation_sd_mm, spreads.sighting, random)
-    roll_zero_rad = spreads.roll_zero_rad * random.standard_normal()
+    sighting_sd_mm = _draw_about(assumed.estimator.observation_sd_mm, SPREADS.sighting, random)
+    roll_zero_rad = SPREADS.roll_zero_rad * random.standard_normal()
+    lag, told = _measure_lag(description, random), _tell_ways_out_of_plane(described)
     return DrawnWorld(
-        world,
-        problem,
-        sighting_sd_mm,
-        roll_zero_rad,
-        _measure_lag(description, random, spreads),
-        _tell_ways_out_of_plane(described, spreads),
-        np.random.default_rng([seed, 3]),
+        world, problem, sighting_sd_mm, roll_zero_rad, lag, told, np.random.default_rng([seed, 3])
     )
 
 
-def _measure_lag(
-    description: WorldDescription, random: np.random.Generator, spreads: Spreads
-) -> TorsionalLag:
+def _measure_lag(description: WorldDescription, random: np.random.Generator) -> TorsionalLag:
     """Return the lag as it was measured: off by as much at every depth; none in a world without torsion."""
     needle = description.needle
-    error_rad = spreads.lag_rad * random.standard_normal()
+    error_rad = SPREADS.lag_rad * random.standard_normal()
     if not _has_torsion(description):
         return TorsionalLag()
     return TorsionalLag(
@@ -129,14 +122,14 @@ def _measure_lag(
     )
 
 
-def _tell_ways_out_of_plane(described: WorldDescription, spreads: Spreads) -> OutOfPlaneSettings:
+def _tell_ways_out_of_plane(described: WorldDescription) -> OutOfPlaneSettings:
     """Return what the policy is told: the values of the rig file, not those drawn about them."""
     return OutOfPlaneSettings(
         heading_sd_rad_per_root_mm=math.radians(described.disturbances.out_of_plane_deg_per_root_mm),
         start_sd_mm=described.sheath.x_play_sd_mm,
         start_sd_rad=math.radians(described.sheath.lean_play_sd_deg),
-        roll_zero_sd_rad=spreads.roll_zero_rad,
-        lag=TorsionalLag(best_sd_rad=spreads.lag_rad if _has_torsion(described) else 0.0, per_mm_sd_rad=0.0),
+        roll_zero_sd_rad=SPREADS.roll_zero_rad,
+        lag=TorsionalLag(best_sd_rad=SPREADS.lag_rad if _has_torsion(described) else 0.0, per_mm_sd_rad=0.0),
     )
 
 
@@ -144,25 +137,23 @@ def _has_torsion(description: WorldDescription) -> bool:
     return description.needle.torsion_lag_deg + description.needle.torsion_lag_deg_per_mm > 0.0
 
 
-def _draw_description(
-    described: WorldDescription, random: np.random.Generator, spreads: Spreads
-) -> WorldDescription:
+def _draw_description(described: WorldDescription, random: np.random.Generator) -> WorldDescription:
     assumed = read_protocol()
-    torsion = _draw_about(1.0, spreads.torsion, random)
+    torsion = _draw_about(1.0, SPREADS.torsion, random)
     needle = described.needle.model_copy(
         update={
             "torsion_lag_deg": torsion * described.needle.torsion_lag_deg,
             "torsion_lag_deg_per_mm": torsion * described.needle.torsion_lag_deg_per_mm,
-            "backlash_mm": _draw_about(assumed.policy.backlash_mm, spreads.backlash, random),
-            "hinge_closing_mm": _draw_about(assumed.policy.closing_mm, spreads.closing, random),
+            "backlash_mm": _draw_about(assumed.policy.backlash_mm, SPREADS.backlash, random),
+            "hinge_closing_mm": _draw_about(assumed.policy.closing_mm, SPREADS.closing, random),
         }
     )
-    radius_mm = _draw_about(assumed.planner.radius_mm, spreads.radius, random)
+    radius_mm = _draw_about(assumed.planner.radius_mm, SPREADS.radius, random)
     gel = GelDescription(gelatin_percent=GELATIN_PERCENT, radius_mean_mm=radius_mm, radius_sd_mm=0.0)
     disturbances = described.disturbances
-    every_mm = _draw_about(assumed.estimator.cavity_every_mm or math.inf, spreads.cavity_spacing, random)
+    every_mm = _draw_about(assumed.estimator.cavity_every_mm or math.inf, SPREADS.cavity_spacing, random)
     cavities = min(int(random.poisson(REACH_MM / every_mm)), 20) if disturbances.cavities else 0
-    wander = _draw_about(1.0, spreads.wander, random)
+    wander = _draw_about(1.0, SPREADS.wander, random)
     return described.model_copy(
         update={
             "gels": (gel,),

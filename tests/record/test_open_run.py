@@ -59,13 +59,6 @@ def test_pictures_are_a_sequence_that_travels(tmp_path: Path) -> None:
         run.read_frame(4)
 
 
-def test_an_interrupted_run_opens(tmp_path: Path) -> None:
-    """A run that was never closed is incomplete and gives everything that was acknowledged."""
-    run = open_run(interrupted_run(tmp_path))
-    assert (run.damage, run.checksum, run.manifest["exit_status"]) == ((), None, "incomplete")
-    assert (len(run.pictures), len(run.trials), len(run.states)) == (4, 2, 6)
-
-
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -83,18 +76,6 @@ def test_a_manifest_that_cannot_be_used_is_refused(tmp_path: Path, text: bytes, 
     with pytest.raises(RecordError, match=match) as refusal:
         open_run(run)
     assert str(run) in refusal.value.message
-
-
-def test_what_is_no_run_is_named(tmp_path: Path) -> None:
-    """A missing folder, one without a manifest, a file and a link are no runs."""
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "file").write_text("")
-    (tmp_path / "link").symlink_to(closed_run(tmp_path))
-    for name in ("missing", "folder", "file"):
-        with pytest.raises(RecordError, match=f"{name} is no run"):
-            open_run(tmp_path / name)
-    with pytest.raises(RecordError, match="symbolic link"):
-        open_run(tmp_path / "link")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from tests.cli.conftest import Labrig, SweepRun
 # What a file is, and what is said of it wherever it is read.
 UNREADABLE = {
     "16 bits": "not 8 bits",
-    "turned by EXIF": "is to be shown turned by 90 degrees",
+    "turned by EXIF": "is to be shown turned",
     "truncated": "is truncated, damaged",
     "no picture": "no picture",
 }

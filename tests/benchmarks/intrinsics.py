@@ -92,13 +92,10 @@ def _check_sigma(name: str, folder: Path) -> list[list[object]]:
     sigma = whole.sigma["fx"] or np.nan
     by_jackknife = measure_effect(replace(whole, covariance=tuple(map(tuple, jackknife.tolist()))))
     beside = {"jackknife": np.sqrt(jackknife[0, 0]), "halves": 0.5 * np.sqrt(np.mean(np.square(apart)))}
-    rows: list[list[object]] = [
-        [f"{name} set", "accepted" if whole.accepted else "refused", "accepted", "", "accepted"],
-        *(
-            [f"{name} set, sigma of fx, px; {way}", f"{sigma:.2f}", f"{other:.2f}", "", "1.5 times"]
-            for way, other in beside.items()
-        ),
-    ]
+    verdict = "accepted" if whole.accepted else "refused"
+    rows: list[list[object]] = [[f"{name} set", verdict, "accepted", "", "accepted"]]
+    for way, other in beside.items():
+        rows.append([f"{name} set, sigma of fx, px; {way}", f"{sigma:.2f}", f"{other:.2f}", "", "1.5 times"])
     if whole.effect is not None and by_jackknife is not None:
         for part in ("length", "radius", "distance"):
             shares = (f"{100.0 * getattr(effect, part):.3f}" for effect in (whole.effect, by_jackknife))

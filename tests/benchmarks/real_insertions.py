@@ -132,8 +132,8 @@ def _find_scales() -> list[float]:
                 fit_plane(found.pixels, PITCH_MM * found.lines, GROSS_MM),
                 np.array(PATH) * size_of(picture),
             )
-            lengths = (np.linalg.norm(np.diff(ends, axis=0)) for ends in (ends_px, fit.paper_mm(ends_px)))
-            scales.append(float(np.divide(*lengths)))
+            px, mm = (math.dist(*ends) for ends in (ends_px, fit.paper_mm(ends_px)))
+            scales.append(px / mm)
     return scales
 
 
@@ -144,7 +144,8 @@ def _marked_scales() -> list[float]:
         for row in csv.DictReader(file):
             mark = (float(row["line"]), float(row["v_px"]))
             lines.setdefault(f"{row['folder']}/{row['file']}", []).append(mark)
-    return [float(np.polyfit(*np.array(marks).T, 1)[0]) / MARKED_LINES_MM for marks in lines.values()]
+    fits = (np.polyfit([line for line, _ in marks], [v for _, v in marks], 1) for marks in lines.values())
+    return [float(fit[0]) / MARKED_LINES_MM for fit in fits]
 
 
 def _step_scales(steps: list[float | None]) -> list[float]:

@@ -60,7 +60,7 @@ def _print_times(commands: Commands, variables: Mapping[str, str]) -> None:
     lines = [[sys.executable, "-c", "pass"], *([labrig, *words] for words, _ in commands.values())]
     # Compiled modules are kept, as they are in an installed labrig.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    rounds = [[_time_ms(line, environment | variables) for line in lines] for _ in range(1 + REPEATS)]
+    rounds = [[_time_ms(line, {**environment, **variables}) for line in lines] for _ in range(1 + REPEATS)]
     taken = list(zip(*rounds[1:], strict=True))  # the first makes what is kept
     walls = [statistics.median(wall for wall, _ in times) for times in taken]
     least = [min(processor for _, processor in times) for times in taken]

@@ -42,7 +42,7 @@ def of_protocol(name: str) -> tuple[object, ...]:
     settings = [word for setting in SHORTENED[name] for word in ("--set", setting)]
     if name == "design":
         return (PROTOCOLS / "design.yaml", *settings)
-    camera = CALIBRATED_SMALL_CAMERA
+    camera: tuple[str, ...] = CALIBRATED_SMALL_CAMERA
     if name == "calibration":
         camera = _TO_CALIBRATE
         settings += ["--set", "plane.origin_px=[123,112]"]

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.cli.conftest import Labrig, SweepRun
 
@@ -39,7 +40,7 @@ def bad(good: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]
     folder = tmp_path_factory.mktemp("bad")
     picture = np.asarray(cv2.imread(str(good), cv2.IMREAD_UNCHANGED), np.uint8)
     height, width = picture.shape[:2]
-    written = {
+    written: dict[str, NDArray[np.unsignedinteger]] = {
         "16 bits": picture.astype(np.uint16) * 257,
         "wrong size": picture[: height // 2, : width // 2],
         "all black": np.zeros_like(picture),

@@ -12,6 +12,6 @@ from labrig.report.page import write_report
 def write_page(run: Run, result: AnyResult | None, created: datetime) -> Path:
     """Write the page that the run's experiment makes of a result, and return its path."""
     experiment = find_run_experiment(run)
-    page = experiment.page(run, load_run_protocol(run), result)
+    page = experiment.part("make_page")(run, load_run_protocol(run), result)
     kind, can_resume = experiment.title, bool(run.manifest.get("trials_planned"))
     return write_report(run, page, result, created, kind=kind, can_resume=can_resume)

@@ -188,7 +188,7 @@ def load_campaign(
             raise FileFormatError(tuple(told)) from error
         progress(len(arms) / file.arm_count)
     first = arms[0].protocol
-    if file.depth == "world" and not find_experiment(first.experiment).can_simulate:
+    if file.depth == "world" and find_experiment(first.experiment).find_part("tell_values") is None:
         raise InputError(
             f"{path}: the experiment {first.experiment} is not computed without pictures",
             "say depth: rig, which makes whole runs on a simulated rig",

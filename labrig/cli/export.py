@@ -72,7 +72,7 @@ def _make_films(run: Any) -> Any:
     """Return the films of the newest result. Raises `InputError` when the run has no insertion."""
     from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
 
-    page = find_run_experiment(run).page(run, load_run_protocol(run), load_run_result(run))
+    page = find_run_experiment(run).part("make_page")(run, load_run_protocol(run), load_run_result(run))
     films = page.make_films()
     if not films:
         raise InputError(

@@ -33,7 +33,7 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
         **({} if error is None else {"error": failure_document(error)}),
     })  # fmt: skip
     if result is not None and experiment is not None:
-        print_summary(experiment.summarise(result))
+        print_summary(experiment.part("summarise")(result))
         print_line(f"record  {finished.path}\nreport  {finished.report}")
     if checksum is not None:
         what = "write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"

@@ -87,7 +87,7 @@ def _show(path: Path, outcome: Any) -> Row:
         if result is not None:
             changed = " ".join(result.content.overrides) or "the run's own settings"
             print_line(f"{name}: analysis/{result.path.name}, {changed}")
-    summarise = find_run_experiment(run).summarise
+    summarise = find_run_experiment(run).part("summarise")
     before = {} if old is None else summarise(old.document).values
     rows = [[name, before.get(name), value] for name, value in summarise(new).values.items()]
     print_table(("", "old", "new"), rows)

@@ -66,9 +66,14 @@ def make_run_view(run: Run) -> View:
     RecordError
         When the result is damaged.
     """
-    return find_run_experiment(run).view(run, load_run_result(run))
+    experiment, result = find_run_experiment(run), load_run_result(run)
+    view: View = (
+        experiment.part("follow")(run) if result is None else experiment.part("make_view")(run, result)
+    )
+    return view
 
 
 def follow_run(run: Run) -> View:
     """Return what is drawn of a run that is being made. Raises `InputError` as `find_run_experiment`."""
-    return find_run_experiment(run).view(run, None)
+    view: View = find_run_experiment(run).part("follow")(run)
+    return view

@@ -109,7 +109,7 @@ def simulate(
     error = made.outcome.error
     if isinstance(error, InputError | BugError):
         raise error
-    values = experiment.tell_values(made.record.events, made.record.truths)
+    values = experiment.part("tell_values")(made.record.events, made.record.truths)
     return TaskOutcome(made.outcome.exit_status, made.outcome.reason or None, values)
 
 
@@ -118,7 +118,7 @@ def plan_run(
 ) -> RunPlan:
     """Return the plan of a run on a rig, or of what is left of one; the rig is None for a protocol that moves none."""
     if rig is None:
-        return RunPlan(problems=experiment.find_problems(protocol))
+        return RunPlan(problems=tuple(experiment.part("find_problems")(protocol)))
     record = _Watch()
     record.unfit += find_rig_problems(protocol, rig)
     try:

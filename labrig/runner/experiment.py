@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.errors import InputError, LabrigError, PluginError, Problem
@@ -17,11 +17,6 @@ from labrig.plugins import EXPERIMENTS, INTERFACE, Plugin, find_plugin
 from labrig.protocol.sections import ExperimentProtocol
 
 if TYPE_CHECKING:  # an analysis imports its experiment's package, and must load nothing that moves or draws
-    from labrig.analysis.result import AnyResult, Summary
-    from labrig.record.events import Event
-    from labrig.record.reader import Run
-    from labrig.report.page import Page
-    from labrig.report.view import View
     from labrig.runner.session import Session
 
 
@@ -81,7 +76,12 @@ PLACES: Mapping[str, tuple[str, ...]] = {
     "find_problems": ("protocol", "study"),
     "tell_values": ("virtual",),
 }
-"""Part of an experiment -> the modules of its package in which it may stand; a small one is a single module."""
+"""Part of an experiment -> the modules of its package in which it may stand; a small one is a single module.
+
+`find_problems(protocol)` says why a protocol that moves no rig cannot be run; `tell_values(events, truths)` tells the
+quantities of a virtual run; `make_page(run, protocol, result)`, `make_view(run, result)` and `follow(run)` draw, and
+`summarise(result)` is for the terminal.
+"""
 
 
 @dataclass(frozen=True)
@@ -124,11 +124,6 @@ class Experiment(MeasuredExperiment):
     def moves_rig(self) -> bool:
         """Whether it has a procedure; one that only computes says with `find_problems` why it cannot be run."""
         return self.find_part("run") is not None or self.find_part("find_problems") is None
-
-    @property
-    def can_simulate(self) -> bool:
-        """Whether a run of it can be computed without pictures."""
-        return self.find_part("tell_values") is not None
 
     def find_part(self, name: str) -> Any:
         """Return a part; None if it has none. Raises `PluginError` when its module cannot be imported."""
@@ -179,10 +174,6 @@ class Experiment(MeasuredExperiment):
             f"did you mean {name} where it says {near[0]}?" if near else "see labrig manual add-experiment",
         )
 
-    def find_problems(self, protocol: ExperimentProtocol) -> tuple[Problem, ...]:
-        """Return why a protocol that moves no rig cannot be run."""
-        return tuple(self.part("find_problems")(protocol))
-
     def run(self, protocol: ExperimentProtocol, session: Session) -> None:
         """Carry out the procedure.
 
@@ -202,26 +193,6 @@ class Experiment(MeasuredExperiment):
             blamed = self.blame(error)
             blamed.hint = f"{blamed.hint}; the record is {session.recorder.path}"
             raise blamed from error
-
-    def tell_values(
-        self, events: Sequence[Event], truths: Sequence[Mapping[str, Any]]
-    ) -> Mapping[str, float | int | bool | str | None]:
-        """Return the quantities of a virtual run of the procedure. Raises `InputError` if it has none."""
-        return cast("Mapping[str, Any]", self.part("tell_values")(events, truths))
-
-    def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
-        """Return the page of a run; without a result, the facts of its protocol."""
-        return cast("Page", self.part("make_page")(run, protocol, result))
-
-    def view(self, run: Run, result: AnyResult | None) -> View:
-        """Return the additions to the rerun view of a run; without a result, what its record shows by itself."""
-        return cast(
-            "View", self.part("follow")(run) if result is None else self.part("make_view")(run, result)
-        )
-
-    def summarise(self, result: Mapping[str, Any]) -> Summary:
-        """Return the terminal summary of a result."""
-        return cast("Summary", self.part("summarise")(result))
 
 
 @cache

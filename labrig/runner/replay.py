@@ -93,7 +93,7 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
     RecordError
         When the record is damaged.
     """
-    if not experiment.moves_rig and experiment.find_problems(protocol):
+    if not experiment.moves_rig and experiment.part("find_problems")(protocol):
         raise InputError(
             f"{run.path} holds imported pictures; no procedure made it", "there is nothing to replay"
         )

@@ -232,7 +232,7 @@ def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Pa
 
     require_devices_installed(str(run.path), run.plugin_packages)
     protocol = load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model})
-    page = experiment.page(run, protocol, result)
+    page = experiment.part("make_page")(run, protocol, result)
     return write_report(
         run,
         page,

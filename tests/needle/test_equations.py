@@ -5,7 +5,6 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from labrig.errors import AnswerIsNoError, InputError
 from labrig.needle.equations import (
@@ -16,7 +15,6 @@ from labrig.needle.equations import (
     rotation_for_radius_deg,
 )
 from labrig.needle.tube import TABLE_1
-from tests.needle.no_fit import make_tube
 
 CUTS_DEG = st.floats(0.0, 20.0)
 CLEARANCES_MM = st.floats(0.001, 0.08)
@@ -91,46 +89,20 @@ def test_a_radius_that_may_be_infinite_has_no_upper_end() -> None:
     assert found.high_mm is None
 
 
-def test_a_radius_that_no_inclination_gives_is_a_no() -> None:
-    """When the clearance alone turns the hinges further, the answer is no, with the rotation that it allows."""
+def test_what_clearance_or_inclination_alone_exceeds_is_a_no() -> None:
+    """The hinges turn further already: no inclination gives the radius, and no clearance explains it."""
     with pytest.raises(AnswerIsNoError, match=r"0\.025 mm alone allows 6\.967"):
         EQUATION_3.beta_cut_deg(rotation_for_radius_deg(200.0, 3.0), 0.025)
-
-
-def test_a_radius_that_no_clearance_explains_is_a_no() -> None:
-    """When the inclination alone turns the hinges further, no clearance explains the measured radius."""
     with pytest.raises(AnswerIsNoError, match="no clearance gives"):
         EQUATION_3.clearance_mm(rotation_for_radius_deg(200.0, 3.0), 4.13)
 
 
 @pytest.mark.parametrize(
-    ("radius", "message", "hint"),
-    [
-        (0.03, "at least 3.82 mm", "give a value from"),
-        (30_000.0, "at most 1e+04 mm", "give a value from"),
-        (0.0, "at least", "give a value"),
-        (-30.0, "at least", "give a value"),
-        (math.nan, "nan", "give a value"),
-        (math.inf, "at most", "give a value"),
-    ],
+    ("radius", "message"),
+    [(0.03, "at least 3.82 mm"), (30_000.0, "at most 1e+04 mm"), (-30.0, "at least"), (math.nan, "nan")],
 )
-def test_impossible_radii_are_refused(radius: float, message: str, hint: str) -> None:
-    """A radius beyond its limits is refused with the limit, and with the unit that was probably meant."""
+def test_impossible_radii_are_refused(radius: float, message: str) -> None:
+    """A radius beyond its limits is refused with the limit."""
     with pytest.raises(InputError, match=message.replace("+", r"\+")) as refused:
         rotation_for_radius_deg(radius, 3.0)
-    assert hint in refused.value.hint
-
-
-@pytest.mark.parametrize(
-    ("tube", "message"),
-    [
-        ((0.7, 1.2, 3.0), "must be below outer_diameter_mm"),
-        ((1200.0, 0.7, 3.0), "outer_diameter_mm"),
-        ((1.2, -0.7, 3.0), "inner_diameter_mm"),
-        ((math.nan, 0.7, 3.0), "outer_diameter_mm"),
-    ],
-)
-def test_impossible_tubes_are_refused(tube: tuple[float, float, float], message: str) -> None:
-    """An impossible tube is refused with the value."""
-    with pytest.raises(ValidationError, match=message):
-        make_tube(*tube)
+    assert "give a value from" in refused.value.hint

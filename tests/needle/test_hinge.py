@@ -61,35 +61,25 @@ def test_the_lips_hold_the_knuckle(hinge: Hinge) -> None:
         assert shared[1] > 0.0
 
 
-def test_a_clearance_wider_than_the_socket_holds_is_refused_as_micrometres() -> None:
-    """30 in place of 0.030 mm is refused with the limit, and the hint says what was meant."""
-    with pytest.raises(
-        InputError, match=r"laser clearance is 30 mm, and has to be at most 0\.07292 mm"
-    ) as refused:
-        Hinge(PAPER_TUBE, 30.0, 4.0)
-    assert "give a value from 0.001" in refused.value.hint
-
-
-@pytest.mark.parametrize("clearance_mm", [0.0, -0.025, 0.0005, math.nan, math.inf])
-def test_impossible_clearances_are_refused(clearance_mm: float) -> None:
-    """Clearances of zero and of half a micrometre are refused."""
-    with pytest.raises(InputError, match="laser clearance"):
-        Hinge(PAPER_TUBE, clearance_mm, 4.0)
-
-
 @pytest.mark.parametrize(
-    ("beta_cut_deg", "message"), [(30.0, "at most 29"), (-1.0, "at least 0"), (math.nan, "nan")]
+    ("clearance_mm", "beta_cut_deg", "link_mm", "message"),
+    [
+        (30.0, 4.0, 3.0, r"laser clearance is 30 mm, and has to be at most 0\.07292 mm"),
+        (0.0, 4.0, 3.0, "laser clearance is 0 mm, and has to be at least"),
+        (0.0005, 4.0, 3.0, "laser clearance"),
+        (math.nan, 4.0, 3.0, "laser clearance"),
+        (0.025, 30.0, 3.0, "cutting inclination.*at most 29"),
+        (0.025, -1.0, 3.0, "cutting inclination.*at least 0"),
+        (0.025, math.nan, 3.0, "cutting inclination.*nan"),
+        (0.025, 4.0, 0.8, r"link length is 0\.8 mm, and has to be at least 0\.928 mm"),
+    ],
 )
-def test_an_inclination_that_cuts_the_lips_through_is_refused(beta_cut_deg: float, message: str) -> None:
-    """The inclination is limited by what it leaves of the lips."""
-    with pytest.raises(InputError, match=f"cutting inclination.*{message}"):
-        Hinge(PAPER_TUBE, 0.025, beta_cut_deg)
-
-
-def test_a_link_too_short_for_both_hinges_is_refused() -> None:
-    """Socket and knuckle of one link must leave a wall's thickness between them."""
-    with pytest.raises(InputError, match=r"link length is 0\.8 mm, and has to be at least 0\.928 mm"):
-        Hinge(make_tube(1.2, 0.7, 0.8), 0.025, 4.0)
+def test_a_hinge_that_cannot_be_cut_is_refused(
+    clearance_mm: float, beta_cut_deg: float, link_mm: float, message: str
+) -> None:
+    """A knuckle that slips out, lips cut through, and two ends that meet: each with its value and limit."""
+    with pytest.raises(InputError, match=message):
+        Hinge(make_tube(1.2, 0.7, link_mm), clearance_mm, beta_cut_deg)
 
 
 def test_two_sections_decide_hinge_b() -> None:

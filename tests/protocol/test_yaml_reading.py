@@ -150,34 +150,31 @@ def problem_of_file(path: Path):
     return problem
 
 
-def test_a_missing_file_is_told_with_the_one_that_was_meant(tmp_path: Path):
-    """A wrong file name brings the right one to mind."""
+@pytest.mark.parametrize(
+    ("name", "message", "hint"),
+    [
+        ("sterability.yaml", "there is no such file", "did you mean steerability.yaml?"),
+        ("no/x.yaml", "there is no such file", "there is no folder"),
+        (".", "cannot be read: Is a directory", "steerability.yaml"),
+        ("bytes.yaml", "the byte 0xff is not UTF-8", "save the file as UTF-8"),
+        ("large.yaml", "larger than 256 kB", "is this the right file?"),
+        ("a\0b", "cannot be read", ""),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_told_with_a_hint(
+    name: str, message: str, hint: str, tmp_path: Path
+) -> None:
+    """A wrong name, a folder, other bytes, a recording given by mistake: a sentence, and what was probably meant."""
     (tmp_path / "steerability.yaml").write_text("a: 1\n")
-    problem = problem_of_file(tmp_path / "sterability.yaml")
-    assert problem.message == "there is no such file"
-    assert problem.hint == "did you mean steerability.yaml?"
-
-
-def test_a_missing_folder_is_named(tmp_path: Path):
-    """Where the folder itself is missing, the hint says so."""
-    assert f"there is no folder {tmp_path / 'no'}" in problem_of_file(tmp_path / "no" / "x.yaml").hint
-
-
-def test_a_folder_is_no_file_and_its_yaml_files_are_listed(tmp_path: Path):
-    """A folder in place of a file is refused, and what could have been meant is listed."""
-    (tmp_path / "a.yaml").write_text("a: 1\n")
-    problem = problem_of_file(tmp_path)
-    assert "directory" in problem.message
-    assert "a.yaml" in problem.hint
-
-
-def test_bytes_that_are_no_utf_8_are_told_with_their_place(tmp_path: Path):
-    """The column counts characters, not bytes, also behind a byte order mark."""
-    path = tmp_path / "x.yaml"
-    path.write_bytes(b"\xef\xbb\xbfa: 1\n# \xc3\xa9 \xff\n")
-    problem = problem_of_file(path)
-    assert problem.where == f"{path}:2:5"
-    assert "0xff" in problem.message
+    (tmp_path / "bytes.yaml").write_bytes(b"\xef\xbb\xbfa: 1\n# \xc3\xa9 \xff\n")
+    (tmp_path / "large.yaml").write_bytes(b"a: 1\n" * 100_000)
+    problem = problem_of_file(tmp_path / name)
+    assert message in problem.message
+    assert hint in problem.hint
+    if name == "bytes.yaml":
+        assert problem.where == f"{tmp_path / name}:2:5", (
+            "the column counts characters, behind the byte order mark"
+        )
 
 
 def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path: Path):
@@ -185,15 +182,3 @@ def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path: Path):
     path = tmp_path / "x.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\n")
     assert load_yaml_model(path, Anything).a == 1
-
-
-def test_a_file_too_large_to_be_written_by_hand_is_refused(tmp_path: Path):
-    """A picture or a recording given by mistake is refused before it is parsed."""
-    path = tmp_path / "x.yaml"
-    path.write_bytes(b"a: 1\n" * 100_000)
-    assert "256 kB" in problem_of_file(path).message
-
-
-def test_a_name_that_no_file_can_have_is_refused():
-    """A NUL in a file name is an input error, not a traceback."""
-    assert "cannot be read" in problem_of_file(Path("a\0b")).message

@@ -7,22 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.imported_pictures.protocol import ImportedNeedle, ImportProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.model import Model
-from labrig.protocol.sections import AnalysisWindow, Scale
 from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
 from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-
-allowed_text = st.text(
-    st.characters(exclude_categories=["Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"]), min_size=1, max_size=60
-)
-names = allowed_text.map(str.strip).filter(bool)
-notes = st.lists(allowed_text, max_size=4).map("\n".join)
-lengths = st.floats(min_value=5e-324, max_value=1000)
 
 
 class Mixed(Model):
@@ -41,40 +32,10 @@ class Mixed(Model):
 def test_the_protocols_in_the_checkout_survive_being_written(name: str):
     """What the record keeps of a protocol means the same as the file it came from."""
     protocol = load_protocol(PROTOCOLS / name, PROTOCOL_MODELS)
-    assert load_text(dump_yaml(protocol)) == protocol
-
-
-def test_defaults_are_written_out():
-    """A record does not depend on the defaults of the code that reads it."""
-    assert "bevel_roll_rad: 0.0" in dump_yaml(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS))
-
-
-@given(
-    title=allowed_text, notes=notes, needle_id=names, diameter_mm=st.floats(5e-324, 1),
-    radius_mm=st.none() | st.floats(1.5, 1000), sheath_mm=st.none() | st.floats(1.5, 20),
-    px_per_mm=st.floats(1e-300, 10_000), origin=st.tuples(st.floats(-1e300, 1e300), st.floats(-1e6, 1e6)),
-    window_mm=lengths, seed=st.integers(0, 2**32 - 1),
-)  # fmt: skip
-def test_any_import_protocol_survives_being_written(
-    title, notes, needle_id, diameter_mm, radius_mm, sheath_mm, px_per_mm, origin, window_mm, seed
-):  # fmt: skip
-    """Floats keep every digit, text every character, null stays null."""
-    protocol = ImportProtocol(
-        experiment="import",
-        title=title,
-        notes=notes,
-        seed=seed,
-        needle=ImportedNeedle(needle_id=needle_id, diameter_mm=diameter_mm, design_radius_mm=radius_mm),
-        sheath_diameter_mm=sheath_mm,
-        scale=Scale(px_per_mm=px_per_mm, origin_px=origin, insertion="left"),
-        analysis=AnalysisWindow(
-            window_start_mm=window_mm,
-            window_end_mm=0.0,
-            min_window_mm=window_mm,
-            max_radius_sigma_mm=window_mm,
-        ),
-    )
-    assert load_text(dump_yaml(protocol)) == protocol
+    written = dump_yaml(protocol)
+    assert load_text(written) == protocol
+    if name == "steerability.yaml":
+        assert "bevel_roll_rad: 0.0" in written, "a record does not depend on the defaults of its reader"
 
 
 any_text = st.text(st.characters(exclude_categories=["Cs"]), max_size=40)

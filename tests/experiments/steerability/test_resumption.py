@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from labrig.devices.operator import (
-    ConfirmAxesAtZero,
     ConfirmNeedleOut,
     ConfirmUnchanged,
     MountNeedle,
@@ -88,34 +87,24 @@ def test_what_may_have_changed_is_asked_for_again(tmp_path: Path, protocol: Stee
     ]
 
 
-def test_a_withdrawal_may_be_declined_and_then_the_needle_is_asked_about(
-    tmp_path: Path, protocol: SteerabilityProtocol
+@pytest.mark.parametrize("is_referenced", [True, False])
+def test_a_needle_that_is_not_withdrawn_is_asked_about(
+    is_referenced: bool, tmp_path: Path, protocol: SteerabilityProtocol
 ) -> None:
-    """If the operator declines, nothing moves until the needle is confirmed to be out."""
+    """The operator declines, or a drive has lost its reference: nothing moves until the needle is confirmed out."""
     with bench(tmp_path, protocol) as at:
         run = _stop_while_inserting(at, protocol)
         depth_mm = at.opened.rig.read_states()["insertion"].position
+        if not is_referenced:
+            at.opened.rig.needle.forget_references(["linear"])
         at.opened.rig.operator = watched = Watched(
             at.opened.rig.operator, declines=(WithdrawNeedle, ConfirmNeedleOut)
         )
         outcome, run = _go_on(at, protocol, run)
-        assert [type(request) for request in watched.asked] == [WithdrawNeedle, ConfirmNeedleOut]
+        asked = [WithdrawNeedle, ConfirmNeedleOut] if is_referenced else [ConfirmNeedleOut]
+        assert [type(request) for request in watched.asked] == asked
         assert at.opened.rig.read_states()["insertion"].position == depth_mm
         assert at.opened.rig.state.needle_in_tissue
-    assert outcome.exit_status == "aborted"
-    assert not any(event == ConfirmAxesAtZero.__name__ for event in run.events["request"].iloc[-3:])
-
-
-def test_without_a_reference_the_needle_is_only_asked_about(
-    tmp_path: Path, protocol: SteerabilityProtocol
-) -> None:
-    """If a drive has lost its reference, no withdrawal is offered."""
-    with bench(tmp_path, protocol) as at:
-        run = _stop_while_inserting(at, protocol)
-        at.opened.rig.needle.forget_references(["linear"])
-        at.opened.rig.operator = watched = Watched(at.opened.rig.operator, declines=ConfirmNeedleOut)
-        outcome, _ = _go_on(at, protocol, run)
-    assert [type(request) for request in watched.asked] == [ConfirmNeedleOut]
     assert outcome.exit_status == "aborted"
 
 

@@ -1,7 +1,7 @@
 """The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -23,6 +23,7 @@ from labrig.devices.needle_location import NeedleLocation, are_drives_lost, loca
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest, Paused
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.supervisor import Interrupted, Supervisor
@@ -144,6 +145,10 @@ class Rig:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return the truth of the insertion that the camera shows, one dict; nothing if it is unknown."""
         return () if self.description.camera.recorded else self._hardware.truth()
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
+        self._hardware.recall(insertions)
 
     def describe(self) -> dict[str, object]:
         """Return the rig and the state of its devices, ready for JSON."""

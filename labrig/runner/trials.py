@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.past_insertion import PastInsertion
 from labrig.record.events import INTERRUPTED, NO_DECISIONS, Decisions
 from labrig.record.layout import INCOMPLETE
 
@@ -49,6 +50,8 @@ class Past:
     begun : tuple of BegunTrial
     decisions : Decisions
         Of its person.
+    holes : tuple of PastInsertion
+        Its insertions, as a gel remembers them.
     failed : mapping of int to (str, str)
         The trials that have failed: why, in a word and in words.
     last_specimen : str
@@ -59,6 +62,7 @@ class Past:
 
     begun: tuple[BegunTrial, ...] = ()
     decisions: Decisions = NO_DECISIONS
+    holes: tuple[PastInsertion, ...] = ()
     failed: Mapping[int, tuple[str, str]] = field(default_factory=dict)
     last_specimen: str = ""
     needle_path: tuple[AxisPositions, ...] = ()

@@ -4,6 +4,7 @@ The time is simulated, or real for a rehearsal. There is one thread for all of i
 the world see time pass whenever labrig sends a frame, takes a picture or waits.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from labrig.clock import Clock
@@ -13,6 +14,7 @@ from labrig.devices.camera import CameraContext, PictureSource
 from labrig.devices.clocks import SimulatedClock, WatchedClock
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.operator import Operator
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
@@ -81,6 +83,15 @@ class SimulatedHardware:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""
         return (self.world.truth(),)
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Give the new world the tracks in the record, and bring the instrument out again."""
+        for insertion in insertions:
+            self.world.place_specimen(insertion.specimen, insertion.gelatin_percent)
+            self.world.shift_to_hole(insertion.specimen, insertion.hole, insertion.hole_position_mm)
+            here = tuple(self._positions[name] for name in ("insertion", "rotation", "linear"))
+            for insertion_mm, rotation_rad, linear_mm in (*insertion.path, here):
+                self.world.advance(insertion_mm, rotation_rad, linear_mm)
 
     def close(self) -> None:
         """Take the drives off the bus, once everything is on disk."""

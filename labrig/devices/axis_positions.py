@@ -1,7 +1,7 @@
 """Positions of the three axes at one instant."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from labrig.devices.drives.drive import DriveReading
 
@@ -16,11 +16,8 @@ class AxisPositions:
 
     def interpolate_to(self, other: "AxisPositions", fraction: float) -> "AxisPositions":
         """Return the positions at a fraction, 0 to 1, of the way to another set of positions."""
-        return AxisPositions(
-            (1.0 - fraction) * self.insertion_mm + fraction * other.insertion_mm,
-            (1.0 - fraction) * self.rotation_rad + fraction * other.rotation_rad,
-            (1.0 - fraction) * self.linear_mm + fraction * other.linear_mm,
-        )
+        ends = zip(astuple(self), astuple(other), strict=True)
+        return AxisPositions(*((1.0 - fraction) * start + fraction * end for start, end in ends))
 
 
 def collect_axis_positions(states: Mapping[str, DriveReading]) -> AxisPositions:

@@ -421,7 +421,6 @@ class Rig:
             When a needle is or may be in tissue: its depth and roll would be lost.
         DriveError, BusError
         """
-        self.needle.refuse_in_tissue("no axis is homed", self.description.option)
         for axis in self.axes:
             self.home(axis.name, HERE)
 

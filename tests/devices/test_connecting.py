@@ -10,7 +10,7 @@ from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.epos2 import HOMING_DIRECTIONS, Epos2Axis
 from labrig.devices.drives.objects import Place
 from labrig.devices.homing import HOMING_HERE
-from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
+from labrig.errors import DriveError, DriveRefusedError
 from tests.devices import epos2_places as od
 from tests.devices.rigs import (
     HEARTBEAT,
@@ -141,23 +141,6 @@ def test_each_homing_method_has_its_direction(method: int) -> None:
         assert first * HOMING_DIRECTIONS[method] > 0
         assert one.driver.is_referenced()
         assert one.driver.position() == pytest.approx(0.0, abs=1e-3)
-
-
-def test_a_signal_ends_a_homing() -> None:
-    """The axis halts, stands still and has no reference, and the run counts as interrupted."""
-    with _rig() as opened:
-        opened.rig.connect()
-        drive = opened.drives["insertion"]
-        opened.hardware.clock.on_advance(
-            lambda: setattr(opened.signal, "name", "SIGTERM" if drive.is_homing else None)
-        )
-        with pytest.raises(InterruptedRunError, match="SIGTERM"):
-            opened.rig.home("insertion", Homing(method=-3, timeout_s=60.0))
-        homing = drive.find_last("homing")
-        assert homing is not None
-        assert homing.text == "stopped"
-        assert not opened.rig.axis("insertion").referenced
-        assert "insertion" not in opened.rig.state.referenced
 
 
 def test_a_homing_method_that_the_drive_lacks_is_refused() -> None:

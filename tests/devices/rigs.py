@@ -171,11 +171,6 @@ def one_drive(
     drive.unplug()
 
 
-def epos2_drives(hardware: SimulatedHardware) -> dict[str, SimulatedCia402Drive]:
-    """Return the simulated EPOS2 of each axis that has one."""
-    return {name: drive for name, drive in hardware.drives.items() if isinstance(drive, SimulatedCia402Drive)}
-
-
 @dataclass
 class OpenedRig:
     """A rig whose simulated hardware a test can reach behind its back."""
@@ -186,7 +181,7 @@ class OpenedRig:
     @property
     def drives(self) -> dict[str, SimulatedCia402Drive]:
         """The simulated EPOS2 of each axis."""
-        return epos2_drives(self.hardware)
+        return self.hardware.drives
 
     signal: Signal
     person: Person

@@ -97,10 +97,7 @@ def served_drives(
     thread = threading.Thread(target=served.serve, args=(until,))
     thread.start()
     try:
-        drives = {
-            node: drive for node, drive in served.drives.items() if isinstance(drive, SimulatedCia402Drive)
-        }
-        yield Served(reached_by, drives, bus, served.wire, actions)
+        yield Served(reached_by, served.drives, bus, served.wire, actions)
     finally:
         over.set()
         thread.join()

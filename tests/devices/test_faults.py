@@ -8,7 +8,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import FileFormatError
-from tests.devices.rigs import epos2_drives, rig_text
+from tests.devices.rigs import rig_text
 
 
 def _scripted(folder: Path, script: str) -> RigDescription:
@@ -43,7 +43,7 @@ def test_a_fault_waits_for_its_time_and_for_the_axis(tmp_path: Path) -> None:
     hardware = SimulatedHardware(rig, rig.world, seed=1)
     hardware.clock.sleep(2.0)
     assert hardware.faults.happened == []
-    drive = epos2_drives(hardware)["insertion"]
+    drive = hardware.drives["insertion"]
     drive.objects.put(co.TARGET_POSITION, 100_000)
     for word in (0x06, 0x0F, 0x3F):
         drive.objects.put(co.CONTROLWORD, word)

@@ -20,7 +20,6 @@ from tests.devices.rigs import (
     OpenedRig,
     Person,
     Signal,
-    epos2_drives,
     opened_rig,
     ready_rig,
     simulated_rig,
@@ -165,7 +164,7 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
     assert isinstance(hardware, SimulatedHardware)
     assert _still(hardware)
     assert hardware.drives["insertion"].shaft_counts < 10_000
-    assert {drive._state for drive in epos2_drives(hardware).values()} == {DriveState.SWITCH_ON_DISABLED}
+    assert {drive._state for drive in hardware.drives.values()} == {DriveState.SWITCH_ON_DISABLED}
 
 
 # Opening

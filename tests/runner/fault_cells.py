@@ -69,7 +69,7 @@ from tests.devices.fault_table import (
     Stop,
     outcome_of,
 )
-from tests.devices.rigs import Person, Signal, count_repeats, epos2_drives, simulated_rig
+from tests.devices.rigs import Person, Signal, count_repeats, simulated_rig
 from tests.devices.wire_faults import (
     ERROR_PASSIVE,
     abort_next,
@@ -181,7 +181,7 @@ class Cell:
     @property
     def drive(self) -> SimulatedCia402Drive:
         """The drive that is struck."""
-        return epos2_drives(self.hardware)[STRUCK[self.phase]]
+        return self.hardware.drives[STRUCK[self.phase]]
 
     def script(self, fault: FaultDescription) -> None:
         """Let a fault happen as a rig file does."""
@@ -192,7 +192,7 @@ class Cell:
         """Let the fault happen, once."""
         if self.struck_s is None:
             self.struck_s = self.hardware.clock.now_s()
-            self.moving = [drive for drive in epos2_drives(self.hardware).values() if drive.is_moving]
+            self.moving = [drive for drive in self.hardware.drives.values() if drive.is_moving]
             STRIKES[self.fault](self)
 
     def at_next_answer(self, then: Callable[[], None]) -> None:
@@ -245,7 +245,7 @@ class Cell:
 
     def write(self, axis: str, *values: tuple[Place, int]) -> None:
         """Write objects of an axis' drive by SDO, as another program on the bus does."""
-        node = epos2_drives(self.hardware)[axis].node_id
+        node = self.hardware.drives[axis].node_id
         for place, value in values:
             data = _OBJECTS[place].encode_raw(value)
             head = struct.pack("<BHB", 0x23 | (4 - len(data)) << 2, *place)
@@ -254,7 +254,7 @@ class Cell:
     def put(self, axis: str, *values: tuple[Place, int]) -> None:
         """Change objects inside a drive: no frame tells of it."""
         for entry, value in values:
-            epos2_drives(self.hardware)[axis].objects.put(entry, value)
+            self.hardware.drives[axis].objects.put(entry, value)
 
 
 _OBJECTS = read_own_eds("epos2.eds").objects
@@ -274,7 +274,7 @@ def _change_target(cell: Cell) -> None:
 
 def _creep(cell: Cell) -> None:
     """Move the idle linear axis inside its drive, and leave the target there as it was."""
-    target = epos2_drives(cell.hardware)["linear"].objects.value(co.TARGET_POSITION)
+    target = cell.hardware.drives["linear"].objects.value(co.TARGET_POSITION)
     there = (co.TARGET_POSITION, target + 4000)
     cell.put("linear", there, *_START, (co.CONTROLWORD, 0x0F), (co.TARGET_POSITION, target))
 
@@ -373,10 +373,8 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "idle axis moved": _creep,
     "encoder jumps": lambda cell: cell.drive.shift_counter(24_000),
     "stall in gel": _script_fault(fault="blocked", axis="insertion"),
-    "force limit exceeded": lambda cell: epos2_drives(cell.hardware)["insertion"].set_input(
-        "analog-1", 2500.0
-    ),
-    "door opened": lambda cell: epos2_drives(cell.hardware)["linear"].set_input("general-A", 0.0),
+    "force limit exceeded": lambda cell: cell.hardware.drives["insertion"].set_input("analog-1", 2500.0),
+    "door opened": lambda cell: cell.hardware.drives["linear"].set_input("general-A", 0.0),
     "node becomes pre-operational": lambda cell: setattr(cell.drive, "nmt_state", NmtState.PRE_OPERATIONAL),
 }
 """How each fault of the table is made to happen."""
@@ -416,7 +414,7 @@ def _hardware(description: RigDescription) -> SimulatedHardware:
     """Return a rig whose drives have their fingerprint stored."""
     assert description.world is not None
     hardware = SimulatedHardware(description, description.world, seed=1)
-    for drive in epos2_drives(hardware).values():
+    for drive in hardware.drives.values():
         objects = drive.objects
         for place, value in zip(od.CONFIGURATION, _FINGERPRINT, strict=True):
             objects.set_fixed(place, value)
@@ -551,7 +549,7 @@ def _still_after_s(cell: Cell) -> float:
     Somebody else may set an axis moving that stood: then every axis counts.
     """
     assert cell.struck_s is not None, "the fault never struck"
-    counted = epos2_drives(cell.hardware).values() if cell.fault in SCENARIOS else cell.moving
+    counted = cell.hardware.drives.values() if cell.fault in SCENARIOS else cell.moving
     return max([0.0, *(drive.shaft.still_s - cell.struck_s for drive in counted)])
 
 
@@ -591,7 +589,7 @@ def _told_differences(cell: Cell, outcome: Outcome) -> Iterator[str]:
     if lost and "press the emergency stop" not in cell.alerts[0][1]:
         yield f"told {cell.alerts[0][1]}"
     for axis in cell.located.axes:
-        truly_mm = epos2_drives(cell.hardware)[axis.axis].shaft_counts / _QUADCOUNTS_PER_MM.get(axis.axis, 1)
+        truly_mm = cell.hardware.drives[axis.axis].shaft_counts / _QUADCOUNTS_PER_MM.get(axis.axis, 1)
         is_told = (
             axis.position is not None and axis.referenced and not axis.why_old and axis.axis == "insertion"
         )
@@ -618,7 +616,7 @@ def _mend(cell: Cell) -> set[str]:
     """Mend what has failed, switch off and on what is in fault, and return which axes that were."""
     cell.hardware.wire.restore()
     off_and_on = set()
-    for name, drive in epos2_drives(cell.hardware).items():
+    for name, drive in cell.hardware.drives.items():
         drive.line.take, drive._is_mute = drive._on_frame, False
         drive.restore_power_stage()
         drive.shaft.free()

@@ -11,7 +11,6 @@ from typing import Any
 import can
 import pytest
 
-from labrig.devices.axis_description import DEFAULT_DRIVER
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.serving import ServedDrives, open_bus
@@ -82,12 +81,10 @@ def _multicast(reached_by: dict[str, Any]) -> can.BusABC:
 
 
 @contextmanager
-def served_drives(
-    interface: str, node_ids: tuple[int, ...] = (1, 2, 3), driver: str = DEFAULT_DRIVER
-) -> Iterator[Served]:
+def served_drives(interface: str, node_ids: tuple[int, ...] = (1, 2, 3)) -> Iterator[Served]:
     """Serve simulated drives until the block is left."""
     bus, reached_by = _open(interface)
-    served, over = ServedDrives(bus, node_ids, driver=driver), threading.Event()
+    served, over = ServedDrives(bus, node_ids), threading.Event()
     actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
 
     def until() -> bool:

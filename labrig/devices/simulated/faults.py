@@ -1,7 +1,7 @@
 """Injects the faults that a rig file or a test scripts."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices.fault_script import FaultDescription
@@ -29,8 +29,6 @@ class FaultScript:
     drives: Mapping[str, SimulatedCia402Drive]
     clock: Clock
     waiting: tuple[FaultDescription, ...]
-    happened: list[tuple[float, FaultDescription]] = field(default_factory=list)
-    """Faults injected so far, each with its rig time."""
 
     def __post_init__(self) -> None:
         """Inject what is due at once."""
@@ -45,7 +43,6 @@ class FaultScript:
 
     def inject(self, fault: FaultDescription) -> None:
         """Inject a fault now."""
-        self.happened.append((self.clock.now_s(), fault))
         if fault.axis is None:
             {"bus-off": self.wire.enter_bus_off, "unplugged": self.wire.unplug}[fault.fault]()
         else:

@@ -5,17 +5,14 @@ from typing import Any, get_args
 
 import can
 
-from labrig.devices.axis_description import DEFAULT_DRIVER
 from labrig.devices.bus import OPENING_FAILURES
 from labrig.devices.can_description import Bitrate
 from labrig.devices.clocks import SystemClock
-from labrig.devices.driver_section import find_section
-from labrig.devices.drives.section import ProductSection
+from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError, InputError
-from labrig.plugins import DRIVES
 
 _TICK_S = 0.002
 _MOST_FRAMES = 200
@@ -74,15 +71,13 @@ class ServedDrives:
     bus : can.BusABC
         The bus; the caller closes it.
     node_ids : iterable of int
-        A drive for each.
-    driver : str
-        Kind of the drives.
+        An EPOS2 for each.
     """
 
-    def __init__(self, bus: can.BusABC, node_ids: Iterable[int], driver: str = DEFAULT_DRIVER) -> None:
-        self.wire, clock, kind = InProcessWire(), SystemClock(), find_section(DRIVES, driver, ProductSection)
+    def __init__(self, bus: can.BusABC, node_ids: Iterable[int]) -> None:
+        self.wire, clock = InProcessWire(), SystemClock()
         self.drives = {
-            node_id: kind.example(node_id).simulate(self.wire, clock, Mechanics(), _BOOT_TIME_S)
+            node_id: Epos2Axis.example(node_id).simulate(self.wire, clock, Mechanics(), _BOOT_TIME_S)
             for node_id in node_ids
         }
         self._bus = bus

@@ -81,7 +81,8 @@ def decode_picture(data: bytes, path: Path | str) -> Picture:
     except PictureError:
         raise
     except _DAMAGE as error:
-        raise PictureError(f"{path} is truncated, damaged, or no picture: {error}", _CONVERT) from error
+        why = str(error).partition(" <")[0]  # Pillow ends with the object that it reads, and its address
+        raise PictureError(f"{path} is truncated, damaged, or no picture: {why}", _CONVERT) from error
     return np.asarray(pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 

@@ -14,13 +14,6 @@ from tests.cli.conftest import ROOT, Labrig, SweepRun
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-def test_a_folder_without_runs_says_how_to_make_one(labrig: Labrig, tmp_path: Path) -> None:
-    """A folder without runs gives an empty list and names the command that makes the first run."""
-    done = labrig("runs", "--runs-dir", tmp_path)
-    assert done.exit_code == 0
-    assert "labrig run" in done.err
-
-
 def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> None:
     """Unchanged settings give identical numbers; changed ones name the first picture that differs in each run."""
     first = ROOT / "tests" / "records" / "steerability"

@@ -81,7 +81,6 @@ def plan_path(
     problem: PlanProblem,
     method: PlanMethod = "best",
     effort: Effort = "thorough",
-    rounds: int = 1,
     present: FloatArray | None = None,
 ) -> Plan:
     """Return the first path to the target that is found, or the reason why there is none.
@@ -96,8 +95,6 @@ def plan_path(
     effort : {"quick", "closer", "thorough"}
         Of "best". It is a number of rounds and not a time, so that the same problem has the same plan on any machine.
         Without a path the thorough search takes seconds, which is too long while the needle moves.
-    rounds : int
-        Of "best". Up to this round a better path than the first is sought.
     present : (n, 2) array, optional
         The path that the needle follows, from the problem's start, columns (theta, delta). Mended, it is compared with
         those that are found: a quick search finds paths of few arcs only.
@@ -107,9 +104,9 @@ def plan_path(
     if reason is not None:
         return Plan(found=False, reason=reason)
     best = None if present is None else _mend(present, around)
-    for number, found in enumerate(_search_in_rounds(around, method, effort), start=1):
+    for found in _search_in_rounds(around, method, effort):
         best = choose_cheaper(found, best)
-        if best is not None and number >= rounds:
+        if best is not None:
             break
     if best is not None and _is_worth_making(best.psi, around):
         return make_plan(best.psi, around)

@@ -6,8 +6,7 @@ import time
 import numpy as np
 
 from labrig.steering.planner import plan_path
-from labrig.steering.problem import PlanProblem, Surroundings
-from labrig.steering.score import pick_best_feasible
+from labrig.steering.problem import PlanProblem
 from tests.benchmarks.oracle import oracle_solves
 from tests.benchmarks.planning_problems import (
     draw_planar_problem,
@@ -22,7 +21,6 @@ SETS = ((2, 200), (5, 100), (9, 100), (14, 100))
 RIVAL_PROBLEMS = 50
 RIVAL_LIMIT_S = 2.0
 TIGHT = 40
-_ALL_ROUNDS = 1000
 TUNNELS, SPARE_MM = 120, (0.05, 0.15, 0.4)
 
 
@@ -55,10 +53,6 @@ def print_tight() -> None:
     ]
     print()
     print_rows(("tight problems", "of", "solved quickly", "solved", "bad", "median ms", "worst ms"), rows)
-    saved = [_save_by_improving(problem) for problem in draw_spatial_problems(TIGHT, seed=3)]
-    print(
-        f"a thorough search lowers the cost of the first path in space by {100 * np.mean(saved):.1f} % on average"
-    )
 
 
 def _tight_row(name: str, problems: list[PlanProblem]) -> list[object]:
@@ -76,16 +70,6 @@ def _solve(problems: list[PlanProblem]) -> tuple[list[bool], int, list[float]]:
         times.append(1000 * (time.perf_counter() - started))
     bad = sum(bool(find_faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
     return solved, bad, times
-
-
-def _save_by_improving(problem: PlanProblem) -> float:
-    """Return the share of the first path's cost that a thorough search saves."""
-    around = Surroundings(problem)
-    paths = [plan_path(problem, rounds=rounds).psi for rounds in (1, _ALL_ROUNDS)]
-    first, last = (pick_best_feasible(psi[None], around) for psi in paths)
-    assert first is not None
-    assert last is not None
-    return 1 - last.cost / first.cost
 
 
 def _row(count: int, problems: list[PlanProblem]) -> list[object]:

@@ -8,7 +8,7 @@ from labrig.errors import CalibrationRefusedError, PictureError, RecordError
 from labrig.protocol.sections import GridSentinel
 from labrig.record.events import FrameLine, PictureRole
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_fit import check_grid, compare_grids
+from labrig.vision.plane_check import check_grid, compare_grids
 
 
 class GridRole(PictureRole):

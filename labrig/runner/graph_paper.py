@@ -8,7 +8,7 @@ from labrig.errors import CalibrationRefusedError
 from labrig.protocol.sections import GridSentinel
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight, TakenPicture
-from labrig.vision.plane_fit import compare_grids
+from labrig.vision.plane_check import compare_grids
 
 
 def confirm_needle_out(session: Session) -> None:

@@ -25,7 +25,7 @@ from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.marker import MarkerFix, find_markers
 from labrig.vision.picture import Mask, Picture, load_mask
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_fit import GridCheck, check_grid
+from labrig.vision.plane_check import GridCheck, check_grid
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template import TipTemplate, load_template
 

@@ -33,7 +33,7 @@ from labrig.vision.error_budget import PlaceErrors
 from labrig.vision.marker import MarkerFix
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_fit import GridCheck
+from labrig.vision.plane_check import GridCheck
 from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
 from labrig.vision.tip import TipFix, is_off_rim
@@ -362,7 +362,7 @@ class WorldSight(Sight):
 
     def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:  # noqa: ARG002
         """Return paper that is as it should be: nobody bumps the camera of a world."""
-        return GridCheck(1.0, 1.0, 0.0, 0)
+        return GridCheck(1.0, 1.0, 0.0)
 
     def find_markers(
         self, taken: TakenPicture, dictionary: str, marker_ids: Iterable[int]

@@ -185,7 +185,7 @@ class Intrinsics:
 
     def distort_px(self, px: ArrayLike) -> _FloatArray:
         """Return where the lens puts ideal pixels (N, 2)."""
-        return self.project(self._rays(_check_px(px)))[0]
+        return self.project(self._rays(check_points(px)))[0]
 
     def undistort_px(self, px: ArrayLike) -> _FloatArray:
         """Return the ideal pixels (N, 2) of pixels (N, 2) in a picture.
@@ -196,7 +196,7 @@ class Intrinsics:
             If the model cannot be inverted at a pixel: it lies outside the region that the boards covered,
             where the fitted distortion folds over.
         """
-        wanted = _check_px(px)
+        wanted = check_points(px)
         if not len(wanted):
             return wanted
         matrix, distortion = self.camera_matrix(), np.array(self.distortion)
@@ -257,8 +257,9 @@ def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
     return [lens.with_parameters(np.array(lens.parameters()) + move) for move in moves if move.any()]
 
 
-def _check_px(px: ArrayLike) -> _FloatArray:
-    array = np.asarray(px, dtype=np.float64)
+def check_points(points: ArrayLike, what: str = "pixels") -> _FloatArray:
+    """Return points as an array (N, 2). Raises `InputError` for another shape."""
+    array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"pixels have shape {array.shape}, not (N, 2)", "one row per point, columns u, v")
+        raise InputError(f"{what} have shape {array.shape}, not (N, 2)", "one row per point")
     return array

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, InstanceOf, 
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.vision.gel import Gel
-from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.intrinsics import Intrinsics, check_points
 
 Insertion = Literal["right", "left", "up", "down"]
 VariationGroup = Literal["lens", "plane", "surface"]
@@ -198,7 +198,7 @@ class PlaneMap(_Value):
         MeasurementRefusedError
             If the lens model cannot be inverted at a pixel.
         """
-        return self.ideal_to_mm(undistort(self.intrinsics or self.radial, _as_points(px, "pixels")))
+        return self.ideal_to_mm(undistort(self.intrinsics or self.radial, check_points(px)))
 
     def ideal_to_mm(self, ideal: FloatArray) -> FloatArray:
         """Return points (N, 2) in the plane [mm] of pixels (N, 2) from which the lens's distortion has been taken."""
@@ -207,7 +207,7 @@ class PlaneMap(_Value):
 
     def to_px(self, mm: ArrayLike) -> FloatArray:
         """Return pixels (N, 2) in a picture of points (N, 2) in the plane, columns (y, z) [mm]."""
-        points = _as_points(mm, "points in the plane")
+        points = check_points(mm, "points in the plane")
         straight = points if self.gel is None else self.gel.straighten(points, self.camera_mm())
         ideal = apply_homography(np.linalg.inv(self.matrix), straight)
         lens = self.intrinsics or self.radial
@@ -306,7 +306,7 @@ class PlaneMap(_Value):
 
         Raises as `to_mm`.
         """
-        points = _as_points(px, "pixels")
+        points = check_points(px)
         by_own = undistort(self.intrinsics or self.radial, points)
         found: dict[VariationGroup, list[FloatArray]] = {group: [] for group in get_args(VariationGroup)}
         for variation, variant in zip(self.variations, self._variants, strict=True):
@@ -337,13 +337,6 @@ class PlaneMap(_Value):
             "picture_mm": self.picture_mm and list(self.picture_mm),
             "camera_distance_mm": self.camera_distance_mm,
         }
-
-
-def _as_points(points: ArrayLike, what: str) -> FloatArray:
-    array = np.asarray(points, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"{what} have shape {array.shape}, not (N, 2)", "one row per point")
-    return array
 
 
 def undistort(lens: Intrinsics | Radial | None, px: FloatArray) -> FloatArray:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
+from labrig.vision.calibrate_plane import fit_plane
 from labrig.vision.paper import find_paper
 from labrig.vision.picture import read_picture, size_of
-from labrig.vision.plane_fit import fit_plane
 from tests.benchmarks.table import print_rows
 from tests.vision.real_tips import PICTURES, MarkedTip, read_marked_tips
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.vision.plane_fit import find_bent_homographies
+from labrig.vision.calibrate_plane import find_bent_homographies
 
 DISTANCE_MM = 120.0
 FOOT_MM = np.array([36.0, 24.0])

@@ -7,7 +7,7 @@ import pytest
 from labrig.errors import CalibrationRefusedError, PictureError
 from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.gel import Gel
-from labrig.vision.plane_fit import check_grid, compare_grids
+from labrig.vision.plane_check import check_grid, compare_grids
 
 from .graph_paper_pictures import draw_paper, make_bench
 

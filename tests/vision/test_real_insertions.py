@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from labrig.errors import MeasurementRefusedError
+from labrig.vision.calibrate_plane import fit_plane
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.paper import find_paper
 from labrig.vision.picture import read_picture
 from labrig.vision.plane import PlaneMap
-from labrig.vision.plane_fit import fit_plane
 from labrig.vision.shaft import locate_shaft
 from tests.vision.real_tips import PICTURES, read_marked_tips
 

@@ -14,6 +14,7 @@ multiple what the multiples beside it do not have.
 """
 
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
 from typing import Any
 
@@ -60,8 +61,7 @@ _LARGEST_SHIFT, _LEAST_AMPLITUDE = 0.2, 0.35
 # A step in the paper's brightness within a window, as a difference of logarithms: there the paper ends.
 _LARGEST_STEP = 0.3
 _MOST_TRIES = 4
-# Order of the polynomial of places while fewer windows than this are known, and cells around to which it is mended.
-_ORDERS = ((12, 0), (40, 2), (np.inf, 3))
+# Cells around, by which a window is predicted; how stiffly the slope is held at the mean of their waves.
 _AROUND = np.array(list(product((-2, -1, 0, 1, 2), repeat=2)))
 _RIDGE = 1e-6, 0.3, 0.3
 # Lines further apart than this [px] are located by a multiple of their frequency.
@@ -218,13 +218,10 @@ def _find_summit(spectrum: FloatArray, peak: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """The windows of one sheet, in tables with a margin of two unknown ones: places among the lines, and amplitude.
+    """The windows of one sheet, in tables with a margin of two: places among the lines, waves, and amplitude."""
 
-    `waves` (2, 2) are those of the seed.
-    """
-
-    waves: FloatArray
     lines: FloatArray
+    waves: FloatArray
     amplitude: FloatArray
 
     @property
@@ -258,10 +255,11 @@ class _Windows:
     def follow(self, seed: _Seed) -> _Grid:
         """Follow the lines from a seed over the picture."""
         shape = self._usable.shape
-        grid = _Grid(seed.waves, np.full((*shape, 2), np.nan), np.full(shape, np.nan))
+        grid = _Grid(np.zeros((*shape, 2)), np.zeros((*shape, 2, 2)), np.full(shape, np.nan))
         start = self.find_window(seed)
         (total,) = self.lock_in(self.places[start][None], seed.waves[None])
-        grid.lines[start], grid.amplitude[start] = np.angle(total) / (2.0 * np.pi), np.abs(total).min()
+        grid.lines[start], grid.waves[start] = np.angle(total) / (2.0 * np.pi), seed.waves
+        grid.amplitude[start] = np.abs(total).min()
         tries = np.zeros(shape)
         while True:
             beside = np.round(cv2.boxFilter(grid.known.astype(float), -1, (3, 3), normalize=False))
@@ -275,54 +273,46 @@ class _Windows:
             off, faintest = _wrap(total, lines), np.abs(total).min(axis=1)
             good = (np.abs(off) < _LARGEST_SHIFT).all(axis=1) & (faintest > _LEAST_AMPLITUDE * typical)
             at = tuple(cells[good].T)
-            grid.lines[at] = (lines + off)[good]
+            grid.lines[at], grid.waves[at] = (lines + off)[good], waves[good]
             # A mark of ink must not raise what the next windows have to show.
             grid.amplitude[at] = 0.5 * (typical + np.minimum(faintest, 2.0 * typical))[good]
 
     def predict(self, grid: _Grid, cells: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return lines (N, 2), waves (N, 2, 2) and amplitude (N,) of cells as the windows that are known have them.
+        """Return lines (N, 2), waves (N, 2, 2) and amplitude (N,) of cells as the windows around them have them.
 
-        They are a polynomial over the sheet beside the waves of its seed, and what the cells around are off it.
+        The windows' waves have a mean; what the windows' lines are off it is fitted by a plane.
         """
-        at, known = tuple(cells.T), grid.known
-        order = next(order for most, order in _ORDERS if grid.size < most)
-        straight = self.places @ grid.waves.T
-        trend = _Polynomial(self.places[known], (grid.lines - straight)[known], order)
-        middle = straight + trend.at(self.places)
         around = tuple((cells[:, None] + _AROUND).transpose(2, 0, 1))
-        counts = known[around].astype(float)
-        basis = np.column_stack((np.ones(len(_AROUND)), _AROUND[:, ::-1]))
-        normal = np.einsum("nk,ki,kj->nij", counts, basis, basis, optimize=True) + np.diag(_RIDGE)
-        scores = np.einsum("nkf,ki->nif", np.nan_to_num((grid.lines - middle)[around]), basis)
-        local = np.linalg.solve(normal, scores)
-        typical = np.nansum(grid.amplitude[around], axis=1) / np.maximum(counts.sum(axis=1), 1.0)
-        lines = middle[at] + local[:, 0]
-        return (
-            lines,
-            grid.waves + trend.slopes(self.places[at]) + local[:, 1:].transpose(0, 2, 1) / self.half,
-            typical,
-        )
+        known = grid.known[around].astype(float)
+        number = np.maximum(known.sum(axis=1), 1.0)
+        waves = np.einsum("nk,nkfa->nfa", known / number[:, None], grid.waves[around])
+        steps = _AROUND[:, ::-1].astype(float)
+        basis = np.column_stack((np.ones(len(steps)), steps))
+        off = grid.lines[around] - self.half * np.einsum("nfa,ka->nkf", waves, steps)
+        normal = np.einsum("nk,kij->nij", known, basis[:, :, None] * basis[:, None]) + np.diag(_RIDGE)
+        found = np.linalg.solve(normal, np.einsum("nk,nkf,ki->nif", known, off, basis, optimize=True))
+        typical = np.sum(np.nan_to_num(grid.amplitude[around]), axis=1) / number
+        return found[:, 0], waves + found[:, 1:].transpose(0, 2, 1) / self.half, typical
 
     def lock_in(self, centres: FloatArray, waves: FloatArray) -> NDArray[np.complex128]:
         """Return the complex amplitudes (N, 2) of both families of lines in windows around pixels (N, 2)."""
         side = 2 * self.half + 1
-        at = np.arange(-self.half, self.half + 1)
-        taper = np.cos(0.5 * np.pi * at / (self.half + 1)) ** 2
+        at = np.arange(-self.half, self.half + 1, dtype=np.float32)
+        taper = np.cos(np.float32(0.5 * np.pi) * at / (self.half + 1)) ** 2
         views = np.lib.stride_tricks.sliding_window_view(self.density, (side, side))
         block = max(_BLOCK_PX // side**2, 1)
         total = np.empty((len(centres), 2), dtype=np.complex128)
         for first in range(0, len(centres), block):
             part = slice(first, first + block)
+            phase = (-2.0 * np.pi * waves[part]).astype(np.float32)[..., None] * at
             # Waves (N, 2 families, side) along u and v. The patches are real: real and imaginary part are two columns.
-            across, down = (
-                (taper * np.exp(-2j * np.pi * waves[part, :, axis, None] * at)).astype(np.complex64)
-                for axis in (0, 1)
-            )
-            columns = np.concatenate((across.real, across.imag), axis=1).transpose(0, 2, 1)
+            real, imaginary = taper * np.cos(phase), taper * np.sin(phase)
+            columns = np.concatenate((real[:, :, 0], imaginary[:, :, 0]), axis=1).transpose(0, 2, 1)
             u, v = centres[part].astype(int).T - self.half
             rows = np.matmul(views[v, u], columns)
+            down = real[:, :, 1] + 1j * imaginary[:, :, 1]
             total[part] = np.einsum("nvf,nfv->nf", rows[..., :2] + 1j * rows[..., 2:], down)
-        return np.asarray(total * (2.0 / taper.sum() ** 2))
+        return np.asarray(total * (2.0 / float(taper.sum()) ** 2))
 
     def find_window(self, seed: _Seed) -> tuple[np.intp, ...]:
         """Return the cell nearest to a seed."""
@@ -511,7 +501,7 @@ def _shrink(picture: NDArray[Any], factor: int) -> NDArray[Any]:
 
 def _find_even_light(image: Picture, half: int, spacing_px: float) -> NDArray[np.bool_]:
     """Return whether the paper's brightness has no step (H, W) in the window around a pixel; lines are none."""
-    grey = image if image.ndim == 2 else image.max(axis=2)
+    grey = reduce(cv2.max, cv2.split(image))
     side = 2 * round(0.35 * spacing_px) + 3
     factor = max(half // 5, 1)
     paper = _shrink(cv2.morphologyEx(grey, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)), factor)

@@ -63,7 +63,7 @@ _LARGEST_STEP = 0.3
 _MOST_TRIES = 4
 # Cells around, by which a window is predicted; how stiffly the slope is held at the mean of their waves.
 _AROUND = np.array(list(product((-2, -1, 0, 1, 2), repeat=2)))
-_RIDGE = 1e-6, 0.3, 0.3
+_RIDGE = 1e-6, 3.0, 3.0
 # Lines further apart than this [px] are located by a multiple of their frequency.
 _FINE_PX = 16.0
 # Variance of a window's taper in squared halves of its width, and order of the polynomial that bends the lines.

@@ -61,9 +61,10 @@ _LARGEST_SHIFT, _LEAST_AMPLITUDE = 0.2, 0.35
 # A step in the paper's brightness within a window, as a difference of logarithms: there the paper ends.
 _LARGEST_STEP = 0.3
 _MOST_TRIES = 4
-# Cells around, by which a window is predicted; how stiffly the slope is held at the mean of their waves.
+# Order of the polynomial of places while fewer windows than this are known, and cells around to which it is mended.
+_ORDERS = ((12, 0), (40, 2), (np.inf, 3))
 _AROUND = np.array(list(product((-2, -1, 0, 1, 2), repeat=2)))
-_RIDGE = 1e-6, 3.0, 3.0
+_RIDGE = 1e-6, 0.3, 0.3
 # Lines further apart than this [px] are located by a multiple of their frequency.
 _FINE_PX = 16.0
 # Variance of a window's taper in squared halves of its width, and order of the polynomial that bends the lines.
@@ -218,10 +219,13 @@ def _find_summit(spectrum: FloatArray, peak: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """The windows of one sheet, in tables with a margin of two: places among the lines, waves, and amplitude."""
+    """The windows of one sheet, in tables with a margin of two unknown ones: places among the lines, and amplitude.
 
-    lines: FloatArray
+    `waves` (2, 2) are those of the seed.
+    """
+
     waves: FloatArray
+    lines: FloatArray
     amplitude: FloatArray
 
     @property
@@ -255,11 +259,10 @@ class _Windows:
     def follow(self, seed: _Seed) -> _Grid:
         """Follow the lines from a seed over the picture."""
         shape = self._usable.shape
-        grid = _Grid(np.zeros((*shape, 2)), np.zeros((*shape, 2, 2)), np.full(shape, np.nan))
+        grid = _Grid(seed.waves, np.full((*shape, 2), np.nan), np.full(shape, np.nan))
         start = self.find_window(seed)
         (total,) = self.lock_in(self.places[start][None], seed.waves[None])
-        grid.lines[start], grid.waves[start] = np.angle(total) / (2.0 * np.pi), seed.waves
-        grid.amplitude[start] = np.abs(total).min()
+        grid.lines[start], grid.amplitude[start] = np.angle(total) / (2.0 * np.pi), np.abs(total).min()
         tries = np.zeros(shape)
         while True:
             beside = np.round(cv2.boxFilter(grid.known.astype(float), -1, (3, 3), normalize=False))
@@ -273,26 +276,33 @@ class _Windows:
             off, faintest = _wrap(total, lines), np.abs(total).min(axis=1)
             good = (np.abs(off) < _LARGEST_SHIFT).all(axis=1) & (faintest > _LEAST_AMPLITUDE * typical)
             at = tuple(cells[good].T)
-            grid.lines[at], grid.waves[at] = (lines + off)[good], waves[good]
+            grid.lines[at] = (lines + off)[good]
             # A mark of ink must not raise what the next windows have to show.
             grid.amplitude[at] = 0.5 * (typical + np.minimum(faintest, 2.0 * typical))[good]
 
     def predict(self, grid: _Grid, cells: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return lines (N, 2), waves (N, 2, 2) and amplitude (N,) of cells as the windows around them have them.
+        """Return lines (N, 2), waves (N, 2, 2) and amplitude (N,) of cells as the windows that are known have them.
 
-        The windows' waves have a mean; what the windows' lines are off it is fitted by a plane.
+        They are a polynomial over the sheet beside the waves of its seed, and what the cells around are off it.
         """
+        at, known = tuple(cells.T), grid.known
+        order = next(order for most, order in _ORDERS if grid.size < most)
+        straight = self.places @ grid.waves.T
+        trend = _Polynomial(self.places[known], (grid.lines - straight)[known], order)
+        middle = straight + trend.at(self.places)
         around = tuple((cells[:, None] + _AROUND).transpose(2, 0, 1))
-        known = grid.known[around].astype(float)
-        number = np.maximum(known.sum(axis=1), 1.0)
-        waves = np.einsum("nk,nkfa->nfa", known / number[:, None], grid.waves[around])
-        steps = _AROUND[:, ::-1].astype(float)
-        basis = np.column_stack((np.ones(len(steps)), steps))
-        off = grid.lines[around] - self.half * np.einsum("nfa,ka->nkf", waves, steps)
-        normal = np.einsum("nk,kij->nij", known, basis[:, :, None] * basis[:, None]) + np.diag(_RIDGE)
-        found = np.linalg.solve(normal, np.einsum("nk,nkf,ki->nif", known, off, basis, optimize=True))
-        typical = np.sum(np.nan_to_num(grid.amplitude[around]), axis=1) / number
-        return found[:, 0], waves + found[:, 1:].transpose(0, 2, 1) / self.half, typical
+        counts = known[around].astype(float)
+        basis = np.column_stack((np.ones(len(_AROUND)), _AROUND[:, ::-1]))
+        normal = np.einsum("nk,ki,kj->nij", counts, basis, basis, optimize=True) + np.diag(_RIDGE)
+        scores = np.einsum("nkf,ki->nif", np.nan_to_num((grid.lines - middle)[around]), basis)
+        local = np.linalg.solve(normal, scores)
+        typical = np.nansum(grid.amplitude[around], axis=1) / np.maximum(counts.sum(axis=1), 1.0)
+        lines = middle[at] + local[:, 0]
+        return (
+            lines,
+            grid.waves + trend.slopes(self.places[at]) + local[:, 1:].transpose(0, 2, 1) / self.half,
+            typical,
+        )
 
     def lock_in(self, centres: FloatArray, waves: FloatArray) -> NDArray[np.complex128]:
         """Return the complex amplitudes (N, 2) of both families of lines in windows around pixels (N, 2)."""

@@ -13,7 +13,7 @@ from labrig.analysis.statistics import compute_spread
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult, read_values
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
-from labrig.report.formatting import label_quantity, name_settings
+from labrig.report.formatting import label_quantity, name_settings, tell_value
 from labrig.report.palette import Mark, mark
 
 MOST_ARMS = 40
@@ -33,7 +33,7 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
     """
     if len(result.arms) > MOST_ARMS:
         return None
-    panels = 2 if result.tolerance is not None else 1
+    panels = 1 if result.tolerance is None else 2
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 1.1 + 0.42 * len(result.arms)), layout="constrained")
         axes = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
@@ -43,8 +43,8 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         axes[0].set_yticks(range(len(result.arms)), [_shorten(arm.name) for arm in result.arms])
         axes[0].set_ylim(len(result.arms) - 0.5, -0.5)
         axes[0].set_xlabel(label_quantity(result.measure))
-        if panels == 2:
-            axes[1].set_xlabel(f"share within {result.tolerance:g}")
+        if result.tolerance is not None:
+            axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)}")
             axes[1].set_xlim(-0.02, 1.02)
         for panel in axes:
             panel.grid(visible=True, axis="x")

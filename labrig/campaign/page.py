@@ -20,6 +20,7 @@ from labrig.report.formatting import (
     number,
     signed,
     split_quantity,
+    tell_value,
 )
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
@@ -89,6 +90,7 @@ def _make_filters(result: CampaignResult) -> Mapping[str, object]:
     return {
         "digits": lambda value: number(value, decimals),
         "plus": lambda value: signed(value, decimals),
+        "with_unit": lambda value: tell_value(value, result.measure),
         "words": name_settings,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
         "points": lambda value: "–" if value is None else f"{100 * value:+.1f}",

@@ -7,7 +7,7 @@ same seed and point (common random numbers); with several arms their intervals h
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import binomtest
 
-from labrig.analysis.statistics import compute_spread
+from labrig.analysis.statistics import Spread, compute_spread
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.errors import InputError
 from labrig.protocol.model import Model
@@ -99,7 +99,7 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
     sound = table[table["error"].isna()]
     values = read_values(sound, by.measure)
     known = values[~np.isnan(values)]
-    spread = compute_spread(known.tolist())
+    spread = _spread_values(known.tolist(), by)
     reached = None if by.tolerance is None else int((known <= by.tolerance).sum())
     return ArmResult(
         name=name,
@@ -117,6 +117,14 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
         share_ci95=None if reached is None else bound_share(reached, len(sound)),
         ends=count_ends(sound),
     )
+
+
+def _spread_values(values: Sequence[float], by: Judgement) -> Spread:
+    """Return the spread of values; the interval of a mean distance ends at 0, though Student's goes on."""
+    spread = compute_spread(values)
+    if spread.ci95 is None or not by.measure.endswith("error_mm") or min(values) < 0.0:
+        return spread
+    return replace(spread, ci95=(max(0.0, spread.ci95[0]), spread.ci95[1]))
 
 
 def count_ends(table: pd.DataFrame) -> dict[str, int]:
@@ -197,5 +205,5 @@ def ends_by_rule(file: CampaignFile, by: Judgement, rows: Sequence[Mapping[str, 
         value = row.get(by.measure)
         if row.get("error") is None and isinstance(value, int | float):
             arms[row["arm"]].append(value)
-    intervals = [compute_spread(values).ci95 for values in arms.values()]
+    intervals = [_spread_values(values, by).ci95 for values in arms.values()]
     return all(ci95 and ci95[1] - ci95[0] <= file.stop_when.ci95_width_mm for ci95 in intervals)

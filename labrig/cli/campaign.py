@@ -54,16 +54,18 @@ def campaign(
 
 
 def _print(campaign: Any) -> None:
+    from labrig.report.formatting import label_quantity, tell_value
+
     result = campaign.result
     rows = []
     for arm in result.arms:
         share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
         percent = number(None if arm.share is None else 100 * arm.share, 1)
-        within = (arm.within_tolerance, percent, interval(share, 1))
+        reached = (arm.within_tolerance, percent, interval(share, 1))
         mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
-        rows.append((arm.name, arm.tasks, arm.failed, *within, *mean))
-    tolerance = "" if result.tolerance is None else f", within {result.tolerance:g}"
-    print_line(f"{result.campaign}: {result.measure}{tolerance}")
+        rows.append((arm.name, arm.tasks, arm.failed, *reached, *mean))
+    within = "" if result.tolerance is None else f", within {tell_value(result.tolerance, result.measure)}"
+    print_line(f"{result.campaign}: {label_quantity(result.measure)}{within}")
     heads = ("arm", "tasks", "failed", "within", "share %", "95 %", "mean", "95 %", "SD", "median")
     print_table(heads, rows)
     for failure in result.failures[:3]:

@@ -77,6 +77,11 @@ def label_quantity(column: str) -> str:
     return name if unit is None else f"{name} ({unit})"
 
 
+def tell_value(value: float, column: str) -> str:
+    """Return a value with the unit of its column: 2 of `radius_mm` is "2 mm"."""
+    return f"{value:g} {split_quantity(column)[1] or ''}".rstrip()
+
+
 def name_settings(name: str) -> str:
     """Return `key=value, ...` in words: `replan_every_mm=5` is "replan every 5 mm"."""
     return ", ".join(_name_setting(part) for part in name.split(", "))

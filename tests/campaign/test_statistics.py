@@ -35,12 +35,13 @@ def table(values: "dict[str, list[float | None]]", failed: int = 0) -> pd.DataFr
 
 
 def test_an_arm_has_mean_share_and_ends_of_the_tasks_that_did_not_fail() -> None:
-    """A task without a value has not reached the tolerance; one that failed counts for nothing else."""
+    """A task without a value is beyond the tolerance, a failed one counts for nothing; no error is below 0."""
     found = judge_arm(table({"a": [9.0, 1.0, 3.0, None, 1.5]}, failed=1), "a", {}, BY)
     assert (found.tasks, found.failed, found.n) == (5, 1, 3)
     assert found.mean == pytest.approx((1.0 + 3.0 + 1.5) / 3)
     reference = stats.ttest_1samp([1.0, 3.0, 1.5], 0.0).confidence_interval(0.95)
-    assert found.ci95 == pytest.approx((reference.low, reference.high))
+    assert reference.low < 0.0
+    assert found.ci95 == pytest.approx((0.0, reference.high))
     assert (found.within_tolerance, found.share) == (2, 0.5)
     assert found.ends == {"success": 2, "target_missed": 2}
 

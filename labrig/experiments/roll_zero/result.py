@@ -11,6 +11,9 @@ from labrig.protocol.model import Model
 from labrig.steering.torsion_fit import TorsionFit
 from labrig.text import number
 
+# A lag counts as seen from so many of its standard deviations.
+_SEEN_SD = 2.0
+
 
 class TorsionHoleResult(Model):
     """A hole for the torsion: the depth of the turn to 90 degrees, from below (1) or above (-1), and the deflections.
@@ -79,11 +82,16 @@ def _list_lines(document: Mapping[str, Any]) -> list[str]:
 
 def describe_torsion(fit: Mapping[str, Any]) -> str:
     """Return the lag of the bevel in a sentence, from the fit in a result."""
-    values = (fit["lag"]["lag_rad"], fit["lag"]["lag_rad_per_mm"], fit["sd_rad"])
-    lag, per_mm, sd = (number(math.degrees(value)) for value in values)
+    lag = fit["lag"]
+    best_rad = lag["lag_rad"] + lag["lag_rad_per_mm"] * lag["best_mm"]
+    grows = abs(lag["lag_rad_per_mm"]) > _SEEN_SD * lag["per_mm_sd_rad"]
+    if not grows and abs(best_rad) <= _SEEN_SD * lag["best_sd_rad"]:
+        return f"no lag of its bevel was seen (below {math.degrees(_SEEN_SD * fit['sd_rad']):.2g} degrees)"
+    values = (lag["lag_rad"], lag["lag_rad_per_mm"], fit["sd_rad"])
+    behind, per_mm, sd = (number(math.degrees(value)) for value in values)
     return (
-        f"its bevel stays behind the rotation axis by {lag} degrees on either side, and {per_mm} degrees for each mm "
-        f"in the gel, SD {sd} degrees"
+        f"its bevel stays behind the rotation axis by {behind} degrees on either side, and {per_mm} degrees for each "
+        f"mm in the gel, SD {sd} degrees"
     )
 
 

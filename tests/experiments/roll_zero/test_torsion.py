@@ -1,17 +1,20 @@
 """The torsion of a needle, measured on the simulated rig and kept with its roll zero."""
 
 import math
+from dataclasses import asdict
 
 import pytest
 
 from labrig.devices.needle_state import RollZero
 from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.roll_zero.result import RollZeroResult, summarise
+from labrig.experiments.roll_zero.result import RollZeroResult, describe_torsion, summarise
 from labrig.experiments.shared.roll_zero_events import TorsionHole
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
+from labrig.steering.torsion import TorsionalLag
+from labrig.steering.torsion_fit import TorsionFit
 from tests.report.conftest import make_page
 from tests.runner.sessions import PROTOCOLS, large_bench
 
@@ -86,3 +89,20 @@ def test_too_few_rolls_for_the_torsion_are_refused() -> None:
     with pytest.raises(FileFormatError, match=r"roll_zero\.rolls") as refused:
         roll_zero("roll_zero.rolls=4")
     assert "torsion: null" in refused.value.problems[0].hint
+
+
+@pytest.mark.parametrize(
+    ("lag_deg", "per_mm_deg", "sentence"),
+    [
+        (0.10, 0.005, "no lag of its bevel was seen (below 1.3 degrees)"),
+        (1.29, 0.005, "its bevel stays behind the rotation axis by 1.290 degrees"),
+        (0.10, 0.021, "its bevel stays behind the rotation axis by 0.100 degrees"),
+    ],
+)
+def test_a_lag_is_told_only_where_it_was_seen(lag_deg: float, per_mm_deg: float, sentence: str) -> None:
+    """Below two of its standard deviations, 0.64 degrees and 0.01 for each mm here, there is a bound alone."""
+    lag = TorsionalLag(
+        math.radians(lag_deg), math.radians(per_mm_deg), 0.0, math.radians(0.64), math.radians(0.01)
+    )
+    fit = TorsionFit(lag, sd_rad=math.radians(0.64), radius_mm=27.7, residual_rms_mm=0.02)
+    assert describe_torsion(asdict(fit)).startswith(sentence)

@@ -120,10 +120,7 @@ def calibrate_plane(
     origin, direction = check_frame(origin_px, insertion)
     _check_inputs(pitch_mm, px_per_mm, origin, size)
     if intrinsics is None and (gel is not None or paper_sigma_mm is not None):
-        raise InputError(
-            "a gel's refraction and the paper's height need the camera's intrinsics",
-            "calibrate them first: --intrinsics FILE",
-        )
+        raise _needs_lens_error()
     if intrinsics is not None:
         require_size(image, intrinsics.image_size, "the lens's calibration")
     try:
@@ -132,7 +129,7 @@ def calibrate_plane(
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
     gross_mm = _GROSS * pitch_mm * max(1.0, _GROSS_PX / found.spacing_px)
-    middle = None if intrinsics is not None else (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    middle = None if intrinsics else (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     fit = fit_plane(ideal, found.lines * float(pitch_mm), gross_mm, middle)
     turn, turn_rad = _find_turn(fit.homography, undistort(fit.radial, ideal_origin), direction)
     plane = PlaneMap(
@@ -148,15 +145,13 @@ def calibrate_plane(
         points=len(fit.ideal),
         rms_mm=_measure_rms(fit.errors_mm),
     )
-    _require_room(plane)
     plane = _anchor(plane)
-    others, holdout_mm = fit.leave_out(_number_groups(found.cells[fit.kept]))
+    pixels, groups = found.pixels[fit.kept], _number_groups(found.cells[fit.kept])
+    others, holdout_mm = fit.leave_out(groups)
     variations = [
         *(_vary(plane, turn @ other) for other in (*others, *_vary_paper(fit, intrinsics, paper_sigma_mm))),
         *(
-            _vary(
-                plane, turn @ fit_homography(lens.undistort_px(found.pixels[fit.kept]), fit.places_mm), lens
-            )
+            _vary(plane, turn @ fit_homography(lens.undistort_px(pixels), fit.places_mm), lens)
             for lens in ([] if intrinsics is None else vary_lens(intrinsics))
         ),
         *(_vary(plane, plane.matrix, gel=other) for other in ([] if gel is None else gel.vary())),
@@ -215,6 +210,13 @@ def _require_room(plane: PlaneMap) -> None:
         )
 
 
+def _needs_lens_error() -> InputError:
+    return InputError(
+        "a gel's refraction and the paper's height need the camera's intrinsics",
+        "calibrate them first: --intrinsics FILE",
+    )
+
+
 def _find_turn(homography: FloatArray, origin: FloatArray, insertion: Insertion) -> tuple[FloatArray, float]:
     """Return the turn (3, 3) from the paper's axes to the steering plane's, and the lines' angle off the insertion.
 
@@ -233,7 +235,14 @@ def _find_turn(homography: FloatArray, origin: FloatArray, insertion: Insertion)
 
 
 def _anchor(plane: PlaneMap) -> PlaneMap:
-    """Return a map moved in its plane until the ray of the origin's pixel ends at (0, 0)."""
+    """Return a map moved in its plane until the ray of the origin's pixel ends at (0, 0).
+
+    Raises
+    ------
+    CalibrationRefusedError
+        If the gel would reach the camera.
+    """
+    _require_room(plane)
     for _ in range(1 if plane.gel is None else _SHIFTS):
         shift = np.eye(3)
         shift[:2, 2] = -plane.to_mm([plane.origin_px])[0]

@@ -99,7 +99,7 @@ def test_it_is_chosen_by_name_and_has_its_own_keys(site: Path, tmp_path: Path) -
 
 def test_a_name_that_nobody_or_two_packages_have_is_refused(site: Path, tmp_path: Path) -> None:
     """The error has the place of the name, and lists those installed or those that claim it."""
-    with pytest.raises(FileFormatError, match=r"rig.yaml:\d+:11 camera.driver: driver is .lab-grey.*files"):
+    with pytest.raises(FileFormatError, match=r"rig.yaml:\d+:3 camera.driver: driver is .lab-grey.*files"):
         load_rig(_rig_file(tmp_path))
     find_plugins.cache_clear()
     _install(site, "lab_grey_camera_3", MODULE)

@@ -104,7 +104,7 @@ def test_a_name_that_nobody_or_two_packages_have_is_refused(site: Path, tmp_path
     find_plugins.cache_clear()
     _install(site, "lab_grey_camera_3", MODULE)
     _install(site, "lab_grey_camera_4", MODULE, "other_grey")
-    with pytest.raises(FileFormatError, match=r":11 .*claimed by .*lab.grey 2.1 and other.grey 2.1"):
+    with pytest.raises(FileFormatError, match=r":3 .*claimed by .*lab.grey 2.1 and other.grey 2.1"):
         load_rig(_rig_file(tmp_path))
 
 
